@@ -1,0 +1,1 @@
+"""limo: driver, simulator and torque estimator for slow, force-sensitive robot arms."""

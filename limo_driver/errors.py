@@ -1,0 +1,209 @@
+"""Errors of limo: each builds its own message and keeps the facts as attributes.
+
+LimoError
+├── ConfigError (ValueError)            a file or option that cannot be used, with its place
+├── BackendError
+│   ├── BackendNotFoundError (LookupError)      names the known backends
+│   ├── BackendUnavailableError (ImportError)   names the extra to install
+│   ├── ConnectionLostError (ConnectionError)
+│   ├── CycleTimeoutError (TimeoutError)
+│   ├── WireFormatError (ValueError)
+│   ├── JointLimitError (ValueError)    a command that no limiter may repair
+│   └── HoldingError                    the arm holds; nothing resumes without being told
+├── RecordingError (ValueError)         measured data that cannot be used, with the rows
+├── PathError
+│   └── InfeasiblePathError             names the condition that fails
+├── EstimatorError
+│   ├── NotFittedError
+│   ├── ShapeError (ValueError)
+│   └── DivergedError
+└── ModelStoreError                     a model folder that does not fit, by name
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+
+class LimoError(Exception):
+    """Anything that limo raises on purpose."""
+
+
+class ConfigError(LimoError, ValueError):
+    """A configuration that cannot be used.
+
+    Args:
+        message: What was given and what was expected.
+        path: File that holds the mistake, if any.
+        line: 1-based line of the mistake, if known.
+    """
+
+    def __init__(self, message: str, *, path: Path | str | None = None, line: int | None = None) -> None:
+        self.path = path
+        self.line = line
+        place = "" if path is None else f"{path}: " if line is None else f"{path}, line {line}: "
+        super().__init__(place + message)
+
+
+class BackendError(LimoError):
+    """A robot backend failed."""
+
+
+class BackendNotFoundError(BackendError, LookupError):
+    """No backend or estimator is registered under this name."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.kind, self.name, self.known = kind, name, tuple(sorted(known))
+        super().__init__(f"no {kind} is called {name!r}; known: {', '.join(self.known) or 'none'}")
+
+
+class BackendUnavailableError(BackendError, ImportError):
+    """The backend exists, but what it needs is not installed."""
+
+    def __init__(self, name: str, extra: str, cause: str) -> None:
+        self.backend, self.extra, self.cause = name, extra, cause
+        super().__init__(f"backend {name!r} needs the extra limo[{extra}]: {cause}")
+
+
+class ConnectionLostError(BackendError, ConnectionError):
+    """The robot no longer answers."""
+
+
+class CycleTimeoutError(BackendError, TimeoutError):
+    """No state arrived in time.
+
+    Args:
+        waited: How long was waited [s].
+    """
+
+    def __init__(self, waited: float) -> None:
+        self.waited = waited
+        super().__init__(f"no joint state within {waited:.3f} s")
+
+
+class WireFormatError(BackendError, ValueError):
+    """Bytes that do not follow the protocol.
+
+    Args:
+        message: What was expected.
+        offset: Byte offset at which decoding stopped.
+    """
+
+    def __init__(self, message: str, offset: int) -> None:
+        self.offset = offset
+        super().__init__(f"{message} at byte {offset}")
+
+
+class JointLimitError(BackendError, ValueError):
+    """A command that the safety contract refuses.
+
+    Args:
+        joint: 1-based joint.
+        quantity: What was out of bounds, for example `position`.
+        given: The value given, in `unit`.
+        bounds: Lower and upper bound, in `unit`.
+        unit: SI unit of the value.
+        hint: What to do about it.
+    """
+
+    def __init__(
+        self,
+        joint: int,
+        quantity: str,
+        given: float,
+        bounds: tuple[float, float],
+        unit: str,
+        hint: str = "",
+    ) -> None:
+        self.joint, self.quantity, self.given, self.bounds, self.unit = joint, quantity, given, bounds, unit
+        super().__init__(
+            f"joint {joint}: {quantity} {given:.6g} {unit} is outside "
+            f"[{bounds[0]:.6g}, {bounds[1]:.6g}] {unit}" + (f"; {hint}" if hint else "")
+        )
+
+
+class HoldingError(BackendError):
+    """The arm holds its pose and takes no command until it is told to resume.
+
+    Args:
+        reason: Why it holds.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"the arm holds ({reason}); call resume() before the next command")
+
+
+class RecordingError(LimoError, ValueError):
+    """Measured data that cannot be used.
+
+    Args:
+        message: What is wrong and what was expected.
+        path: File it came from, if any.
+        rows: 0-based rows concerned.
+    """
+
+    def __init__(
+        self, message: str, *, path: Path | str | None = None, rows: Iterable[int] = ()
+    ) -> None:
+        self.path, self.rows = path, tuple(rows)
+        super().__init__(message if path is None else f"{path}: {message}")
+
+
+class PathError(LimoError):
+    """A path that cannot be planned or followed."""
+
+
+class InfeasiblePathError(PathError):
+    """No path satisfies the request.
+
+    Args:
+        condition: The condition that fails, for example `effective workspace`.
+        message: Figures that show it.
+    """
+
+    def __init__(self, condition: str, message: str) -> None:
+        self.condition = condition
+        super().__init__(f"{condition}: {message}")
+
+
+class EstimatorError(LimoError):
+    """A torque estimator failed."""
+
+
+class NotFittedError(EstimatorError):
+    """`fit` has not been called.
+
+    Args:
+        estimator: Name of the estimator.
+    """
+
+    def __init__(self, estimator: str) -> None:
+        self.estimator = estimator
+        super().__init__(f"{estimator} is not fitted; call fit() or load a model first")
+
+
+class ShapeError(EstimatorError, ValueError):
+    """An array of the wrong shape.
+
+    Args:
+        name: Name of the argument.
+        given: Shape given.
+        expected: Shape expected, in shape letters, for example `(T, 7)`.
+    """
+
+    def __init__(self, name: str, given: tuple[int, ...], expected: str) -> None:
+        self.name, self.given, self.expected = name, given, expected
+        super().__init__(f"{name} has shape {given}, expected {expected}")
+
+
+class DivergedError(EstimatorError):
+    """Training or estimation left the finite numbers."""
+
+
+class ModelStoreError(LimoError):
+    """A model folder that cannot be used, with the reason."""

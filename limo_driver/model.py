@@ -1,0 +1,318 @@
+"""RobotModel: kinematics, inertias, limits and collision bodies of an arm from a URDF."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.types import FloatArray, JointLimits, readonly
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+BUILT_IN = ("iiwa14",)
+ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
+JERK_PER_VELOCITY = 50.0  # [1/s^2]
+TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Inertia of all that moves rigidly with one joint, in the frame of its link."""
+
+    mass: float  # [kg]
+    com: tuple[float, float, float]  # [m]
+    inertia: tuple[float, float, float, float, float, float]  # at the com: xx xy xz yy yz zz
+
+    def tensor(self) -> FloatArray:
+        """Return the 3 × 3 inertia tensor at the centre of mass [kg m²]."""
+        xx, xy, xz, yy, yz, zz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def is_consistent(self) -> bool:
+        """Say whether a rigid body of this mass and inertia can exist.
+
+        True if the mass is positive and the density-weighted covariance is positive definite,
+        which for the tensor means positive principal moments that satisfy the triangle inequality.
+        """
+        tensor = self.tensor()
+        moments = np.linalg.eigvalsh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
+        return bool(self.mass > 0 and moments.min() > 0)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A collision capsule fixed to a link: all points within `radius` of a segment."""
+
+    link: str
+    joint: int  # 0-based joint that moves it; -1 is the fixed base
+    start: FloatArray  # (3,) [m], in the frame of that joint
+    end: FloatArray  # (3,) [m]
+    radius: float  # [m]
+
+
+class RobotModel:
+    """Rigid-body model of an arm with n revolute joints in series.
+
+    Joints that are not revolute (a gripper's) are locked at their neutral position and their
+    bodies added to the link that carries them.
+
+    Args:
+        urdf: URDF file.
+        name: Name by which files refer to the robot; the path if not given.
+        inertials: Inertias that replace those of the URDF, by link name.
+
+    Raises:
+        ConfigError: The file is missing, is no URDF, has no revolute joint, or an inertial names
+            no moving link or no possible body.
+    """
+
+    def __init__(
+        self,
+        urdf: Path | str,
+        name: str | None = None,
+        inertials: Mapping[str, Inertial] | None = None,
+    ) -> None:
+        self.urdf = Path(urdf)
+        self.name = name or str(urdf)
+        if not self.urdf.is_file():
+            raise ConfigError("no such URDF file", path=urdf)
+        try:
+            full = pin.buildModelFromUrdf(str(self.urdf))
+        except (ValueError, RuntimeError, IndexError) as error:
+            raise ConfigError(f"cannot be read as a URDF: {error}", path=urdf) from None
+        self.pin_model, self.locked_joints = _revolute_chain(full, self.urdf)
+        self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
+        self.link_names: tuple[str, ...] = tuple(
+            _link_of_joint(self.pin_model, j + 1) for j in range(self.n)
+        )
+        self.inertials: dict[str, Inertial] = {
+            link: _from_pin(self.pin_model.inertias[j + 1])
+            for j, link in enumerate(self.link_names)
+        }
+        self._override(inertials or {})
+        self.limits = _limits(self.pin_model)
+        self._data = self.pin_model.createData()
+        self._pool = pin.ModelPool(self.pin_model, 1)
+        self._flange = _last_frame(self.pin_model, self.n)
+
+    @classmethod
+    def load(
+        cls, source: str | Path, inertials: Mapping[str, Inertial] | None = None
+    ) -> RobotModel:
+        """Load a built-in robot by name, or any robot from a URDF file.
+
+        Raises:
+            ConfigError: Neither a built-in name nor a file.
+        """
+        if str(source) in BUILT_IN:
+            path = files("limo_driver") / "assets" / f"{source}.urdf"
+            return cls(str(path), name=str(source), inertials=inertials)
+        if not Path(source).is_file():
+            raise ConfigError(
+                f"robot {str(source)!r} is neither built in ({', '.join(BUILT_IN)}) nor a URDF file"
+            )
+        return cls(source, inertials=inertials)
+
+    def with_inertials(self, inertials: Mapping[str, Inertial]) -> RobotModel:
+        """Return this robot with some inertias replaced, by link name."""
+        return RobotModel(self.urdf, self.name, {**self.inertials, **inertials})
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.pin_model.nv)
+
+    def flange_position(self, position: FloatArray) -> FloatArray:
+        """Return the flange in the base frame [m], (T, 3), for joint positions (T, n) [rad]."""
+        return np.array([self.flange_pose(q)[:3, 3] for q in np.atleast_2d(position)])
+
+    def flange_pose(self, position: FloatArray) -> FloatArray:
+        """Return the flange pose in the base frame, (4, 4), for one joint position (n,) [rad]."""
+        pin.forwardKinematics(self.pin_model, self._data, np.asarray(position))
+        pin.updateFramePlacement(self.pin_model, self._data, self._flange)
+        return np.array(self._data.oMf[self._flange].homogeneous)
+
+    def joint_poses(self, position: FloatArray) -> FloatArray:
+        """Return the pose of every joint frame, (n, 4, 4), for one joint position (n,) [rad]."""
+        pin.forwardKinematics(self.pin_model, self._data, np.asarray(position))
+        return np.array([self._data.oMi[j + 1].homogeneous for j in range(self.n)])
+
+    def mass_matrix(self, position: FloatArray) -> FloatArray:
+        """Return the joint mass matrix, (n, n) [kg m²], for one joint position (n,) [rad]."""
+        M = pin.crba(self.pin_model, self._data, np.asarray(position))
+        return np.triu(M) + np.triu(M, 1).T
+
+    def gravity_torque(self, position: FloatArray) -> FloatArray:
+        """Return the torque that holds the arm still, (T, n) [N m]."""
+        q = np.atleast_2d(position)
+        return self.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
+
+    def inverse_dynamics(
+        self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+    ) -> FloatArray:
+        """Compute rigid-body torques, tau = M(q) ddq + C(q, dq) dq + g(q).
+
+        Args:
+            position: (T, n) [rad].
+            velocity: (T, n) [rad/s].
+            acceleration: (T, n) [rad/s²].
+
+        Returns:
+            Joint torques, (T, n) [N m].
+
+        Raises:
+            ShapeError: The arrays are not all (T, n).
+        """
+        shape = np.shape(position)
+        for name, value in (
+            ("position", position),
+            ("velocity", velocity),
+            ("acceleration", acceleration),
+        ):
+            if np.shape(value) != shape or np.ndim(value) != 2 or shape[1] != self.n:  # noqa: PLR2004
+                raise ShapeError(name, np.shape(value), f"(T, {self.n})")
+        if shape[0] == 1:
+            return np.array(
+                [pin.rnea(self.pin_model, self._data, position[0], velocity[0], acceleration[0])]
+            )
+        columns = [np.asfortranarray(value.T) for value in (position, velocity, acceleration)]
+        return np.array(pin.rneaInParallel(1, self._pool, *columns).T)
+
+    def capsules(self) -> tuple[Capsule, ...]:
+        """Return the collision capsules of the URDF; other shapes get their bounding sphere.
+
+        Raises:
+            ConfigError: A collision mesh that the URDF names is not there.
+        """
+        try:
+            geometry = pin.buildGeomFromUrdf(
+                self.pin_model,
+                str(self.urdf),
+                pin.GeometryType.COLLISION,
+                package_dirs=_package_dirs(self.urdf),
+            )
+        except ValueError as error:
+            raise ConfigError(f"its collision shapes cannot be read: {error}", path=self.urdf) from None
+        return tuple(_capsule(self.pin_model, item) for item in geometry.geometryObjects)
+
+    def reference(self, folder: Path) -> str:
+        """Return how a file in `folder` refers to this robot: built-in name or relative path."""
+        if self.name in BUILT_IN:
+            return self.name
+        return Path(os.path.relpath(self.urdf.resolve(), folder.resolve())).as_posix()
+
+    def _override(self, inertials: Mapping[str, Inertial]) -> None:
+        for link, inertial in inertials.items():
+            if link not in self.link_names:
+                raise ConfigError(
+                    f"robot {self.name} has no moving link {link!r}; "
+                    f"it has {', '.join(self.link_names)}"
+                )
+            if not inertial.is_consistent():
+                raise ConfigError(
+                    f"no rigid body has the mass {inertial.mass:g} kg and inertia given for {link}"
+                )
+            self.pin_model.inertias[self.link_names.index(link) + 1] = pin.Inertia(
+                inertial.mass, np.array(inertial.com), inertial.tensor()
+            )
+            self.inertials[link] = inertial
+
+
+def _revolute_chain(full: pin.Model, urdf: Path) -> tuple[pin.Model, tuple[str, ...]]:
+    """Lock every joint that is not a bounded or unbounded revolute one."""
+    locked = [
+        index
+        for index in range(1, full.njoints)
+        if not full.joints[index].shortname().startswith("JointModelR")
+    ]
+    names = tuple(full.names[index] for index in locked)
+    if len(locked) == full.njoints - 1:
+        raise ConfigError("has no revolute joint", path=urdf)
+    unbounded = [
+        full.names[index]
+        for index in range(1, full.njoints)
+        if full.joints[index].shortname().startswith("JointModelRUB")
+    ]
+    if unbounded:
+        raise ConfigError(
+            f"joint {unbounded[0]!r} is continuous; give it the limits of the arm (type revolute)",
+            path=urdf,
+        )
+    return pin.buildReducedModel(full, locked, pin.neutral(full)), names
+
+
+def _link_of_joint(model: pin.Model, joint: int) -> str:
+    """Return the link that a joint moves: the body frame that coincides with it."""
+    bodies = [
+        frame
+        for frame in model.frames
+        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
+    ]
+    return str(bodies[0].name)
+
+
+def _last_frame(model: pin.Model, joint: int) -> int:
+    """Return the frame farthest along the fixed links of the last joint: the flange."""
+    frames = [
+        index
+        for index, frame in enumerate(model.frames)
+        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
+    ]
+    named = [index for index in frames if model.frames[index].name in {"flange", "tool0"}]
+    return (named or frames)[0 if named else -1]
+
+
+def _limits(model: pin.Model) -> JointLimits:
+    velocity = np.array(model.upperVelocityLimit)
+    torque = np.array(model.upperEffortLimit)
+    return JointLimits(
+        position_min=np.array(model.lowerPositionLimit),
+        position_max=np.array(model.upperPositionLimit),
+        velocity=velocity,
+        acceleration=ACCELERATION_PER_VELOCITY * velocity,
+        jerk=JERK_PER_VELOCITY * velocity,
+        torque=torque,
+        torque_rate=TORQUE_RATE_PER_TORQUE * torque,
+    )
+
+
+def _from_pin(inertia: pin.Inertia) -> Inertial:
+    tensor = np.array(inertia.inertia)
+    return Inertial(
+        mass=float(inertia.mass),
+        com=tuple(np.array(inertia.lever).tolist()),
+        inertia=tuple(tensor[np.triu_indices(3)].tolist()),
+    )
+
+
+def _package_dirs(urdf: Path) -> list[str]:
+    """Return the folders in which `package://` may start: every folder above the file."""
+    return [str(folder) for folder in urdf.resolve().parents]
+
+
+def _capsule(model: pin.Model, item: pin.GeometryObject) -> Capsule:
+    shape, placement = item.geometry, item.placement
+    if hasattr(shape, "halfLength"):
+        half, radius = float(shape.halfLength), float(shape.radius)
+    elif hasattr(shape, "radius"):
+        half, radius = 0.0, float(shape.radius)
+    else:
+        shape.computeLocalAABB()
+        half, radius = 0.0, float(shape.aabb_radius)
+        placement = placement * pin.SE3(np.eye(3), np.array(shape.aabb_center))
+    axis = np.array([0.0, 0.0, half])
+    return Capsule(
+        link=str(model.frames[item.parentFrame].name),
+        joint=int(item.parentJoint) - 1,
+        start=readonly(placement.act(-axis)),
+        end=readonly(placement.act(axis)),
+        radius=radius,
+    )

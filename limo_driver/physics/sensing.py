@@ -1,0 +1,76 @@
+"""Sensing: what torque sensor and encoder make of the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.physics.effect import State, TorqueEffect, parameter
+
+if TYPE_CHECKING:
+    from limo_driver.physics.effect import JointMotion
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueOffset(TorqueEffect):
+    """A constant error of the torque sensor, tau = offset; also at rest.
+
+    Source: Hollerbach, Khalil and Gautier, "Model identification", Handbook of Robotics, 2016.
+    """
+
+    name: ClassVar[str] = "torque_offset"
+    offset: float = parameter("N m", "offset", lower=-1e3, upper=1e3)
+
+    def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
+        """Return the offset [N m], (T,)."""
+        return np.full(motion.position.shape, self.offset), state
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Noise and resolution of the sensors; one value for all joints, or one each.
+
+    They shape what the simulated robot measures. A prediction is free of them. Zero means ideal.
+    """
+
+    torque_noise: tuple[float, ...] = (0.0,)  # standard deviation, white [N m]
+    torque_resolution: tuple[float, ...] = (0.0,)  # [N m]
+    encoder_resolution: tuple[float, ...] = (0.0,)  # [rad]
+
+    def __post_init__(self) -> None:
+        for name in ("torque_noise", "torque_resolution", "encoder_resolution"):
+            values = tuple(np.atleast_1d(np.asarray(getattr(self, name), dtype=float)).tolist())
+            if not values or not all(np.isfinite(v) and v >= 0 for v in values):
+                raise ConfigError(f"sensors: {name} = {list(values)} has to be 0 or more")
+            object.__setattr__(self, name, values)
+
+    def for_joints(self, name: str, n: int) -> FloatArray:
+        """Return one sensor figure for each of n joints, (n,).
+
+        Raises:
+            ConfigError: Neither one value nor n.
+        """
+        values = np.array(getattr(self, name))
+        if values.size not in {1, n}:
+            raise ConfigError(f"sensors: {name} has {values.size} values for {n} joints")
+        return np.broadcast_to(values, (n,))
+
+    def measure_torque(self, torque: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Add noise and quantise; (..., n) [N m]."""
+        n = torque.shape[-1]
+        noise = random.standard_normal(torque.shape) * self.for_joints("torque_noise", n)
+        return quantise(torque + noise, self.for_joints("torque_resolution", n))
+
+    def measure_position(self, position: FloatArray) -> FloatArray:
+        """Quantise to the encoder's resolution; (..., n) [rad]."""
+        return quantise(position, self.for_joints("encoder_resolution", position.shape[-1]))
+
+
+def quantise(values: FloatArray, resolution: FloatArray) -> FloatArray:
+    """Round `values` (..., n) to multiples of `resolution` (n,); 0 leaves them as they are."""
+    step = np.where(resolution > 0, resolution, 1.0)
+    return np.where(resolution > 0, np.round(values / step) * step, values)

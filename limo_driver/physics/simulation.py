@@ -1,0 +1,158 @@
+"""Simulation: a robot and a list of effects, which together say what torque a motion needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.model import Inertial, RobotModel
+from limo_driver.physics.effect import Effect, JointMotion, MotionEffect, State, TorqueEffect
+from limo_driver.physics.sensing import Sensors
+from limo_driver.types import FloatArray, JointSample, Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How well the nominal values are known (relative, 1 sigma)."""
+
+    inertia: float = 0.02
+    friction: float = 0.15
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A robot, what is known of its inertias and sensors, and the physics of its joints.
+
+    tau = ID(q - Σ displacement, dq, ddq) + Σ torque effects
+
+    Args:
+        robot: Built-in name or path of a URDF.
+        effects: Joint physics beyond the rigid body, in the order they are added up.
+        inertials: Inertias that replace the URDF's, by link.
+        tolerances: How well inertia and friction are known.
+        sensors: What the simulated robot's sensors do.
+
+    Raises:
+        ConfigError: The robot, a link or a joint does not exist.
+    """
+
+    robot: str
+    effects: tuple[Effect, ...] = ()
+    inertials: Mapping[str, Inertial] = field(default_factory=dict)
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    sensors: Sensors = field(default_factory=Sensors)
+
+    def __post_init__(self) -> None:
+        for effect in self.effects:
+            if not 1 <= effect.joint <= self.model.n:
+                raise ConfigError(
+                    f"{effect.name}: joint {effect.joint} does not exist; "
+                    f"{self.robot} has joints 1 to {self.model.n}"
+                )
+        for name in ("torque_noise", "torque_resolution", "encoder_resolution"):
+            self.sensors.for_joints(name, self.model.n)
+
+    @cached_property
+    def model(self) -> RobotModel:
+        """The rigid body with the inertias of this simulation."""
+        return RobotModel.load(self.robot, self.inertials)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Simulation:
+        """Read a `sim.yaml`.
+
+        Raises:
+            ConfigError: Names the line, what was given and what exists.
+        """
+        from limo_driver.physics.simulation_file import load
+
+        return load(Path(path))
+
+    def save(self, path: Path | str) -> None:
+        """Write a `sim.yaml` that `load` reads back to an equal simulation."""
+        from limo_driver.physics.simulation_file import save
+
+        save(self, Path(path))
+
+    def without_effects(self) -> Simulation:
+        """Return the rigid body alone."""
+        return replace(self, effects=())
+
+    def predict(self, motion: Motion) -> FloatArray:
+        """Predict the noise-free torque of a motion.
+
+        Args:
+            motion: T samples of n joints in order of time; memory starts relaxed.
+
+        Returns:
+            Joint torques, (T, n) [N m].
+
+        Raises:
+            ShapeError: The motion has another number of joints.
+        """
+        torque, _ = self._advance(self.init(), motion)
+        return torque
+
+    def init(self) -> tuple[State, ...]:
+        """Return the memory of all effects before the first sample."""
+        return tuple(effect.initial_state() for effect in self.effects)
+
+    def step(
+        self, state: tuple[State, ...], sample: JointSample
+    ) -> tuple[FloatArray, tuple[State, ...]]:
+        """Predict the torque of the next sample.
+
+        Args:
+            state: Memory after the sample before.
+            sample: The next sample.
+
+        Returns:
+            Joint torques (n,) [N m] and the memory after this sample.
+        """
+        motion = Motion(
+            np.array([sample.time]),
+            sample.position[None],
+            sample.velocity[None],
+            sample.acceleration[None],
+        )
+        torque, after = self._advance(state, motion)
+        return torque[0], after
+
+    def _advance(
+        self, state: tuple[State, ...], motion: Motion
+    ) -> tuple[FloatArray, tuple[State, ...]]:
+        if motion.n != self.model.n:
+            raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
+        load = self.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        displacement, added = np.zeros_like(load), np.zeros_like(load)
+        after: list[State] = []
+        for effect, memory in zip(self.effects, state, strict=True):
+            j = effect.joint - 1
+            values, memory_after = effect.advance(memory, _of_joint(motion, load, j))
+            after.append(memory_after)
+            if isinstance(effect, MotionEffect):
+                displacement[:, j] += values
+            elif isinstance(effect, TorqueEffect):
+                added[:, j] += values
+        if displacement.any():
+            load = self.model.inverse_dynamics(
+                motion.position - displacement, motion.velocity, motion.acceleration
+            )
+        return load + added, tuple(after)
+
+
+def _of_joint(motion: Motion, load: FloatArray, j: int) -> JointMotion:
+    return JointMotion(
+        np.ascontiguousarray(motion.position[:, j]),
+        motion.velocity[:, j],
+        motion.acceleration[:, j],
+        load[:, j],
+    )

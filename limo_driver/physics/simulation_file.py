@@ -1,0 +1,233 @@
+"""sim.yaml: read a simulation with the line of every mistake, and write one that reads back equal.
+
+Numbers may be written in any form that Python's `float` takes: YAML 1.1 itself would read `1e-5`
+(no dot) as a text.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import yaml
+
+from limo_driver.errors import ConfigError
+from limo_driver.model import BUILT_IN, Inertial, RobotModel
+from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.simulation import Simulation, Tolerances
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from limo_driver.physics.effect import Effect, Parameter
+
+_SECTIONS = ("robot", "inertials", "tolerances", "sensors", "effects")
+_INERTIAL_SIZES = {"mass": None, "com": 3, "inertia": 6}
+
+
+def load(path: Path) -> Simulation:
+    """Read a `sim.yaml`.
+
+    Raises:
+        ConfigError: Names the line, what was given and what exists.
+    """
+    return _Reader(path).simulation()
+
+
+def save(simulation: Simulation, path: Path) -> None:
+    """Write a `sim.yaml`; a robot given as a file is referred to relative to it."""
+    content: dict[str, Any] = {"robot": simulation.model.reference(path.parent)}
+    if simulation.inertials:
+        content["inertials"] = {
+            link: {"mass": body.mass, "com": list(body.com), "inertia": list(body.inertia)}
+            for link, body in simulation.inertials.items()
+        }
+    content["tolerances"] = _values(simulation.tolerances)
+    if simulation.sensors != Sensors():
+        content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
+    content["effects"] = [_effect_entry(effect) for effect in simulation.effects]
+    path.write_text(
+        yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
+    )
+
+
+class _Dumper(yaml.SafeDumper):
+    """Dumps one effect or inertial a line."""
+
+
+def _values(section: Tolerances | Sensors) -> dict[str, Any]:
+    return {item.name: getattr(section, item.name) for item in fields(section)}
+
+
+def _effect_entry(effect: Effect) -> dict[str, Any]:
+    entry: dict[str, Any] = {"effect": effect.name, "joint": effect.joint}
+    for known in effect.parameters():
+        value = getattr(effect, known.name)
+        entry[known.name] = list(value) if known.is_list else value
+    return entry
+
+
+class _Reader:
+    """Walks the YAML nodes of one file, so that each mistake is reported at its line."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self.root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
+        except UnicodeDecodeError:
+            raise ConfigError("is no text file", path=path) from None
+        except yaml.MarkedYAMLError as error:
+            line = error.problem_mark.line + 1 if error.problem_mark else None
+            raise ConfigError(f"is no YAML: {error.problem}", path=path, line=line) from None
+
+    def simulation(self) -> Simulation:
+        if self.root is None:
+            raise ConfigError("is empty; it needs at least `robot:`", path=self.path)
+        sections = self._mapping(self.root, "the file", _SECTIONS)
+        if "robot" not in sections:
+            self._fail(self.root, "lacks `robot:`, a built-in name or a URDF file")
+        robot, model = self._robot(sections["robot"])
+        return Simulation(
+            robot=robot,
+            inertials=self._inertials(sections.get("inertials"), model),
+            tolerances=self._tolerances(sections.get("tolerances")),
+            sensors=self._sensors(sections.get("sensors"), model),
+            effects=tuple(self._effects(sections.get("effects"), model)),
+        )
+
+    def _robot(self, node: yaml.Node) -> tuple[str, RobotModel]:
+        name = str(node.value)
+        beside = self.path.parent / name
+        robot = name if name in BUILT_IN or not beside.is_file() else str(beside.resolve())
+        try:
+            return robot, RobotModel.load(robot)
+        except ConfigError as error:
+            self._fail(node, str(error))
+
+    def _inertials(self, node: yaml.Node | None, model: RobotModel) -> dict[str, Inertial]:
+        inertials: dict[str, Inertial] = {}
+        for link, entry in self._optional(node, "inertials", model.link_names).items():
+            nominal = model.inertials[link]
+            given = self._mapping(entry, f"inertials of {link}", _INERTIAL_SIZES)
+            values = {
+                key: self._number(value) if size is None else tuple(self._numbers(value, size))
+                for key, size in _INERTIAL_SIZES.items()
+                if (value := given.get(key)) is not None
+            }
+            body = Inertial(**{**vars(nominal), **values})
+            if not body.is_consistent():
+                self._fail(entry, f"no rigid body has the mass and inertia given for {link}")
+            inertials[link] = body
+        return inertials
+
+    def _tolerances(self, node: yaml.Node | None) -> Tolerances:
+        names = [item.name for item in fields(Tolerances)]
+        given = self._optional(node, "tolerances", names)
+        values = {key: self._number(value) for key, value in given.items()}
+        for key, value in values.items():
+            if value < 0:
+                self._fail(given[key], f"tolerance {key} = {value:g} has to be 0 or more")
+        return Tolerances(**values)
+
+    def _sensors(self, node: yaml.Node | None, model: RobotModel) -> Sensors:
+        names = [item.name for item in fields(Sensors)]
+        given = self._optional(node, "sensors", names)
+        values = {key: tuple(self._numbers(value)) for key, value in given.items()}
+        for key, value in values.items():
+            if len(value) not in {1, model.n}:
+                self._fail(given[key], f"{key} has {len(value)} values for {model.n} joints")
+        try:
+            return Sensors(**values)
+        except ConfigError as error:
+            self._fail(node or self.root, str(error))
+
+    def _effects(self, node: yaml.Node | None, model: RobotModel) -> Iterable[Effect]:
+        if node is None or _is_null(node):
+            return
+        if not isinstance(node, yaml.SequenceNode):
+            self._fail(node, "effects: has to be a list of `- {effect: ..., joint: ...}`")
+        for entry in node.value:
+            yield self._effect(entry, model)
+
+    def _effect(self, entry: yaml.Node, model: RobotModel) -> Effect:
+        from limo_driver.physics import CATALOGUE
+
+        given = self._mapping(entry, "an effect", None)
+        if "effect" not in given:
+            self._fail(entry, "lacks `effect:`, one of " + ", ".join(sorted(CATALOGUE)))
+        name = str(given["effect"].value)
+        if name not in CATALOGUE:
+            self._fail(
+                given["effect"], f"effect {name!r} is unknown; known: {', '.join(sorted(CATALOGUE))}"
+            )
+        effect = CATALOGUE[name]
+        known = {item.name: item for item in effect.parameters()}
+        self._mapping(entry, name, ("effect", "joint", *known))
+        required = ["joint", *(key for key, item in known.items() if not item.optional)]
+        if missing := [key for key in required if key not in given]:
+            self._fail(entry, f"{name} lacks {', '.join(missing)}")
+        joint = self._joint(given["joint"], model)
+        values = {
+            key: self._parameter(given[key], item) for key, item in known.items() if key in given
+        }
+        try:
+            return effect(joint=joint, **values)
+        except ConfigError as error:
+            self._fail(entry, str(error))
+
+    def _joint(self, node: yaml.Node, model: RobotModel) -> int:
+        number = self._number(node)
+        if number != int(number) or not 1 <= number <= model.n:
+            self._fail(node, f"joint {node.value} does not exist; joints are 1 to {model.n}")
+        return int(number)
+
+    def _parameter(self, node: yaml.Node, known: Parameter) -> float | str | tuple[float, ...]:
+        if known.unit == "text":
+            return str(node.value)
+        return tuple(self._numbers(node)) if known.is_list else self._number(node)
+
+    def _mapping(
+        self, node: yaml.Node, what: str, known: Iterable[str] | None
+    ) -> dict[str, yaml.Node]:
+        if not isinstance(node, yaml.MappingNode):
+            self._fail(node, f"{what} has to be a mapping of `key: value`")
+        entries: dict[str, yaml.Node] = {}
+        names = None if known is None else tuple(known)
+        for key, value in node.value:
+            if names is not None and key.value not in names:
+                self._fail(key, f"{what} has no {key.value!r}; it has {', '.join(names)}")
+            if key.value in entries:
+                self._fail(key, f"{what} has {key.value!r} twice")
+            entries[key.value] = value
+        return entries
+
+    def _optional(
+        self, node: yaml.Node | None, what: str, known: Iterable[str]
+    ) -> dict[str, yaml.Node]:
+        return {} if node is None or _is_null(node) else self._mapping(node, what, known)
+
+    def _numbers(self, node: yaml.Node, size: int | None = None) -> list[float]:
+        nodes = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        if size is not None and len(nodes) != size:
+            self._fail(node, f"has {len(nodes)} numbers, expected {size}")
+        return [self._number(item) for item in nodes]
+
+    def _number(self, node: yaml.Node) -> float:
+        try:
+            number = float(node.value)
+        except (TypeError, ValueError):
+            self._fail(node, f"{node.value!r} is no number")
+        if not math.isfinite(number):
+            self._fail(node, f"{node.value} is not finite")
+        return number
+
+    def _fail(self, node: yaml.Node, message: str) -> NoReturn:
+        raise ConfigError(message, path=self.path, line=node.start_mark.line + 1)
+
+
+def _is_null(node: yaml.Node) -> bool:
+    return node.tag == "tag:yaml.org,2002:null"

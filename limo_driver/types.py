@@ -1,0 +1,171 @@
+"""Frozen values that pass between the parts: limits, specifications, states and commands.
+
+SI units; joints are counted from 1 in everything a user reads, from 0 in arrays.
+Arrays are float64 and read-only, since they are shared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from limo_driver.errors import ShapeError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+
+def readonly(values: ArrayLike) -> FloatArray:
+    """Return a read-only float64 array of `values`; copies only where it has to."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.flags.writeable:
+        array = array.copy() if array is values or array.base is not None else array
+        array.flags.writeable = False
+    return array
+
+
+class ArrayFields:
+    """Make every array field of a frozen dataclass read-only float64 of one length n."""
+
+    def __post_init__(self) -> None:
+        lengths: dict[str, tuple[int, ...]] = {}
+        for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
+            value = getattr(self, field.name)
+            if isinstance(value, (np.ndarray, list)):
+                array = readonly(value)
+                object.__setattr__(self, field.name, array)
+                lengths[field.name] = array.shape
+        n = next(iter(lengths.values()), ())
+        for name, shape in lengths.items():
+            if len(shape) != 1 or shape != n:
+                raise ShapeError(name, shape, f"{n if len(n) == 1 else '(n,)'}")
+
+
+@dataclass(frozen=True)
+class JointLimits(ArrayFields):
+    """Limits of n joints; each array has shape (n,)."""
+
+    position_min: FloatArray  # [rad]
+    position_max: FloatArray  # [rad]
+    velocity: FloatArray  # [rad/s]
+    acceleration: FloatArray  # [rad/s^2]
+    jerk: FloatArray  # [rad/s^3]
+    torque: FloatArray  # [N m]
+    torque_rate: FloatArray  # [N m/s]
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """What a user has to know of an arm before commanding it."""
+
+    name: str
+    joint_names: tuple[str, ...]
+    limits: JointLimits
+    period: float  # control cycle [s]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+
+@dataclass(frozen=True)
+class JointState(ArrayFields):
+    """One measured sample of all joints."""
+
+    time: float  # [s], monotonic, of the robot
+    position: FloatArray  # (n,) [rad]
+    velocity: FloatArray  # (n,) [rad/s]
+    torque: FloatArray  # (n,) [N m], measured
+    sequence: int  # counts cycles; a gap is a lost sample
+    stale: bool = False  # no new measurement this cycle: values are the last known ones
+    holding: bool = False  # the arm holds its pose and takes no command
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointCommand(ArrayFields):
+    """What all joints should do next; a subclass for each control mode."""
+
+    valid_for: float = 0.1  # [s] after which the arm holds unless the next command came
+    limited_by: tuple[str, ...] = ()  # limits that changed the command on its way out
+
+
+@dataclass(frozen=True)
+class PositionCommand(JointCommand):
+    """Follow a joint position."""
+
+    position: FloatArray  # (n,) [rad]
+
+
+@dataclass(frozen=True)
+class ImpedanceCommand(JointCommand):
+    """Follow a joint position like a spring and damper, with gravity compensated.
+
+    tau = stiffness (position - q) - damping dq + torque + gravity
+    """
+
+    position: FloatArray  # (n,) [rad]
+    stiffness: FloatArray  # (n,) [N m/rad]
+    damping: FloatArray  # (n,) [N m s/rad]
+    torque: FloatArray  # (n,) [N m], feed-forward
+
+
+@dataclass(frozen=True)
+class TorqueCommand(JointCommand):
+    """Apply a joint torque on top of gravity compensation."""
+
+    torque: FloatArray  # (n,) [N m]
+
+
+@dataclass(frozen=True)
+class JointSample(ArrayFields):
+    """Motion of all joints at one instant: what a one-sample prediction needs."""
+
+    time: float  # [s]
+    position: FloatArray  # (n,) [rad]
+    velocity: FloatArray  # (n,) [rad/s]
+    acceleration: FloatArray  # (n,) [rad/s^2]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Joint motion over T samples, in order of time; what a batch prediction needs."""
+
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad]
+    velocity: FloatArray  # (T, n) [rad/s]
+    acceleration: FloatArray  # (T, n) [rad/s^2]
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
+        if self.position.ndim != 2:  # noqa: PLR2004  # (T, n)
+            raise ShapeError("position", self.position.shape, "(T, n)")
+        T, n = self.position.shape
+        if self.time.shape != (T,):
+            raise ShapeError("time", self.time.shape, f"({T},)")
+        for name in ("velocity", "acceleration"):
+            if getattr(self, name).shape != (T, n):
+                raise ShapeError(name, getattr(self, name).shape, f"({T}, {n})")
+
+    def __len__(self) -> int:
+        return self.position.shape[0]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.position.shape[1]
+
+    def __getitem__(self, rows: slice) -> Motion:
+        """Return the samples in `rows`."""
+        return Motion(
+            self.time[rows], self.position[rows], self.velocity[rows], self.acceleration[rows]
+        )
+
+    def sample(self, row: int) -> JointSample:
+        """Return one sample."""
+        return JointSample(
+            float(self.time[row]), self.position[row], self.velocity[row], self.acceleration[row]
+        )
