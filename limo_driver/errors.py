@@ -42,7 +42,9 @@ class ConfigError(LimoError, ValueError):
         line: 1-based line of the mistake, if known.
     """
 
-    def __init__(self, message: str, *, path: Path | str | None = None, line: int | None = None) -> None:
+    def __init__(
+        self, message: str, *, path: Path | str | None = None, line: int | None = None
+    ) -> None:
         self.path = path
         self.line = line
         place = "" if path is None else f"{path}: " if line is None else f"{path}, line {line}: "
@@ -119,7 +121,13 @@ class JointLimitError(BackendError, ValueError):
         unit: str,
         hint: str = "",
     ) -> None:
-        self.joint, self.quantity, self.given, self.bounds, self.unit = joint, quantity, given, bounds, unit
+        self.joint, self.quantity, self.given, self.bounds, self.unit = (
+            joint,
+            quantity,
+            given,
+            bounds,
+            unit,
+        )
         super().__init__(
             f"joint {joint}: {quantity} {given:.6g} {unit} is outside "
             f"[{bounds[0]:.6g}, {bounds[1]:.6g}] {unit}" + (f"; {hint}" if hint else "")

@@ -1,5 +1,8 @@
 """RobotModel: kinematics, inertias, limits and collision bodies of an arm from a URDF."""
 
+# pinocchio has no stubs and is found through an import hook; this file is the adapter to it.
+# pyright: reportMissingImports=false, reportUnknownParameterType=false
+
 from __future__ import annotations
 
 import os
@@ -200,7 +203,9 @@ class RobotModel:
                 package_dirs=_package_dirs(self.urdf),
             )
         except ValueError as error:
-            raise ConfigError(f"its collision shapes cannot be read: {error}", path=self.urdf) from None
+            raise ConfigError(
+                f"its collision shapes cannot be read: {error}", path=self.urdf
+            ) from None
         return tuple(_capsule(self.pin_model, item) for item in geometry.geometryObjects)
 
     def reference(self, folder: Path) -> str:

@@ -53,7 +53,6 @@ class CoulombFriction(VelocityFriction):
 class ViscousFriction(VelocityFriction):
     """Friction in proportion to velocity, tau = f_v v.
 
-
     Source: Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, ch. 9.
     """
 

@@ -8,23 +8,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast
 
 import yaml
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import BUILT_IN, Inertial, RobotModel
+from limo_driver.physics.catalogue import CATALOGUE
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation import Simulation, Tolerances
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
     from limo_driver.physics.effect import Effect, Parameter
 
+_Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "effects")
-_INERTIAL_SIZES = {"mass": None, "com": 3, "inertia": 6}
+_INERTIAL = ("mass", "com", "inertia")
 
 
 def load(path: Path) -> Simulation:
@@ -112,13 +114,12 @@ class _Reader:
         inertials: dict[str, Inertial] = {}
         for link, entry in self._optional(node, "inertials", model.link_names).items():
             nominal = model.inertials[link]
-            given = self._mapping(entry, f"inertials of {link}", _INERTIAL_SIZES)
-            values = {
-                key: self._number(value) if size is None else tuple(self._numbers(value, size))
-                for key, size in _INERTIAL_SIZES.items()
-                if (value := given.get(key)) is not None
-            }
-            body = Inertial(**{**vars(nominal), **values})
+            given = self._mapping(entry, f"inertials of {link}", _INERTIAL)
+            body = Inertial(
+                self._number(given["mass"]) if "mass" in given else nominal.mass,
+                self._vector(given.get("com"), nominal.com),
+                self._vector(given.get("inertia"), nominal.inertia),
+            )
             if not body.is_consistent():
                 self._fail(entry, f"no rigid body has the mass and inertia given for {link}")
             inertials[link] = body
@@ -154,15 +155,14 @@ class _Reader:
             yield self._effect(entry, model)
 
     def _effect(self, entry: yaml.Node, model: RobotModel) -> Effect:
-        from limo_driver.physics import CATALOGUE
-
         given = self._mapping(entry, "an effect", None)
         if "effect" not in given:
             self._fail(entry, "lacks `effect:`, one of " + ", ".join(sorted(CATALOGUE)))
         name = str(given["effect"].value)
         if name not in CATALOGUE:
             self._fail(
-                given["effect"], f"effect {name!r} is unknown; known: {', '.join(sorted(CATALOGUE))}"
+                given["effect"],
+                f"effect {name!r} is unknown; known: {', '.join(sorted(CATALOGUE))}",
             )
         effect = CATALOGUE[name]
         known = {item.name: item for item in effect.parameters()}
@@ -210,11 +210,18 @@ class _Reader:
     ) -> dict[str, yaml.Node]:
         return {} if node is None or _is_null(node) else self._mapping(node, what, known)
 
-    def _numbers(self, node: yaml.Node, size: int | None = None) -> list[float]:
+    def _numbers(self, node: yaml.Node) -> list[float]:
         nodes = node.value if isinstance(node, yaml.SequenceNode) else [node]
-        if size is not None and len(nodes) != size:
-            self._fail(node, f"has {len(nodes)} numbers, expected {size}")
         return [self._number(item) for item in nodes]
+
+    def _vector(self, node: yaml.Node | None, nominal: _Vector) -> _Vector:
+        """Read as many numbers as the nominal vector has; the nominal ones if none are given."""
+        if node is None:
+            return nominal
+        numbers = self._numbers(node)
+        if len(numbers) != len(nominal):
+            self._fail(node, f"has {len(numbers)} numbers, expected {len(nominal)}")
+        return cast("_Vector", tuple(numbers))
 
     def _number(self, node: yaml.Node) -> float:
         try:

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.model import RobotModel
+from limo_driver.physics import (
+    CoulombFriction,
+    JointElasticity,
+    PreslidingHysteresis,
+    Sensors,
+    Simulation,
+    StribeckFriction,
+    TorqueOffset,
+    ViscousFriction,
+)
+from limo_driver.types import Motion
+
+HYSTERETIC = Simulation(
+    "iiwa14",
+    effects=(
+        CoulombFriction(joint=1, tau_c=2.2),
+        ViscousFriction(joint=1, f_v=4.0),
+        StribeckFriction(joint=2, tau_s=0.5, v_s=0.02),
+        PreslidingHysteresis(joint=2, stiffness=(900.0, 120.0), width=(5e-4, 4e-3)),
+        JointElasticity(joint=2, stiffness=1e4, cubic=1e-9),
+        JointElasticity(joint=4, stiffness=8e3),
+        TorqueOffset(joint=7, offset=0.1),
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    t = np.arange(400) * 5e-3
+    rate = np.arange(1, 8)
+    q = 0.5 + 0.3 * np.sin(np.outer(t, rate))
+    return Motion(t, q, 0.3 * rate * np.cos(np.outer(t, rate)), -(rate**2) * (q - 0.5))
+
+
+def test_without_effects_it_is_the_rigid_body(motion: Motion):
+    expected = RobotModel.load("iiwa14").inverse_dynamics(
+        motion.position, motion.velocity, motion.acceleration
+    )
+    np.testing.assert_allclose(Simulation("iiwa14").predict(motion), expected)
+
+
+def test_scanning_step_equals_predict(motion: Motion):
+    state, scanned = HYSTERETIC.init(), []
+    for t in range(len(motion)):
+        torque, state = HYSTERETIC.step(state, motion.sample(t))
+        scanned.append(torque)
+    np.testing.assert_allclose(scanned, HYSTERETIC.predict(motion), rtol=0, atol=1e-10)
+
+
+def test_elasticity_moves_the_links_and_so_the_torque_of_other_joints(motion: Motion):
+    elastic = Simulation("iiwa14", effects=(JointElasticity(joint=4, stiffness=5e2),))
+    change = elastic.predict(motion) - Simulation("iiwa14").predict(motion)
+    assert np.abs(change[:, 1]).max() > 1e-2
+
+
+def test_a_motion_of_another_robot_is_refused(motion: Motion):
+    six = Motion(
+        *(
+            getattr(motion, name)[..., :6] if name != "time" else motion.time
+            for name in ("time", "position", "velocity", "acceleration")
+        )
+    )
+    with pytest.raises(ShapeError, match=r"expected \(T, 7\)"):
+        HYSTERETIC.predict(six)
+
+
+def test_a_joint_that_does_not_exist_is_refused():
+    with pytest.raises(ConfigError, match="joint 8 does not exist; iiwa14 has joints 1 to 7"):
+        Simulation("iiwa14", effects=(CoulombFriction(joint=8, tau_c=1.0),))
+
+
+def test_the_sensor_quantises_and_its_noise_has_the_stated_size():
+    sensors = Sensors(torque_noise=(0.05,), torque_resolution=(0.01,), encoder_resolution=(1e-3,))
+    measured = sensors.measure_torque(np.zeros((20000, 2)), np.random.default_rng(1))
+    np.testing.assert_allclose(measured / 0.01, np.round(measured / 0.01), atol=1e-9)
+    assert measured.std() == pytest.approx(0.05, rel=0.03)
+    np.testing.assert_allclose(
+        sensors.measure_position(np.array([[0.0124, -0.0126]])), [[0.012, -0.013]]
+    )
+
+
+def test_a_file_reads_back_equal(tmp_path):
+    path = tmp_path / "sim.yaml"
+    HYSTERETIC.save(path)
+    assert Simulation.load(path) == HYSTERETIC
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    tau_c=st.floats(0, 1e3),
+    v_eps=st.floats(1e-6, 1.0),
+    noise=st.lists(st.floats(0, 1e3), min_size=7, max_size=7),
+)
+def test_every_number_survives_the_file(tmp_path_factory, tau_c, v_eps, noise):
+    path = tmp_path_factory.mktemp("sim") / "sim.yaml"
+    simulation = Simulation(
+        "iiwa14",
+        effects=(CoulombFriction(joint=3, tau_c=tau_c, v_eps=v_eps),),
+        sensors=Sensors(torque_noise=tuple(noise)),
+    )
+    simulation.save(path)
+    assert Simulation.load(path) == simulation
+
+
+def test_a_robot_file_is_referred_to_relative_to_the_simulation(tmp_path):
+    urdf = tmp_path / "robots" / "arm.urdf"
+    urdf.parent.mkdir()
+    urdf.write_text(RobotModel.load("iiwa14").urdf.read_text())
+    path = tmp_path / "sim.yaml"
+    Simulation(str(urdf)).save(path)
+    assert "robot: robots/arm.urdf" in path.read_text()
+    assert Simulation.load(path).model.n == 7

@@ -1,0 +1,123 @@
+"""Mistakes in a sim.yaml are named with their line and what exists."""
+
+import pytest
+
+from limo_driver.errors import ConfigError
+from limo_driver.physics import Simulation
+
+SPECIFIED = """\
+robot: iiwa14
+inertials: {link4: {mass: 3.4, com: [0, 0.067, 0.034], inertia: [0.017, 0, 0, 0.0164, 0, 0.006]}}
+tolerances: {inertia: 0.02, friction: 0.15}
+sensors: {torque_noise: [0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02], encoder_resolution: 1e-5}
+effects:
+  - {effect: coulomb_friction, joint: 1, tau_c: 2.2, v_eps: 0.002}
+  - {effect: viscous_friction, joint: 1, f_v: 4.0}
+"""
+
+
+def effect(text: str) -> str:
+    return "robot: iiwa14\neffects:\n  - {" + text + "}"
+
+
+@pytest.fixture
+def load(tmp_path):
+    def write_and_load(text: str) -> Simulation:
+        path = tmp_path / "sim.yaml"
+        path.write_text(text)
+        return Simulation.load(path)
+
+    return write_and_load
+
+
+def test_the_specified_form_is_read(load):
+    simulation = load(SPECIFIED)
+    assert simulation.model.inertials["link4"].mass == 3.4
+    assert simulation.effects[0].tau_c == 2.2
+    assert simulation.sensors.encoder_resolution == (1e-5,)  # YAML alone reads 1e-5 as text
+
+
+def test_inertials_override_only_what_they_give(load):
+    simulation = load("robot: iiwa14\ninertials: {link4: {mass: 3.4}}\n")
+    assert simulation.model.inertials["link4"].com == pytest.approx((0, 0.067, 0.034))
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("", None, "is empty"),
+        ("- 1", 1, "has to be a mapping"),
+        ("effects: []", 1, "lacks `robot:`"),
+        ("robot: iiwa15", 1, "'iiwa15' is neither built in"),
+        ("robot: [", 1, "is no YAML"),
+        ("robot: iiwa14\nefects: []", 2, "has no 'efects'; it has robot, inertials"),
+        ("robot: iiwa14\nrobot: iiwa14", 2, "'robot' twice"),
+        ("robot: iiwa14\neffects: 3", 2, "has to be a list"),
+        ("robot: iiwa14\neffects:\n  - 3", 3, "has to be a mapping"),
+        (effect("joint: 1"), 3, "lacks `effect:`"),
+        (
+            "robot: iiwa14\neffects:\n  - {effect: stiction, joint: 1}",
+            3,
+            "'stiction' is unknown; known",
+        ),
+        (
+            "robot: iiwa14\neffects:\n  - {effect: viscous_friction, joint: 1, f_v: 1}\n"
+            "  - {effect: viscous_friction, joint: 8, f_v: 1}",
+            4,
+            "joint 8 does not exist; joints are 1 to 7",
+        ),
+        (
+            "robot: iiwa14\neffects:\n  - {effect: viscous_friction, joint: 1.5, f_v: 1}",
+            3,
+            "joint 1.5",
+        ),
+        (effect("effect: viscous_friction, joint: 1"), 3, "lacks f_v"),
+        (effect("effect: viscous_friction, f_v: 1"), 3, "lacks joint"),
+        (
+            "robot: iiwa14\neffects:\n  - {effect: coulomb_friction, joint: 1, tau: 1}",
+            3,
+            "has no 'tau'; it has effect, joint, tau_c, v_eps",
+        ),
+        (
+            "robot: iiwa14\neffects:\n  - {effect: viscous_friction, joint: 1, f_v: -1}",
+            3,
+            "outside",
+        ),
+        (
+            "robot: iiwa14\neffects:\n  - {effect: viscous_friction, joint: 1, f_v: x}",
+            3,
+            "no number",
+        ),
+        (effect("effect: viscous_friction, joint: 1, f_v: .inf"), 3, "inf"),
+        ("robot: iiwa14\ninertials: {link9: {mass: 1}}", 2, "has no 'link9'; it has link1"),
+        ("robot: iiwa14\ninertials: {link1: {com: [0, 0]}}", 2, "has 2 numbers, expected 3"),
+        ("robot: iiwa14\ninertials: {link1: {mass: -1}}", 2, "no rigid body"),
+        (
+            "robot: iiwa14\ninertials: {link1: {inertia: [1, 0, 0, 0.1, 0, 0.1]}}",
+            2,
+            "no rigid body",
+        ),
+        ("robot: iiwa14\ntolerances: {inertia: -1}", 2, "has to be 0 or more"),
+        ("robot: iiwa14\nsensors: {torque_noise: [1, 2]}", 2, "has 2 values for 7 joints"),
+        ("robot: iiwa14\nsensors: {noise: 1}", 2, "has no 'noise'"),
+    ],
+)
+def test_a_mistake_is_named_with_its_line(load, text, line, message):
+    with pytest.raises(ConfigError) as caught:
+        load(text)
+    assert message in str(caught.value)
+    assert caught.value.line == line
+    if line is not None:
+        assert f"line {line}:" in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere.yaml: cannot be read: No such file"):
+        Simulation.load(tmp_path / "nowhere.yaml")
+
+
+def test_a_binary_file_is_named(tmp_path):
+    path = tmp_path / "sim.yaml"
+    path.write_bytes(b"PAR1\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"sim\.yaml"):
+        Simulation.load(path)
