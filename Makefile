@@ -13,7 +13,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	  || { echo "limo needs Python 3.11 or newer; call make PYTHON=python3.11 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt torch --editable '.[dev]'
+	  --constraint constraints.txt --editable '.[dev]'
 	touch $@
 
 demo: $(VENV)/.installed ## see the whole way of the data once: out/demo/index.html
