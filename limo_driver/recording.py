@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from limo_driver.types import FloatArray, Motion
+from limo_driver.data_gate import Columns, LeftOut, contiguous, inspect
+from limo_driver.differentiation import EDGE, differentiate, smooth
+from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.types import FloatArray, Motion, readonly
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Mapping
 
+    from numpy.typing import NDArray
 
-@dataclass(frozen=True)
-class LeftOut:
-    """Rows of a file that cannot be used."""
+    from limo_driver.model import RobotModel
 
-    reason: str
-    rows: tuple[int, ...]  # 0-based rows of the file
+__all__ = ["LeftOut", "Recording"]
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Recording:
     """T usable samples of n joints.
 
     Velocity is kept as the robot gave it; `motion` computes velocity and acceleration from the
-    positions, with a stated bandwidth.
+    positions, with a stated bandwidth. Make one with `load` or `from_arrays`, which check the data.
     """
 
     time: FloatArray  # (T,) [s], strictly increasing
@@ -40,16 +41,175 @@ class Recording:
     rows: NDArray[np.int64] | None = None  # (T,) row of the file of each sample
     rows_total: int = 0  # rows of the file
     left_out: tuple[LeftOut, ...] = ()
+    warnings: tuple[str, ...] = ()  # what a user should know of the rows that were kept
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.position)
+        if len(shape) != 2:  # noqa: PLR2004  # (T, n)
+            raise ShapeError("position", shape, "(T, n)")
+        arrays = {"position": self.position, "torque": self.torque, **self.extras}
+        if self.velocity is not None:
+            arrays["velocity"] = self.velocity
+        for name, values in arrays.items():
+            if np.shape(values) != shape:
+                raise ShapeError(name, np.shape(values), f"{shape}")
+        if np.shape(self.time) != shape[:1]:
+            raise ShapeError("time", np.shape(self.time), f"({shape[0]},)")
+        for name in ("time", "position", "torque", "velocity"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, readonly(getattr(self, name)))
+        object.__setattr__(self, "extras", {k: readonly(v) for k, v in self.extras.items()})
+        rows = np.arange(shape[0]) if self.rows is None else np.asarray(self.rows, np.int64)
+        object.__setattr__(self, "rows", rows)
+        object.__setattr__(self, "rows_total", self.rows_total or shape[0])
 
     @classmethod
     def load(cls, path: Path | str) -> Recording:
-        """Read Parquet, CSV or limo's own log."""
-        raise NotImplementedError
+        """Read Parquet, CSV or limo's own log.
+
+        Rows that cannot be used are left out and named in `left_out`; nothing is repaired.
+
+        Raises:
+            RecordingError: Names what cannot be used, where, and what was expected.
+        """
+        from limo_driver.recording_file import read_columns
+
+        columns = read_columns(Path(path))
+        try:
+            return cls._checked(columns, str(path))
+        except RecordingError as error:
+            raise RecordingError(str(error), path=path, rows=error.rows) from None
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: FloatArray,
+        position: FloatArray,
+        torque: FloatArray,
+        velocity: FloatArray | None = None,
+        extras: Mapping[str, FloatArray] | None = None,
+        source: str = "",
+    ) -> Recording:
+        """Check arrays as `load` checks a file; shapes and units as in the class.
+
+        Raises:
+            RecordingError: The data cannot be used.
+        """
+        columns = Columns(time, position, torque, velocity, dict(extras or {}))
+        return cls._checked(columns, source)
+
+    @classmethod
+    def _checked(cls, columns: Columns, source: str) -> Recording:
+        findings = inspect(columns)
+        rows = findings.rows
+        return cls(
+            time=columns.time[rows],
+            position=columns.position[rows],
+            torque=columns.torque[rows],
+            velocity=None if columns.velocity is None else columns.velocity[rows],
+            extras={name: values[rows] for name, values in columns.extras.items()},
+            source=source,
+            rows=rows,
+            rows_total=columns.time.size,
+            left_out=findings.left_out,
+            warnings=(*columns.warnings, *findings.warnings),
+        )
+
+    def save(self, path: Path | str) -> None:
+        """Write Parquet that `load` reads back, without the rows that were left out."""
+        from limo_driver.recording_file import write_columns
+
+        columns = Columns(self.time, self.position, self.torque, self.velocity, dict(self.extras))
+        write_columns(columns, Path(path))
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.position.shape[1]
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def rate(self) -> float:
+        """Median sampling rate [Hz]."""
+        return 1.0 / float(np.median(np.diff(self.time)))
+
+    @cached_property
+    def segments(self) -> tuple[slice, ...]:
+        """Stretches without a gap; history and filters start anew in each."""
+        return contiguous(self.time)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Recording:
+        """Return the samples in `rows`: a slice, a mask, or increasing indices."""
+        assert self.rows is not None  # noqa: S101  # set in __post_init__
+        return replace(
+            self,
+            time=self.time[rows],
+            position=self.position[rows],
+            torque=self.torque[rows],
+            velocity=None if self.velocity is None else self.velocity[rows],
+            extras={name: values[rows] for name, values in self.extras.items()},
+            rows=self.rows[rows],
+        )
 
     def motion(self, bandwidth: float) -> Motion:
-        """Differentiate without phase."""
-        raise NotImplementedError
+        """Differentiate the positions without phase.
+
+        Args:
+            bandwidth: Frequency at which the zero-phase low-pass halves the amplitude [Hz]; motion
+                up to a third of it keeps its amplitude within 2e-4.
+
+        Returns:
+            Filtered position, velocity and acceleration at the recorded instants.
+
+        Raises:
+            RecordingError: The bandwidth is too high for the sampling rate.
+        """
+        smoothed = differentiate(self.time, self.position, bandwidth, self.segments)
+        return Motion(self.time, smoothed.value, smoothed.first, smoothed.second)
 
     def filtered_torque(self, bandwidth: float) -> FloatArray:
-        """Filter the torque as `motion` filters the positions."""
-        raise NotImplementedError
+        """Filter the torque as `motion` filters the positions; (T, n) [N m]."""
+        return smooth(self.time, self.torque, bandwidth, self.segments)
+
+    def edges(self, bandwidth: float) -> NDArray[np.bool_]:
+        """Mark samples so near to an end of a segment that their derivatives are unsure; (T,)."""
+        reach = EDGE / bandwidth
+        near = np.zeros(len(self), dtype=bool)
+        for rows in self.segments:
+            time = self.time[rows]
+            near[rows] = (time < time[0] + reach) | (time > time[-1] - reach)
+        return near
+
+    def check_robot(self, model: RobotModel) -> None:
+        """Check that the recording can be of this robot.
+
+        Raises:
+            RecordingError: Other joint count, or positions that the joints cannot reach.
+        """
+        if self.n != model.n:
+            raise RecordingError(
+                f"has {self.n} joints, but {model.name} has {model.n}", path=self.source or None
+            )
+        beyond = np.maximum(
+            model.limits.position_min - self.position.min(axis=0),
+            self.position.max(axis=0) - model.limits.position_max,
+        )
+        j = int(beyond.argmax())
+        if beyond[j] > BEYOND_LIMIT:
+            low, high = float(self.position[:, j].min()), float(self.position[:, j].max())
+            raise RecordingError(
+                f"position_{j + 1} spans {low:.3g} to {high:.3g} rad, but joint {j + 1} of "
+                f"{model.name} only {model.limits.position_min[j]:.3g} to "
+                f"{model.limits.position_max[j]:.3g} rad; is it in degrees, or another robot?",
+                path=self.source or None,
+            )
+
+
+BEYOND_LIMIT = 0.5  # [rad]; limits in a URDF are often a little narrower than the arm's

@@ -1,0 +1,329 @@
+"""The data gate: which rows of a recording can be used, and what a user should know of the rest.
+
+Rows are left out, never repaired. A file in which the fault is systematic (units, a clock that
+starts again) is refused, since leaving rows out would hide it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
+
+Mask = NDArray[np.bool_]
+
+FEWEST_SAMPLES = 20
+SHORTEST = 0.5  # [s]
+RATES = (27.0, 5500.0)  # [Hz], 30 Hz to 5 kHz with a tenth of margin
+LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpolated over less
+LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
+FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiated
+SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
+_IMPOSSIBLE = {"position": 50.0, "velocity": 1e3, "torque": 1e3}  # rad, rad/s, N m
+_IMPOSSIBLE_EXTRA = 1e6  # of any other quantity
+_UNIT_HINT = {
+    "position": "rad; is it in degrees or encoder counts?",
+    "velocity": "rad/s; is it in degrees or counts?",
+    "torque": "N m; is it in N mm or mA?",
+}
+_TURNS = 4 * np.pi  # [rad]; no arm turns farther
+_DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says degrees (57.3)
+_SPIKE_WINDOW = 7  # samples
+_SPIKE_FACTOR = 20.0  # over the 99th percentile of the deviation from the median
+_SPIKE_FLOOR = {"position": 0.05, "torque": 5.0}  # rad, N m
+_STILL = 2e-3  # [rad], range of a joint that does not move
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Rows of a file that cannot be used."""
+
+    reason: str
+    rows: tuple[int, ...]  # 0-based rows of the file
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What a file holds, before it is judged."""
+
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad]
+    torque: FloatArray  # (T, n) [N m]
+    velocity: FloatArray | None = None  # (T, n) [rad/s]
+    extras: dict[str, FloatArray] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Rows that can be used, what was left out, and what is odd about the rest."""
+
+    rows: NDArray[np.int64]  # (T,)
+    left_out: tuple[LeftOut, ...]
+    warnings: tuple[str, ...]
+
+
+def inspect(columns: Columns) -> Findings:
+    """Judge every row of a recording.
+
+    Raises:
+        RecordingError: Too little is left, or the fault is systematic.
+    """
+    gate = _Gate(columns)
+    gate.leave_out("a value is missing or not finite", gate.not_finite())
+    gate.leave_out("a value is impossible", gate.impossible())
+    gate.leave_out("the time repeats that of the row before", gate.repeated())
+    fragments = gate.fragments()
+    misplaced = gate.misplaced(fragments)
+    gate.leave_out("the time does not increase", misplaced)
+    gate.leave_out(f"fewer than {FEWEST_CONTIGUOUS} rows between gaps", fragments[~misplaced])
+    gate.leave_out("the time does not increase", gate.backwards())
+    gate.leave_out("a spike that no motion makes", gate.spikes())
+    gate.check_amount()
+    gate.check_units()
+    return Findings(gate.rows, gate.left_out(), gate.warnings())
+
+
+def contiguous(time: FloatArray) -> tuple[slice, ...]:
+    """Split increasing times (T,) [s] at the gaps."""
+    if time.size == 0:
+        return ()
+    steps = np.diff(time)
+    ends = np.flatnonzero(steps > _longest_step(steps)) + 1
+    bounds = [0, *ends.tolist(), time.size]
+    return tuple(slice(a, b) for a, b in pairwise(bounds))
+
+
+def _longest_step(steps: FloatArray) -> float:
+    forward = steps[steps > 0]
+    period = float(np.median(forward)) if forward.size else LONGEST_STEP
+    return max(LONGEST_STEP, LONGEST_STEP_PERIODS * period)
+
+
+class _Gate:
+    """The rows that are still in, and the reasons of those that are out."""
+
+    def __init__(self, columns: Columns) -> None:
+        self.columns = columns
+        self.rows = np.arange(columns.time.size)
+        self._reasons: dict[str, list[NDArray[np.int64]]] = {}
+
+    @property
+    def time(self) -> FloatArray:
+        return self.columns.time[self.rows]
+
+    def leave_out(self, reason: str, among: Mask) -> None:
+        """Take out the rows marked among those still in."""
+        if among.any():
+            self._reasons.setdefault(reason, []).append(self.rows[among])
+            self.rows = self.rows[~among]
+
+    def left_out(self) -> tuple[LeftOut, ...]:
+        return tuple(
+            LeftOut(reason, tuple(np.sort(np.concatenate(rows)).tolist()))
+            for reason, rows in self._reasons.items()
+        )
+
+    def not_finite(self) -> Mask:
+        """Only what a fit needs counts; a hole in the temperature costs no row."""
+        finite = np.isfinite(self.columns.time)
+        for values in (self.columns.position, self.columns.torque):
+            finite &= np.isfinite(values).all(axis=1)
+        return ~finite[self.rows]
+
+    def impossible(self) -> Mask:
+        bad = np.zeros(self.rows.size, dtype=bool)
+        for quantity, values in self._quantities().items():
+            limit = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
+            beyond = np.abs(values[self.rows]) > limit  # NaN compares false
+            self._refuse_systematic(quantity, beyond, limit)
+            bad |= beyond.any(axis=1)
+        return bad
+
+    def _refuse_systematic(self, quantity: str, beyond: Mask, limit: float) -> None:
+        share = beyond.mean(axis=0) if beyond.size else np.zeros(1)
+        j = int(share.argmax())
+        if share[j] > SYSTEMATIC and quantity in _UNIT_HINT:
+            raise RecordingError(
+                f"{quantity}_{j + 1} is beyond ±{limit:g} in {share[j]:.0%} of the rows, expected "
+                f"{_UNIT_HINT[quantity]}",
+                rows=self.rows[np.flatnonzero(beyond[:, j])[:1]].tolist(),
+            )
+
+    def _quantities(self) -> dict[str, FloatArray]:
+        columns = self.columns
+        measured = {"position": columns.position, "torque": columns.torque, **columns.extras}
+        return measured if columns.velocity is None else measured | {"velocity": columns.velocity}
+
+    def repeated(self) -> Mask:
+        return np.append(False, np.diff(self.time) == 0)[: self.rows.size]
+
+    def fragments(self) -> Mask:
+        """Mark runs of even progress that are too short to be differentiated."""
+        time = self.time
+        steps = np.diff(time)
+        breaks = np.flatnonzero((steps <= 0) | (steps > _longest_step(steps))) + 1
+        bounds = np.concatenate([[0], breaks, [time.size]])
+        lengths = np.diff(bounds)
+        return np.repeat(lengths < FEWEST_CONTIGUOUS, lengths)
+
+    def misplaced(self, fragments: Mask) -> Mask:
+        """Mark rows of fragments whose time does not lie between that of their neighbours."""
+        time = self.time
+        lower = np.maximum.accumulate(np.where(fragments, -np.inf, time))
+        upper = np.minimum.accumulate(np.where(fragments, np.inf, time)[::-1])[::-1]
+        return fragments & ~((time > lower) & (time < upper))
+
+    def backwards(self) -> Mask:
+        time = self.time
+        if not time.size:
+            return np.zeros(0, dtype=bool)
+        late = np.append(False, time[1:] <= np.maximum.accumulate(time)[:-1])
+        if late.mean() > SYSTEMATIC:
+            at = int(np.flatnonzero(late)[0])
+            raise RecordingError(
+                f"the time runs backwards at row {self.rows[at]}, from {time[at - 1]:.6g} s to "
+                f"{time[at]:.6g} s; are these two recordings in one file?",
+                rows=[int(self.rows[at])],
+            )
+        return late
+
+    def spikes(self) -> Mask:
+        """Mark single values far from the median of their neighbours, against what is usual."""
+        bad = np.zeros(self.rows.size, dtype=bool)
+        for quantity, floor in _SPIKE_FLOOR.items():
+            values = getattr(self.columns, quantity)[self.rows]
+            if values.shape[0] < FEWEST_SAMPLES:
+                continue
+            deviation = np.abs(values - median_filter(values, size=(_SPIKE_WINDOW, 1)))
+            usual = np.percentile(deviation, 99, axis=0)
+            bad |= (deviation > np.maximum(_SPIKE_FACTOR * usual, floor)).any(axis=1)
+        return bad
+
+    def check_amount(self) -> None:
+        total = self.columns.time.size
+        if self.rows.size < FEWEST_SAMPLES:
+            reasons = "; ".join(f"{sum(map(len, r))} rows: {k}" for k, r in self._reasons.items())
+            raise RecordingError(
+                f"has {self.rows.size} usable rows of {total}, expected at least {FEWEST_SAMPLES}"
+                + (f"; left out: {reasons}" if reasons else ""),
+                rows=[row for item in self.left_out() for row in item.rows],
+            )
+        duration = float(np.ptp(self.time))
+        rate = 1.0 / float(np.median(np.diff(self.time)))
+        if not RATES[0] <= rate <= RATES[1]:
+            raise RecordingError(
+                f"is sampled at {rate:.4g} Hz, expected 30 to 5000 Hz; is the time in seconds?"
+            )
+        if duration < SHORTEST:
+            raise RecordingError(f"lasts {duration:.3g} s, expected at least {SHORTEST:g} s")
+
+    def check_units(self) -> None:
+        position = self.columns.position[self.rows]
+        j = int(np.abs(position).max(axis=0).argmax())
+        farthest = float(np.abs(position[:, j]).max())
+        if farthest > _TURNS:
+            raise RecordingError(
+                f"position_{j + 1} reaches {farthest:.4g}, more than two turns; expected rad; "
+                "is it in degrees?"
+            )
+        ratio = self._velocity_ratio()
+        if ratio is not None and _DEGREES[0] < ratio < _DEGREES[1]:
+            raise RecordingError(
+                f"positions change {ratio:.3g} times as fast as the velocities say; expected rad "
+                "and rad/s; are the positions in degrees?"
+            )
+
+    def _velocity_ratio(self) -> float | None:
+        """Return how many times faster the positions change than the velocity columns say."""
+        if self.columns.velocity is None:
+            return None
+        step = np.diff(self.time)
+        near = step < _longest_step(step)
+        slope = np.diff(self.columns.position[self.rows], axis=0)[near] / step[near, None]
+        velocity = self.columns.velocity[self.rows][1:][near]
+        known = np.isfinite(velocity)
+        energy = float(np.sum(velocity[known] ** 2))
+        return float(np.sum(slope[known] * velocity[known])) / energy if energy > 0 else None
+
+    def warnings(self) -> tuple[str, ...]:
+        return (*self._about_gaps(), *self._about_joints(), *self._about_holes())
+
+    def _about_gaps(self) -> list[str]:
+        time = self.time
+        starts = [rows.start for rows in contiguous(time)[1:]]
+        if not starts:
+            return []
+        lengths = [float(time[start] - time[start - 1]) for start in starts]
+        worst = int(np.argmax(lengths))
+        return [
+            f"{len(starts)} gap{'s' * (len(starts) > 1)}; the longest, {lengths[worst]:.3g} s, "
+            f"after {time[starts[worst] - 1]:.6g} s"
+        ]
+
+    def _about_joints(self) -> list[str]:
+        found: list[str] = []
+        time, n = self.time, self.columns.position.shape[1]
+        for j in range(n):
+            position = self.columns.position[self.rows, j]
+            torque = self.columns.torque[self.rows, j]
+            if np.ptp(position) < _STILL:
+                found.append(f"joint {j + 1} never moves (range {np.ptp(position):.2g} rad)")
+            elif stuck := longest_stuck(time, position):
+                found.append(
+                    f"position_{j + 1} is stuck for {stuck.duration:.2g} s at {stuck.start:.6g} s "
+                    "while the joint moves on"
+                )
+            if np.ptp(torque) == 0:
+                found.append(f"torque_{j + 1} is always {torque[0]:g} N m")
+        return found
+
+    def _about_holes(self) -> list[str]:
+        found: list[str] = []
+        for quantity, values in self._quantities().items():
+            if holes := int((~np.isfinite(values[self.rows])).any(axis=1).sum()):
+                found.append(f"{quantity} is missing in {holes} rows")
+        return found
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """A stretch over which a sensor repeats its value although the joint moves."""
+
+    start: float  # [s]
+    duration: float  # [s]
+
+
+def longest_stuck(time: FloatArray, position: FloatArray) -> Stuck | None:
+    """Find the longest stretch of one repeated value that ends in a jump.
+
+    A joint at rest repeats its value too, but does not jump when it starts.
+
+    Args:
+        time: (T,) [s].
+        position: (T,) [rad], of one joint.
+    """
+    steps = np.diff(position)
+    changes = np.flatnonzero(steps)
+    if changes.size < 2:  # noqa: PLR2004  # a stretch lies between two changes
+        return None
+    waits = np.diff(changes)
+    jump = np.abs(steps[changes[1:]])
+    speed = jump / np.maximum(time[changes[1:] + 1] - time[changes[1:]], 1e-9)
+    usual = np.abs(steps[changes]) / np.maximum(time[changes + 1] - time[changes], 1e-9)
+    caught_up = (jump > _STILL) & (speed > 3 * usual.max(initial=0.0, where=usual < speed.max()))
+    durations = np.where((waits >= FEWEST_CONTIGUOUS) & caught_up, waits, 0)
+    k = int(durations.argmax())
+    if not durations[k]:
+        return None
+    start, stop = int(changes[k]) + 1, int(changes[k + 1])
+    return Stuck(float(time[start]), float(time[stop] - time[start]))

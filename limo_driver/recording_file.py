@@ -1,0 +1,143 @@
+"""Files of recordings: Parquet, CSV and limo's own log, read into columns and written."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+
+from limo_driver.data_gate import Columns
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from limo_driver.types import FloatArray
+
+_REQUIRED = ("position", "torque")
+_JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d*)")
+_LOG_SUFFIX = ".partial"
+
+
+def read_columns(path: Path) -> Columns:
+    """Read a file into columns, without judging the values.
+
+    Raises:
+        RecordingError: No such file, another format, or missing columns.
+    """
+    warnings: tuple[str, ...] = ()
+    unfinished = path.with_name(path.name + _LOG_SUFFIX)
+    if not path.exists() and unfinished.exists():
+        warnings = (f"{path.name} was never finished; read what {unfinished.name} holds",)
+        path = unfinished
+    table = _read_table(path)
+    by_quantity = _joint_columns(table, path)
+    n = len(by_quantity["position"])
+    arrays = {
+        quantity: _stack(table, names, path)
+        for quantity, names in by_quantity.items()
+        if len(names) == n
+    }
+    partial = sorted(quantity for quantity, names in by_quantity.items() if len(names) != n)
+    if partial:
+        warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
+    return Columns(
+        time=_values(table, "time", path),
+        position=arrays.pop("position"),
+        torque=arrays.pop("torque"),
+        velocity=arrays.pop("velocity", None),
+        extras=arrays,
+        warnings=warnings,
+    )
+
+
+def write_columns(columns: Columns, path: Path) -> None:
+    """Write Parquet: time, position_j, torque_j and what else there is; 1-based joints."""
+    import pyarrow.parquet as pq
+
+    quantities = {"position": columns.position, "torque": columns.torque, **columns.extras}
+    if columns.velocity is not None:
+        quantities["velocity"] = columns.velocity
+    table: dict[str, FloatArray] = {"time": columns.time}
+    for quantity, values in quantities.items():
+        table |= {f"{quantity}_{j + 1}": values[:, j] for j in range(values.shape[1])}
+    pq.write_table(pa.table(table), path, use_dictionary=False)
+
+
+def _read_table(path: Path) -> pa.Table:
+    if not path.is_file():
+        raise RecordingError("no such file", path=path)
+    try:
+        if path.suffix == _LOG_SUFFIX:
+            from limo_driver.recorder import read_log
+
+            return read_log(path)
+        if path.suffix.lower() in {".csv", ".txt"}:
+            return _read_csv(path)
+        import pyarrow.parquet as pq
+
+        return pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise RecordingError(
+            f"cannot be read as Parquet, CSV (.csv) or limo's own log: {reason}", path=path
+        ) from None
+
+
+def _read_csv(path: Path) -> pa.Table:
+    from pyarrow import csv
+
+    table = csv.read_csv(path)
+    return table.rename_columns([name.strip() for name in table.column_names])
+
+
+def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
+    """Return the column names of each quantity in order of the joints."""
+    joints: dict[str, set[int]] = {}
+    for name in table.column_names:
+        if match := _JOINT_COLUMN.fullmatch(name):
+            joints.setdefault(match["quantity"], set()).add(int(match["joint"]))
+    n = max((max(joints[quantity]) for quantity in _REQUIRED if quantity in joints), default=1)
+    expected = ["time", *(f"{q}_{j}" for q in _REQUIRED for j in range(1, n + 1))]
+    if missing := [name for name in expected if name not in table.column_names]:
+        raise RecordingError(
+            f"lacks {_shorten(missing)}; a recording has time, position_1 … position_n and "
+            f"torque_1 … torque_n; this file has {_shorten(table.column_names)}",
+            path=path,
+        )
+    return {
+        quantity: [f"{quantity}_{j}" for j in sorted(numbers)]
+        for quantity, numbers in joints.items()
+        if numbers == set(range(1, max(numbers) + 1))
+    }
+
+
+def _shorten(names: list[str], most: int = 8) -> str:
+    listed = ", ".join(names[:most])
+    return listed + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _stack(table: pa.Table, names: list[str], path: Path) -> FloatArray:
+    return np.stack([_values(table, name, path) for name in names], axis=1)
+
+
+def _values(table: pa.Table, name: str, path: Path) -> FloatArray:
+    """Return one column as float64; empty cells are NaN."""
+    column = table[name]
+    if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
+        raise RecordingError(
+            f"column {name} holds {column.type}, expected numbers{_first_text(column)}", path=path
+        )
+    return column.cast(pa.float64()).to_numpy().astype(np.float64)
+
+
+def _first_text(column: pa.ChunkedArray) -> str:
+    """Say where the first cell that is no number stands."""
+    for row, value in enumerate(column.to_pylist()):
+        try:
+            float(value)
+        except (TypeError, ValueError):
+            return f"; row {row} is {value!r}"
+    return ""
