@@ -27,7 +27,7 @@ ORDER = 4  # of the Butterworth filter; run twice, hence 8
 HIGHEST_BANDWIDTH = 0.4  # of the sampling rate; nearer to 0.5 the filter has no room to fall
 EDGE = 0.5  # [1/bandwidth] from an end of a stretch within which derivatives are less sure
 _PADDING = 6.0  # [1/bandwidth]; the filter has forgotten 1 - 5e-7 of what was before
-_FIT = 1.5  # [1/bandwidth], window of the parabola that continues an end
+_FIT = 2.0  # [1/bandwidth], window of the quintic that continues an end
 _EVEN = 1e-4  # [sample periods], deviation from an even grid that needs no interpolation
 _CLOSE = 0.25  # [sample periods]; nearer neighbours would blow up their noise in a spline
 _HALF = 6  # half width of the difference stencils
@@ -109,20 +109,19 @@ class _Stretch:
         return CubicSpline(self.time[keep], values[keep])(self.grid)
 
     def _before(self, values: FloatArray) -> FloatArray:
-        """Continue `values` backwards in time, with continuous first and second derivative.
+        """Continue `values` backwards in time, smoothly enough for two derivatives.
 
-        2 x(0) - x(t) + x''(0) t² keeps value, slope and curvature at the end; without the last
-        term, the usual odd reflection, the acceleration would jump to its opposite there. The
-        filter passes parabolas unchanged.
+        Mirrored through the origin, x(-t) = -x(t), only odd powers of t continue smoothly; the
+        usual odd extension makes the acceleration jump to its opposite. So the even powers of a
+        quintic fitted to the end are taken out before mirroring and put back afterwards. The
+        filter passes polynomials of that degree unchanged.
         """
         window = min(max(int(_FIT / self.bandwidth / self.period), 8), values.shape[0])
-        u = np.arange(window) / window
-        start, _, curvature, _ = np.linalg.lstsq(
-            np.vander(u, 4, increasing=True), values[:window], rcond=None
-        )[0]
+        powers = np.vander(np.arange(window) / window, 6, increasing=True)
+        quintic = np.linalg.lstsq(powers, values[:window], rcond=None)[0]
         steps = np.arange(self.padding, 0, -1)
-        mirrored = values[np.minimum(steps, values.shape[0] - 1)]
-        return 2 * (start + curvature * (steps[:, None] / window) ** 2) - mirrored
+        even = np.vander((steps / window) ** 2, 3, increasing=True) @ quintic[::2]
+        return 2 * even - values[np.minimum(steps, values.shape[0] - 1)]
 
 
 def _check_bandwidth(bandwidth: float, rate: float) -> None:
