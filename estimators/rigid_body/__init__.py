@@ -1,0 +1,1 @@
+"""Rigid-body estimator: base parameters and physically consistent inertias from recordings."""

@@ -1,0 +1,184 @@
+"""Physically consistent parameters: inertias that a body can have, and friction that dissipates.
+
+A body exists for the parameters of a link if its pseudo-inertia J (4 × 4), the second moment of its
+density, is positive definite. The fit minimises
+
+    ½ Σ_j w_j |Y_j phi - tau_j|² + Σ_i D(J_i, J_i0) / tolerance²,
+    D(J, J0) = tr(J0⁻¹ J) - log det(J0⁻¹ J) - 4,
+
+which is convex in phi. D is ½ |relative change|² near the nominal J0 and infinite where J ceases to
+be positive definite: combinations that the data do not reveal stay at the nominal body, and no
+other constraint is needed. Parameters that cannot be negative are held at zero where they would be.
+
+Source: Wensing, Kim and Slotine, "Linear matrix inequalities for physically consistent inertial
+parameter identification", RA-L 2018; Lee, Wensing and Park, "Geometric robot dynamic
+identification: a convex programming approach", T-RO 2020.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.errors import DivergedError
+from limo_driver.model import Inertial
+from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_ITERATIONS = 200
+_DECREMENT = 1e-10  # Newton decrement at which the minimum is reached
+_FLATTEST = 1e-6  # smallest eigenvalue of a nominal pseudo-inertia, relative to the largest
+_WEAKEST_PRIOR = 1e-8  # [1/unit²] on joint terms, so that what nothing reveals is zero
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """½ phiᵀ gram phi - productᵀ phi, in the full parameters (p,)."""
+
+    gram: FloatArray  # (p, p)
+    product: FloatArray  # (p,)
+
+
+def fit_consistent(
+    data: Quadratic,
+    nominal: FloatArray,
+    tolerance: float,
+    positive: NDArray[np.bool_],
+    absent: NDArray[np.bool_],
+) -> FloatArray:
+    """Minimise the cost above.
+
+    Args:
+        data: Weighted normal equations.
+        nominal: Full parameters (p,); inertial ones at consistent bodies.
+        tolerance: Relative standard deviation of the nominal inertias.
+        positive: Joint terms that cannot be negative, (p,).
+        absent: Parameters that stay at zero, (p,).
+
+    Returns:
+        Full parameters, (p,).
+
+    Raises:
+        DivergedError: No minimum was found.
+    """
+    problem = _Problem(data, nominal, tolerance)
+    held = absent.copy()
+    phi = np.where(held, 0.0, nominal)
+    for _ in range(nominal.size):
+        phi = problem.minimise(np.where(held, 0.0, phi), ~held)
+        negative = positive & ~held & (phi < 0)
+        released = held & ~absent & (problem.gradient(phi) < -1e-9)
+        if not negative.any() and not released.any():
+            return phi
+        held = (held | negative) if negative.any() else (held & ~released)
+    raise DivergedError("the friction parameters found no consistent set of signs")
+
+
+class _Problem:
+    def __init__(self, data: Quadratic, nominal: FloatArray, tolerance: float) -> None:
+        self.data = data
+        self.links = _inertial_count(nominal, data) // PER_LINK
+        self.precision = 1.0 / tolerance**2
+        self.nominal_inverse = [
+            np.linalg.inv(_rounded(pseudo_inertia(nominal[_of(i)]))) for i in range(self.links)
+        ]
+        self.ridge = np.zeros(nominal.size)
+        self.ridge[PER_LINK * self.links :] = _WEAKEST_PRIOR
+
+    def value(self, phi: FloatArray) -> float:
+        cost = 0.5 * phi @ self.data.gram @ phi - self.data.product @ phi
+        cost += 0.5 * self.ridge @ phi**2
+        for i, inverse in enumerate(self.nominal_inverse):
+            J = pseudo_inertia(phi[_of(i)])
+            sign, logdet = np.linalg.slogdet(J)
+            if sign <= 0 or np.linalg.eigvalsh(J)[0] <= 0:
+                return np.inf
+            cost += self.precision * (np.sum(inverse * J) - logdet)
+        return float(cost)
+
+    def gradient(self, phi: FloatArray) -> FloatArray:
+        gradient = self.data.gram @ phi - self.data.product + self.ridge * phi
+        for i, inverse in enumerate(self.nominal_inverse):
+            slope = inverse - np.linalg.inv(pseudo_inertia(phi[_of(i)]))
+            gradient[_of(i)] += self.precision * np.tensordot(_BASIS, slope, 2)
+        return gradient
+
+    def hessian(self, phi: FloatArray) -> FloatArray:
+        hessian = self.data.gram + np.diag(self.ridge)
+        for i in range(self.links):
+            inverse = np.linalg.inv(pseudo_inertia(phi[_of(i)]))
+            turned = inverse @ _BASIS
+            hessian[_of(i), _of(i)] += self.precision * np.einsum("kab,lba->kl", turned, turned)
+        return hessian
+
+    def minimise(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+        """Take damped Newton steps in the free parameters."""
+        value = self.value(phi)
+        for _ in range(_ITERATIONS):
+            gradient = self.gradient(phi)[free]
+            H = self.hessian(phi)[np.ix_(free, free)]
+            scale = 1.0 / np.sqrt(np.diag(H))
+            step = np.zeros(phi.size)
+            step[free] = -scale * np.linalg.solve(H * np.outer(scale, scale), scale * gradient)
+            decrement = -float(step[free] @ gradient)
+            if decrement < _DECREMENT:
+                return phi
+            length, target = 1.0, self.value(phi + step)
+            while not target < value - 1e-4 * length * decrement:
+                length *= 0.5
+                if length < 1e-12:  # noqa: PLR2004  # rounding is all that is left
+                    return phi
+                target = self.value(phi + length * step)
+            phi, value = phi + length * step, target
+        raise DivergedError("the consistent inertias did not converge")
+
+
+def _of(link: int) -> slice:
+    return slice(PER_LINK * link, PER_LINK * (link + 1))
+
+
+def _inertial_count(nominal: FloatArray, data: Quadratic) -> int:
+    raise NotImplementedError(nominal, data)
+
+
+def pseudo_inertia(parameters: FloatArray) -> FloatArray:
+    """Return J (4, 4) of (m, m c, I at the joint frame) of one link."""
+    return np.tensordot(parameters, _BASIS, 1)
+
+
+def _basis() -> FloatArray:
+    """Return ∂J/∂parameter, (10, 4, 4); J = [[½ tr(I) 1 - I, m c], [m cᵀ, m]]."""
+    basis = np.zeros((PER_LINK, 4, 4))
+    basis[0, 3, 3] = 1.0
+    for k in range(3):
+        basis[1 + k, k, 3] = basis[1 + k, 3, k] = 1.0
+    for p, (a, b) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+        I = np.zeros((3, 3))  # noqa: E741
+        I[a, b] = I[b, a] = 1.0
+        basis[4 + p, :3, :3] = 0.5 * np.trace(I) * np.eye(3) - I
+    return basis
+
+
+_BASIS = _basis()
+
+
+def _rounded(J: FloatArray) -> FloatArray:
+    """Return J, thickened where it is flat: nominal bodies may be points or rods."""
+    values, vectors = np.linalg.eigh(J)
+    return (vectors * np.maximum(values, _FLATTEST * values[-1])) @ vectors.T
+
+
+def inertial_of(parameters: FloatArray) -> Inertial:
+    """Return mass, centre of mass and inertia about it of one link's parameters (10,)."""
+    m = float(parameters[0])
+    c = parameters[1:4] / m
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # noqa: E741
+    I = I - m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    x, y, z = c.tolist()
+    return Inertial(m, (x, y, z), tuple(I[np.triu_indices(3)].tolist()))

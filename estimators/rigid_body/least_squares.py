@@ -1,0 +1,86 @@
+"""Weighted least squares for the base parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from estimators.rigid_body.base_parameters import BaseParameters
+    from estimators.rigid_body.normal_equations import NormalEquations
+
+_ROUNDS = 4  # of reweighting; the weights settle in two or three
+_EXCITED = 1e-12  # eigenvalue of the scaled Gram matrix, relative to the largest
+_SMALLEST_ERROR = 1e-6  # of the torque's root mean square, so that exact data keep finite weights
+
+
+@dataclass(frozen=True)
+class BaseFit:
+    """Base parameters fitted to recordings."""
+
+    parameters: FloatArray  # (b,)
+    covariance: FloatArray  # (b, b)
+    rmse: FloatArray  # (n,) [N m], in sample
+    weight: FloatArray  # (n,) [1/(N m)²], that each joint's equations had
+    condition: float  # of the column-scaled regressor; inf if a parameter is not excited
+    excited: int  # base parameters that the motion reveals
+
+
+def fit_base(
+    equations: NormalEquations, base: BaseParameters, nominal: FloatArray
+) -> BaseFit:
+    """Fit base parameters, each joint weighted by the inverse of its own error's variance.
+
+    Combinations that the motion does not excite stay at their nominal value.
+
+    Args:
+        equations: Sums over the recordings.
+        base: Base parameters of the robot.
+        nominal: Full parameters (p,) known beforehand, for example from CAD.
+    """
+    start = base.reduce(nominal)
+    scale_of_torque = np.sqrt(equations.energy / np.maximum(equations.count, 1))
+    floor = np.maximum(_SMALLEST_ERROR * scale_of_torque, 1e-12)
+    weight = np.ones(equations.count.size)
+    for _ in range(_ROUNDS):
+        solution = _solve(equations, base, start, weight)
+        rmse = equations.rmse(base.expand(solution.parameters))
+        weight = 1.0 / np.maximum(rmse, floor) ** 2
+    return BaseFit(
+        solution.parameters,
+        solution.inverse / equations.independent,
+        rmse,
+        weight,
+        solution.condition,
+        solution.excited,
+    )
+
+
+@dataclass(frozen=True)
+class _Solution:
+    parameters: FloatArray  # (b,)
+    inverse: FloatArray  # (b, b), of the weighted Gram matrix
+    condition: float
+    excited: int
+
+
+def _solve(
+    equations: NormalEquations, base: BaseParameters, start: FloatArray, weight: FloatArray
+) -> _Solution:
+    gram, product = equations.weighted(weight)
+    A = gram[np.ix_(base.independent, base.independent)]
+    b = product[base.independent] - A @ start
+    scale = 1.0 / np.sqrt(np.where(np.diag(A) > 0, np.diag(A), 1.0))
+    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
+    seen = values > _EXCITED * values[-1]
+    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    return _Solution(
+        start + scale * (inverse @ (scale * b)),
+        inverse * np.outer(scale, scale),
+        float(np.sqrt(values[-1] / values[0])) if seen.all() else np.inf,
+        int(seen.sum()),
+    )

@@ -1,0 +1,226 @@
+"""The torque regressor of a serial arm: joint torque is linear in the inertial parameters.
+
+    tau = Y(q, dq, ddq) pi,  pi = (m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz) of each link
+
+with the inertia at the origin of the joint frame, in pinocchio's order.
+
+Source: Atkeson, An and Hollerbach, "Estimation of inertial parameters of manipulator loads and
+links", IJRR 1986.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from limo_driver.model import Inertial, RobotModel
+    from limo_driver.types import FloatArray, Motion
+
+PER_LINK = 10
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What the regressor has to know of an arm with n revolute joints in series."""
+
+    rotation: FloatArray  # (n, 3, 3), of each joint frame in the frame before, at zero
+    translation: FloatArray  # (n, 3) [m]
+    axis: FloatArray  # (n, 3), unit vectors in the joint's own frame
+    gravity: FloatArray  # (3,) [m/s²]
+
+    @classmethod
+    def of(cls, model: RobotModel) -> Chain:
+        """Read the chain of a robot.
+
+        Raises:
+            ConfigError: The joints are not in series.
+        """
+        pin_model = model.pin_model
+        if list(pin_model.parents)[1:] != list(range(model.n)):
+            raise ConfigError("the joints have to be in series", path=model.urdf)
+        placements = [pin_model.jointPlacements[j + 1] for j in range(model.n)]
+        axes: list[FloatArray] = []
+        for j in range(model.n):
+            joint = pin_model.joints[j + 1]
+            data = joint.createData()
+            joint.calc(data, np.zeros(1))
+            axes.append(np.array(data.S).ravel()[3:])
+        return cls(
+            np.array([placement.rotation for placement in placements]),
+            np.array([placement.translation for placement in placements]),
+            np.array(axes),
+            np.array(pin_model.gravity.linear),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.axis.shape[0]
+
+    def regressor(self, motion: Motion) -> FloatArray:
+        """Return Y, (n, T, 10 n): first the joint, then the sample, then the parameter."""
+        Y = np.zeros((self.n, len(motion), PER_LINK * self.n))
+        self.fill(motion, Y)
+        return Y
+
+    def fill(self, motion: Motion, Y: FloatArray) -> None:
+        """Write the regressor into Y, (n, at least T, at least 10 n), which holds zeros below."""
+        fill_regressor(
+            self.rotation,
+            self.translation,
+            self.axis,
+            self.gravity,
+            np.ascontiguousarray(motion.position),
+            np.ascontiguousarray(motion.velocity),
+            np.ascontiguousarray(motion.acceleration),
+            Y,
+        )
+
+
+def parameters_of(inertial: Inertial) -> FloatArray:
+    """Return (m, m c, I at the joint frame) of a link, (10,)."""
+    c = np.array(inertial.com)
+    m = inertial.mass
+    I = inertial.tensor() + m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    return np.array([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+
+
+@njit(cache=True)
+def fill_regressor(
+    rotation: FloatArray,
+    translation: FloatArray,
+    axis: FloatArray,
+    gravity: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    Y: FloatArray,
+) -> None:
+    """Write the regressor of T samples into Y (n, T, 10 n); entries of links below stay.
+
+    Forward over the links, with everything in the frame of link i: its angular velocity w and
+    acceleration dw, the acceleration a of its origin against free fall, and for each joint j up
+    to i its axis z_j and the vector r_j from its origin. The link's force f and moment m then give
+    joint j the torque z_j · m + (z_j × r_j) · f, both linear in the parameters of link i.
+    """
+    n = axis.shape[0]
+    z, r = np.zeros((n, 3)), np.zeros((n, 3))
+    R, S = np.zeros((3, 3)), np.zeros((3, 3))
+    w, dw, a = np.zeros(3), np.zeros(3), np.zeros(3)
+    for t in range(position.shape[0]):
+        w[:], dw[:] = 0.0, 0.0
+        a[:] = -gravity
+        for i in range(n):
+            _rotation(rotation[i], axis[i], position[t, i], R)
+            _move(R, translation[i], axis[i], velocity[t, i], acceleration[t, i], w, dw, a)
+            for j in range(i):
+                r[j] += translation[i]
+                _to_child(R, r[j])
+                _to_child(R, z[j])
+            z[i], r[i] = axis[i], 0.0
+            _angular_matrix(w, dw, S)
+            for j in range(i + 1):
+                _row(z[j], r[j], w, dw, a, S, Y[j, t, PER_LINK * i : PER_LINK * (i + 1)])
+
+
+@njit(cache=True, inline="always")
+def _cross(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
+    return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
+
+
+@njit(cache=True)
+def _rotation(fixed: FloatArray, axis: FloatArray, angle: float, R: FloatArray) -> None:
+    """Write fixed · Rot(axis, angle), child to parent, into R."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    k = 1.0 - c
+    for row in range(3):
+        f0, f1, f2 = fixed[row, 0], fixed[row, 1], fixed[row, 2]
+        R[row, 0] = f0 * (c + x * x * k) + f1 * (x * y * k + z * s) + f2 * (x * z * k - y * s)
+        R[row, 1] = f0 * (x * y * k - z * s) + f1 * (c + y * y * k) + f2 * (y * z * k + x * s)
+        R[row, 2] = f0 * (x * z * k + y * s) + f1 * (y * z * k - x * s) + f2 * (c + z * z * k)
+
+
+@njit(cache=True, inline="always")
+def _to_child(R: FloatArray, x: FloatArray) -> None:
+    """Express x in the child's frame, in place."""
+    x0 = R[0, 0] * x[0] + R[1, 0] * x[1] + R[2, 0] * x[2]
+    x1 = R[0, 1] * x[0] + R[1, 1] * x[1] + R[2, 1] * x[2]
+    x[2] = R[0, 2] * x[0] + R[1, 2] * x[1] + R[2, 2] * x[2]
+    x[0], x[1] = x0, x1
+
+
+@njit(cache=True)
+def _move(
+    R: FloatArray,
+    offset: FloatArray,
+    axis: FloatArray,
+    velocity: float,
+    acceleration: float,
+    w: FloatArray,
+    dw: FloatArray,
+    a: FloatArray,
+) -> None:
+    """Take w, dw and a from the parent's frame to the child's, in place."""
+    wp0, wp1, wp2 = _cross(w, offset)
+    dp0, dp1, dp2 = _cross(dw, offset)
+    a[0] += dp0 + w[1] * wp2 - w[2] * wp1
+    a[1] += dp1 + w[2] * wp0 - w[0] * wp2
+    a[2] += dp2 + w[0] * wp1 - w[1] * wp0
+    _to_child(R, a)
+    _to_child(R, w)
+    _to_child(R, dw)
+    g0, g1, g2 = _cross(w, axis)
+    dw[0] += axis[0] * acceleration + g0 * velocity
+    dw[1] += axis[1] * acceleration + g1 * velocity
+    dw[2] += axis[2] * acceleration + g2 * velocity
+    for k in range(3):
+        w[k] += axis[k] * velocity
+
+
+@njit(cache=True)
+def _angular_matrix(w: FloatArray, dw: FloatArray, S: FloatArray) -> None:
+    """Write [dw]× + [w]× [w]× into S: the acceleration of a point at c is a + S c."""
+    ww = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    for k in range(3):
+        for m in range(3):
+            S[k, m] = w[k] * w[m]
+        S[k, k] -= ww
+    S[0, 1] -= dw[2]
+    S[0, 2] += dw[1]
+    S[1, 0] += dw[2]
+    S[1, 2] -= dw[0]
+    S[2, 0] -= dw[1]
+    S[2, 1] += dw[0]
+
+
+@njit(cache=True)
+def _row(
+    z: FloatArray,
+    r: FloatArray,
+    w: FloatArray,
+    dw: FloatArray,
+    a: FloatArray,
+    S: FloatArray,
+    y: FloatArray,
+) -> None:
+    """Write what the ten parameters of a link add to the torque about axis z at distance r."""
+    l0, l1, l2 = _cross(z, r)
+    h0, h1, h2 = _cross(a, z)
+    u0, u1, u2 = _cross(z, w)
+    y[0] = l0 * a[0] + l1 * a[1] + l2 * a[2]
+    y[1] = l0 * S[0, 0] + l1 * S[1, 0] + l2 * S[2, 0] + h0
+    y[2] = l0 * S[0, 1] + l1 * S[1, 1] + l2 * S[2, 1] + h1
+    y[3] = l0 * S[0, 2] + l1 * S[1, 2] + l2 * S[2, 2] + h2
+    y[4] = z[0] * dw[0] + u0 * w[0]
+    y[5] = z[0] * dw[1] + z[1] * dw[0] + u0 * w[1] + u1 * w[0]
+    y[6] = z[1] * dw[1] + u1 * w[1]
+    y[7] = z[0] * dw[2] + z[2] * dw[0] + u0 * w[2] + u2 * w[0]
+    y[8] = z[1] * dw[2] + z[2] * dw[1] + u1 * w[2] + u2 * w[1]
+    y[9] = z[2] * dw[2] + u2 * w[2]
