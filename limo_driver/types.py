@@ -7,6 +7,7 @@ Arrays are float64 and read-only, since they are shared.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -27,20 +28,24 @@ def readonly(values: ArrayLike) -> FloatArray:
 
 
 class ArrayFields:
-    """Make every array field of a frozen dataclass read-only float64 of one length n."""
+    """Make every array field of a frozen dataclass a read-only float64 array of one length n."""
 
     def __post_init__(self) -> None:
-        lengths: dict[str, tuple[int, ...]] = {}
-        for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
-            value = getattr(self, field.name)
-            if isinstance(value, (np.ndarray, list)):
-                array = readonly(value)
-                object.__setattr__(self, field.name, array)
-                lengths[field.name] = array.shape
-        n = next(iter(lengths.values()), ())
-        for name, shape in lengths.items():
-            if len(shape) != 1 or shape != n:
-                raise ShapeError(name, shape, f"{n if len(n) == 1 else '(n,)'}")
+        shape: tuple[int, ...] | None = None
+        for name in _array_fields(type(self)):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+            if shape is None and array.ndim == 1:
+                shape = array.shape
+            if array.shape != shape:
+                raise ShapeError(name, array.shape, "(n,)" if shape is None else f"{shape}")
+
+
+@cache
+def _array_fields(owner: type) -> tuple[str, ...]:
+    """Return the names of the array fields of a dataclass; states are made at 1 kHz."""
+    return tuple(item.name for item in fields(owner) if item.type in {"FloatArray", FloatArray})
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,7 @@ class Motion:
     acceleration: FloatArray  # (T, n) [rad/s^2]
 
     def __post_init__(self) -> None:
-        for field in fields(self):
+        for field in fields(Motion):
             object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
         if self.position.ndim != 2:  # noqa: PLR2004  # (T, n)
             raise ShapeError("position", self.position.shape, "(T, n)")

@@ -1,0 +1,169 @@
+"""Robot: one arm, simulated or real; the constructor opens it and `with` closes it.
+
+A backend writes only how a measurement gets off the wire and a set-point onto it (`_receive`,
+`_send`, `_close`). The base keeps the books: the safety contract, the one set-point of each cycle,
+stale measurements, and the end of the session.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from limo_driver.errors import ConnectionLostError, CycleTimeoutError, HoldingError
+from limo_driver.safety import START_TOLERANCE, SafetyContract
+from limo_driver.types import JointState
+
+if TYPE_CHECKING:
+    from types import TracebackType
+    from typing import Self
+
+    from limo_driver.types import FloatArray, JointCommand, RobotSpec
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What a backend reads in one cycle."""
+
+    time: float  # [s], monotonic, of the robot
+    position: FloatArray  # (n,) [rad]
+    velocity: FloatArray  # (n,) [rad/s]
+    torque: FloatArray  # (n,) [N m]
+    sequence: int  # counts the robot's cycles
+
+
+class Robot(ABC):
+    """An arm that is read and commanded once every cycle.
+
+    ```python
+    with open_robot("mujoco") as robot:
+        state = robot.receive()
+        for position in positions_from(state.position):
+            robot.send(PositionCommand(position=position))
+            state = robot.receive()
+    ```
+
+    Args:
+        spec: The arm and its limits.
+        start_tolerance: How far the first position may be from the measured pose [rad].
+    """
+
+    def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
+        self.spec = spec
+        self._contract = SafetyContract(spec, start_tolerance)
+        self._state: JointState | None = None
+        self._answered = True  # the set-point of this cycle was sent
+        self._open = True
+
+    def receive(self, timeout: float | None = None) -> JointState:
+        """Wait for the next cycle and return its state.
+
+        A cycle for which no command was sent continues the command in force, until that expires.
+        When no measurement came, the last known values are returned, flagged as stale.
+
+        Args:
+            timeout: Longest wait [s]; the backend's own if not given.
+
+        Raises:
+            CycleTimeoutError: Nothing was ever measured, or not within `timeout`.
+            ConnectionLostError: The robot is closed or gone.
+        """
+        if not self._open:
+            raise ConnectionLostError("the robot is closed; open it again")
+        if not self._answered and (command := self._contract.stand_in()) is not None:
+            self._send(command)
+        measured = self._receive(timeout)
+        state = self._state_of(measured, timeout)
+        self._answered = False
+        self._contract.observe(state)
+        if self._contract.holding:
+            state = replace(state, holding=True)
+        self._state = state
+        return state
+
+    def send(self, command: JointCommand) -> JointCommand:
+        """Answer the last state with a command; the last one of a cycle counts.
+
+        Returns:
+            What was really sent: the command within the limits, with the limits that changed it.
+
+        Raises:
+            HoldingError: The arm holds; call `resume` first.
+            JointLimitError: Not finite, or the first position is far from the measured pose.
+            ShapeError: Another number of joints.
+        """
+        if not self._open:
+            raise HoldingError("the robot is closed")
+        starts = self._contract.idle
+        sent = self._contract.admit(command)
+        if starts:
+            self._begin()
+        self._send(sent)
+        self._answered = True
+        return sent
+
+    def hold(self, reason: str = "asked to hold") -> None:
+        """Slow down within the limits, then keep the pose; commands are refused until `resume`."""
+        self._contract.hold(reason)
+
+    def resume(self) -> None:
+        """Take commands again, starting from the measured pose.
+
+        Raises:
+            ConnectionLostError: The robot is closed.
+        """
+        if not self._open:
+            raise ConnectionLostError("the robot is closed; open it again")
+        self._contract.resume()
+
+    @property
+    def standing(self) -> bool:
+        """Whether the arm is told to rest: it holds, or takes no commands yet, without moving."""
+        return self._contract.standing
+
+    def close(self) -> None:
+        """End the session; a second call does nothing."""
+        if self._open:
+            self._open = False
+            self._contract.hold("the robot is closed")
+            self._close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _state_of(self, measured: Measurement | None, timeout: float | None) -> JointState:
+        if measured is None:
+            if self._state is None:
+                raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
+            return replace(self._state, stale=True, holding=False)
+        return JointState(
+            time=measured.time,
+            position=measured.position,
+            velocity=measured.velocity,
+            torque=measured.torque,
+            sequence=measured.sequence,
+        )
+
+    @abstractmethod
+    def _receive(self, timeout: float | None) -> Measurement | None:
+        """Wait for one cycle; return its measurement, or None if it was lost."""
+
+    @abstractmethod
+    def _send(self, command: JointCommand) -> None:
+        """Put a set-point, within the limits, on the wire."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Let go of the robot; called once."""
+
+    def _begin(self) -> None:  # noqa: B027  # most backends have nothing to forget
+        """Prepare for a new stream of commands, which starts from the measured pose."""

@@ -1,0 +1,264 @@
+"""The safety contract, the same for every backend.
+
+Idle until the first command, which has to start from the measured pose; active while valid
+commands come; holding after anything else: an expired command, a fault, a request. A hold slows
+down within the limits, then keeps the pose, and ends only by `resume`.
+
+Every cycle has exactly one set-point, and every set-point keeps the limits of position, velocity,
+acceleration, torque and torque rate, whatever was commanded. A command that cannot be read (not
+finite, wrong length) is refused before anything is sent.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
+from limo_driver.setpoints import LIMIT_NAMES, limit_positions, limit_torques, slow_down
+from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
+
+START_TOLERANCE = 0.02  # [rad], distance of the first command from the measured pose
+RANGE_TOLERANCE = 0.01  # [rad], how far outside its range a joint may be carried
+VELOCITY_TOLERANCE = 1.2  # times the velocity limit that a measured velocity may reach
+STALE_TIMEOUT = 0.1  # [s] without a measurement after which the arm holds
+
+
+class Phase(Enum):
+    """Where a robot stands in the contract."""
+
+    IDLE = "idle"
+    ACTIVE = "active"
+    HOLDING = "holding"
+
+
+@dataclass
+class _Memory:
+    """All that the contract remembers from one cycle to the next."""
+
+    position: FloatArray  # (n,) set-point of this cycle [rad]
+    velocity: FloatArray  # (n,) its velocity [rad/s]
+    torque: FloatArray  # (n,) torque set-point [N m]
+    goal: FloatArray  # (n,) the position last commanded [rad]
+    phase: Phase = Phase.IDLE
+    reason: str = ""
+    state: JointState | None = None
+    time: float = 0.0  # robot time, also while measurements are lost [s]
+    command: JointCommand | None = None  # in force
+    command_time: float = 0.0
+    sent: tuple[FloatArray, FloatArray, FloatArray] | None = None  # set-point of the next cycle
+
+
+class SafetyContract:
+    """Decides what is sent in each cycle.
+
+    Args:
+        spec: The robot and its limits.
+        start_tolerance: How far the first position may be from the measured pose [rad].
+    """
+
+    def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
+        self.spec = spec
+        self.start_tolerance = start_tolerance
+        zero = np.zeros(spec.n)
+        self._memory = _Memory(zero, zero, zero, zero)
+
+    @property
+    def holding(self) -> bool:
+        """Whether commands are refused until `resume`."""
+        return self._memory.phase is Phase.HOLDING
+
+    @property
+    def idle(self) -> bool:
+        """Whether the next command starts a new stream."""
+        return self._memory.phase is Phase.IDLE
+
+    @property
+    def standing(self) -> bool:
+        """Whether the set-point is at rest."""
+        memory = self._memory
+        return memory.phase is not Phase.ACTIVE and not memory.velocity.any()
+
+    def observe(self, state: JointState) -> None:
+        """Take note of the state that opens a cycle; expired commands and faults lead to hold."""
+        memory = self._memory
+        first, memory.state = memory.state is None, state
+        memory.time = memory.time + self.spec.period if state.stale else state.time
+        if first:
+            memory.position = memory.goal = state.position
+        if memory.sent is not None:
+            memory.position, memory.velocity, memory.torque = memory.sent
+            memory.sent = None
+        if memory.phase is Phase.ACTIVE and (reason := self._fault(state)):
+            self.hold(reason)
+
+    def admit(self, command: JointCommand) -> JointCommand:
+        """Return what may be sent instead of `command` in this cycle.
+
+        Raises:
+            HoldingError: The arm holds.
+            JointLimitError: Not finite, or the first position is far from the measured pose.
+            ShapeError: Another number of joints.
+            ConfigError: `valid_for` is no positive time.
+        """
+        memory = self._memory
+        if memory.phase is Phase.HOLDING:
+            raise HoldingError(memory.reason)
+        if memory.state is None:
+            raise BackendError("a command answers a state; call receive() before the first send()")
+        check_readable(command, self.spec.n)
+        if memory.phase is Phase.IDLE or _moves(command) != _moves(memory.command):
+            self._start(command, memory.state)
+        memory.phase, memory.command, memory.command_time = Phase.ACTIVE, command, memory.time
+        return self._limited(command)
+
+    def stand_in(self) -> JointCommand | None:
+        """Return what to send in a cycle for which no command came; None while idle."""
+        memory = self._memory
+        if memory.phase is Phase.ACTIVE and memory.command is not None:
+            return self._limited(memory.command)
+        if memory.phase is Phase.HOLDING and memory.state is not None:
+            limits = self.spec.limits
+            position, velocity = slow_down(
+                memory.position, memory.velocity, limits.acceleration, self.spec.period
+            )
+            memory.sent = position, velocity, np.zeros(self.spec.n)
+            return PositionCommand(position=position)
+        return None
+
+    def hold(self, reason: str) -> None:
+        """Slow down, keep the pose and refuse commands; a hold keeps its first reason."""
+        memory = self._memory
+        if memory.phase is Phase.HOLDING:
+            return
+        if memory.state is not None and (memory.phase is Phase.IDLE or not _moves(memory.command)):
+            memory.position = memory.state.position
+            memory.velocity = (
+                memory.state.velocity if memory.command is not None else np.zeros(self.spec.n)
+            )
+        memory.phase, memory.reason, memory.command, memory.sent = Phase.HOLDING, reason, None, None
+
+    def resume(self) -> None:
+        """End a hold: the next command starts again from the measured pose."""
+        if self._memory.phase is Phase.HOLDING:
+            self._memory.phase, self._memory.reason = Phase.IDLE, ""
+
+    def save(self) -> object:
+        """Return a copy of all that the contract remembers."""
+        return deepcopy(self._memory)
+
+    def restore(self, saved: object) -> None:
+        """Go back to what `save` returned."""
+        if not isinstance(saved, _Memory):
+            raise TypeError(f"expected what save() returned, given {type(saved).__name__}")
+        self._memory = deepcopy(saved)
+
+    def _fault(self, state: JointState) -> str:
+        """Say why the arm has to hold; empty if it need not."""
+        memory, limits = self._memory, self.spec.limits
+        command = memory.command
+        if state.stale:
+            lost = memory.time - state.time
+            if lost > STALE_TIMEOUT:
+                return f"no measurement for {lost:.3g} s"
+        elif np.any(np.abs(state.velocity) > VELOCITY_TOLERANCE * limits.velocity):
+            j = int(np.argmax(np.abs(state.velocity) / limits.velocity))
+            return f"joint {j + 1} moves at {state.velocity[j]:.3g} rad/s, beyond its limit"
+        else:
+            beyond = np.where(
+                state.velocity > 0,
+                state.position - limits.position_max,
+                limits.position_min - state.position,
+            )
+            if np.any(beyond > RANGE_TOLERANCE):
+                return f"joint {int(np.argmax(beyond)) + 1} is leaving its range"
+        if command is not None and memory.time > memory.command_time + command.valid_for + 1e-9:
+            return f"the last command expired after {command.valid_for:.3g} s"
+        return ""
+
+    def _start(self, command: JointCommand, state: JointState) -> None:
+        """Begin a stream of commands at the measured pose."""
+        memory = self._memory
+        if isinstance(command, (PositionCommand, ImpedanceCommand)):
+            off = np.abs(command.position - state.position)
+            if np.any(off > self.start_tolerance):
+                j = int(np.argmax(off))
+                measured, tolerance = float(state.position[j]), self.start_tolerance
+                raise JointLimitError(
+                    j + 1,
+                    "first position",
+                    float(command.position[j]),
+                    (measured - tolerance, measured + tolerance),
+                    "rad",
+                    "start from the measured pose, or move there first",
+                )
+            memory.goal = command.position
+        switched = memory.phase is Phase.ACTIVE
+        memory.position = state.position
+        memory.velocity = state.velocity if switched else np.zeros(self.spec.n)
+        memory.torque = np.zeros(self.spec.n)
+
+    def _limited(self, command: JointCommand) -> JointCommand:
+        """Limit a command against the set-point of this cycle and note the next one."""
+        memory, limits, period = self._memory, self.spec.limits, self.spec.period
+        position, velocity, torque = memory.position, memory.velocity, memory.torque
+        changed: dict[str, FloatArray] = {}
+        hit = np.zeros(len(LIMIT_NAMES), dtype=np.bool_)
+        if isinstance(command, (PositionCommand, ImpedanceCommand)):
+            position, velocity = limit_positions(
+                command.position, memory.goal, position, velocity, limits, period, hit
+            )
+            changed["position"] = position
+            memory.goal = command.position
+        if isinstance(command, (TorqueCommand, ImpedanceCommand)):
+            torque = limit_torques(command.torque, torque, limits, period, hit)
+            changed["torque"] = torque
+        memory.sent = position, velocity, torque
+        if not hit.any():
+            return command
+        names = tuple(name for name, was in zip(LIMIT_NAMES, hit, strict=True) if was)
+        return replace(command, limited_by=names, **changed)
+
+
+def check_readable(command: JointCommand, n: int) -> None:
+    """Refuse a command that is not finite or not for n joints.
+
+    Raises:
+        ShapeError: Another number of joints.
+        JointLimitError: Not finite, or a negative stiffness or damping.
+        ConfigError: `valid_for` is no positive time.
+    """
+    if not 0 < command.valid_for < np.inf:
+        raise ConfigError(f"valid_for = {command.valid_for} s has to be positive and finite")
+    for name, unit, lowest in _READ:
+        values = getattr(command, name, None)
+        if values is None:
+            continue
+        if values.shape != (n,):
+            raise ShapeError(name, values.shape, f"({n},)")
+        if not ((values >= lowest) & (values < np.inf)).all():
+            j = int(np.argmin((values >= lowest) & (values < np.inf)))
+            raise JointLimitError(
+                j + 1, name, float(values[j]), (lowest, np.inf), unit, "nothing was sent"
+            )
+
+
+_FINITE = -np.finfo(float).max
+_READ = (
+    ("position", "rad", _FINITE),
+    ("torque", "N m", _FINITE),
+    ("stiffness", "N m/rad", 0.0),
+    ("damping", "N m s/rad", 0.0),
+)
+
+
+def _moves(command: JointCommand | None) -> bool:
+    """Say whether a command has a position set-point."""
+    return isinstance(command, (PositionCommand, ImpedanceCommand))
