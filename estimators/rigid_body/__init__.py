@@ -1,1 +1,8 @@
 """Rigid-body estimator: base parameters and physically consistent inertias from recordings."""
+
+from estimators.rigid_body.identification import Identification, identify
+from estimators.rigid_body.model import RigidBodyModel
+from estimators.rigid_body.normal_equations import Rows
+from estimators.rigid_body.terms import JointTerms
+
+__all__ = ["Identification", "JointTerms", "RigidBodyModel", "Rows", "identify"]

@@ -73,7 +73,9 @@ def _order(n: int, terms: JointTerms) -> NDArray[np.int64]:
     links = np.arange(PER_LINK * n)
     of_terms = PER_LINK * n + np.arange(n * len(terms.all()))
     late = n if terms.armature else 0
-    return np.concatenate([of_terms[: of_terms.size - late], links, of_terms[-late:] if late else []])
+    return np.concatenate(
+        [of_terms[: of_terms.size - late], links, of_terms[-late:] if late else []]
+    )
 
 
 def _random_regressor(model: RobotModel, terms: JointTerms) -> FloatArray:

@@ -25,14 +25,16 @@ import numpy as np
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import DivergedError
 from limo_driver.model import Inertial
-from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from limo_driver.types import FloatArray
+
 _ITERATIONS = 200
 _DECREMENT = 1e-10  # Newton decrement at which the minimum is reached
-_FLATTEST = 1e-6  # smallest eigenvalue of a nominal pseudo-inertia, relative to the largest
+_LIGHTEST = 0.05  # [kg], smallest nominal mass taken seriously
+_SMALLEST = 0.01  # [m], smallest nominal radius of gyration taken seriously
 _WEAKEST_PRIOR = 1e-8  # [1/unit²] on joint terms, so that what nothing reveals is zero
 
 
@@ -44,29 +46,36 @@ class Quadratic:
     product: FloatArray  # (p,)
 
 
+@dataclass(frozen=True)
+class ConsistentFit:
+    """Full parameters that a robot can have."""
+
+    parameters: FloatArray  # (p,)
+    deviation: FloatArray  # (p,), standard deviations; 0 where held at zero
+
+
 def fit_consistent(
     data: Quadratic,
     nominal: FloatArray,
+    links: int,
     tolerance: float,
     positive: NDArray[np.bool_],
     absent: NDArray[np.bool_],
-) -> FloatArray:
+) -> ConsistentFit:
     """Minimise the cost above.
 
     Args:
         data: Weighted normal equations.
-        nominal: Full parameters (p,); inertial ones at consistent bodies.
+        nominal: Full parameters (p,), those of existing bodies (`thickened`) first.
+        links: Number of links; their parameters come first.
         tolerance: Relative standard deviation of the nominal inertias.
         positive: Joint terms that cannot be negative, (p,).
         absent: Parameters that stay at zero, (p,).
 
-    Returns:
-        Full parameters, (p,).
-
     Raises:
         DivergedError: No minimum was found.
     """
-    problem = _Problem(data, nominal, tolerance)
+    problem = _Problem(data, nominal, links, tolerance)
     held = absent.copy()
     phi = np.where(held, 0.0, nominal)
     for _ in range(nominal.size):
@@ -74,18 +83,20 @@ def fit_consistent(
         negative = positive & ~held & (phi < 0)
         released = held & ~absent & (problem.gradient(phi) < -1e-9)
         if not negative.any() and not released.any():
-            return phi
+            return ConsistentFit(phi, problem.deviation(phi, ~held))
         held = (held | negative) if negative.any() else (held & ~released)
     raise DivergedError("the friction parameters found no consistent set of signs")
 
 
 class _Problem:
-    def __init__(self, data: Quadratic, nominal: FloatArray, tolerance: float) -> None:
+    """The cost, its derivatives and its minimum over some of the parameters."""
+
+    def __init__(self, data: Quadratic, nominal: FloatArray, links: int, tolerance: float) -> None:
         self.data = data
-        self.links = _inertial_count(nominal, data) // PER_LINK
+        self.links = links
         self.precision = 1.0 / tolerance**2
         self.nominal_inverse = [
-            np.linalg.inv(_rounded(pseudo_inertia(nominal[_of(i)]))) for i in range(self.links)
+            np.linalg.inv(pseudo_inertia(nominal[_of(i)])) for i in range(links)
         ]
         self.ridge = np.zeros(nominal.size)
         self.ridge[PER_LINK * self.links :] = _WEAKEST_PRIOR
@@ -116,15 +127,27 @@ class _Problem:
             hessian[_of(i), _of(i)] += self.precision * np.einsum("kab,lba->kl", turned, turned)
         return hessian
 
+    def deviation(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+        """Return the standard deviation of each parameter (p,) at the minimum."""
+        deviation = np.zeros(phi.size)
+        H, scale = self._scaled(phi, free)
+        deviation[free] = scale * np.sqrt(np.diag(np.linalg.inv(H)))
+        return deviation
+
+    def _scaled(self, phi: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+        """Return the Hessian with a diagonal of ones, and the scale that made it so."""
+        H = self.hessian(phi)[np.ix_(free, free)]
+        scale = 1.0 / np.sqrt(np.diag(H))
+        return H * np.outer(scale, scale), scale
+
     def minimise(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
         """Take damped Newton steps in the free parameters."""
         value = self.value(phi)
         for _ in range(_ITERATIONS):
             gradient = self.gradient(phi)[free]
-            H = self.hessian(phi)[np.ix_(free, free)]
-            scale = 1.0 / np.sqrt(np.diag(H))
+            H, scale = self._scaled(phi, free)
             step = np.zeros(phi.size)
-            step[free] = -scale * np.linalg.solve(H * np.outer(scale, scale), scale * gradient)
+            step[free] = -scale * np.linalg.solve(H, scale * gradient)
             decrement = -float(step[free] @ gradient)
             if decrement < _DECREMENT:
                 return phi
@@ -140,10 +163,6 @@ class _Problem:
 
 def _of(link: int) -> slice:
     return slice(PER_LINK * link, PER_LINK * (link + 1))
-
-
-def _inertial_count(nominal: FloatArray, data: Quadratic) -> int:
-    raise NotImplementedError(nominal, data)
 
 
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
@@ -167,10 +186,19 @@ def _basis() -> FloatArray:
 _BASIS = _basis()
 
 
-def _rounded(J: FloatArray) -> FloatArray:
-    """Return J, thickened where it is flat: nominal bodies may be points or rods."""
-    values, vectors = np.linalg.eigh(J)
-    return (vectors * np.maximum(values, _FLATTEST * values[-1])) @ vectors.T
+def thickened(parameters: FloatArray) -> FloatArray:
+    """Return the parameters (10,) of a body near the one given that certainly exists.
+
+    Nominal bodies in a URDF may be points, rods, or lack mass; the fit needs room around them.
+    """
+    J = pseudo_inertia(parameters)
+    mass = max(float(J[3, 3]), _LIGHTEST)
+    com = J[:3, 3] / J[3, 3] if J[3, 3] > 0 else np.zeros(3)
+    values, vectors = np.linalg.eigh(J[:3, :3] - J[3, 3] * np.outer(com, com))
+    spread = (vectors * np.maximum(values, mass * _SMALLEST**2)) @ vectors.T
+    moment = spread + mass * np.outer(com, com)
+    I = np.trace(moment) * np.eye(3) - moment  # noqa: E741
+    return np.array([mass, *(mass * com), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
 def inertial_of(parameters: FloatArray) -> Inertial:

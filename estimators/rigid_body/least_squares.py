@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.types import FloatArray
-
 if TYPE_CHECKING:
     from estimators.rigid_body.base_parameters import BaseParameters
     from estimators.rigid_body.normal_equations import NormalEquations
+    from limo_driver.types import FloatArray
 
 _ROUNDS = 4  # of reweighting; the weights settle in two or three
 _EXCITED = 1e-12  # eigenvalue of the scaled Gram matrix, relative to the largest
@@ -30,9 +29,7 @@ class BaseFit:
     excited: int  # base parameters that the motion reveals
 
 
-def fit_base(
-    equations: NormalEquations, base: BaseParameters, nominal: FloatArray
-) -> BaseFit:
+def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArray) -> BaseFit:
     """Fit base parameters, each joint weighted by the inverse of its own error's variance.
 
     Combinations that the motion does not excite stay at their nominal value.

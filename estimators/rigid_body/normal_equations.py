@@ -15,7 +15,6 @@ import numpy as np
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.differentiation import smooth
 from limo_driver.errors import RecordingError
-from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.model import RobotModel
     from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray, Motion
 
 CHUNK = 1024  # samples; its regressor of 7 joints stays in the cache
 MOVING = 0.02  # [rad/s], above which a joint counts as moving

@@ -1,0 +1,225 @@
+"""Identify a robot from recordings: base parameters, and a simulation that a robot can be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.rigid_body.base_parameters import BaseParameters, find_base_parameters
+from estimators.rigid_body.consistent import (
+    ConsistentFit,
+    Quadratic,
+    fit_consistent,
+    inertial_of,
+    thickened,
+)
+from estimators.rigid_body.least_squares import BaseFit, fit_base
+from estimators.rigid_body.normal_equations import NormalEquations, Rows, accumulate
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.terms import JointTerms, Term
+from limo_driver.physics import Simulation
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from limo_driver.model import RobotModel
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
+
+INERTIA_TOLERANCE = 0.3  # relative, of inertias in a URDF
+_SIGNIFICANT = 3.0  # standard deviations below which an armature is left out
+_MUCH_WORSE = 1.1  # ratio of errors above which a consistent fit is worth a warning
+
+
+@dataclass(frozen=True)
+class TermEstimate:
+    """One joint's friction, offset or armature."""
+
+    effect: str
+    parameter: str
+    joint: int  # 1-based
+    value: float
+    deviation: float  # standard deviation, same unit; 0 if held at zero
+    unit: str
+
+
+@dataclass(frozen=True)
+class LinkChange:
+    """How far a link's inertia moved from its nominal value."""
+
+    link: str
+    mass: float  # [kg]
+    mass_nominal: float  # [kg]
+    com_shift: float  # [m]
+    inertia_ratio: float  # trace of the inertia at the centre of mass, over the nominal one
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What recordings say of a robot."""
+
+    model: RobotModel
+    terms: JointTerms
+    rows: Rows
+    base: BaseParameters
+    fit: BaseFit  # of the base parameters
+    simulation: Simulation  # physically consistent
+    rmse_consistent: FloatArray  # (n,) [N m], in sample
+    estimates: tuple[TermEstimate, ...]
+    links: tuple[LinkChange, ...]
+    samples: int
+    warnings: tuple[str, ...]
+
+
+def identify(
+    model: RobotModel,
+    recordings: Sequence[Recording],
+    terms: JointTerms | None = None,
+    rows: Rows | None = None,
+    tolerance: float = INERTIA_TOLERANCE,
+) -> Identification:
+    """Identify a robot.
+
+    Args:
+        model: The robot with its nominal inertias.
+        recordings: Measured motions and torques.
+        terms: What is modelled beside the inertias.
+        rows: Which rows are used, and the bandwidth.
+        tolerance: Relative standard deviation of the nominal inertias; what the motion does not
+            reveal stays there.
+
+    Raises:
+        RecordingError: A recording is of another robot, or no row is left.
+    """
+    terms, rows = terms or JointTerms(), rows or Rows()
+    base = find_base_parameters(model, terms)
+    equations = accumulate(model, terms, recordings, rows)
+    nominal = nominal_parameters(model, terms)
+    fit = fit_base(equations, base, nominal)
+    consistent = _consistent(model, terms, base, equations, fit, nominal, tolerance)
+    estimates = _estimates(model.n, terms, consistent)
+    rmse = equations.rmse(consistent.parameters)
+    return Identification(
+        model,
+        terms,
+        rows,
+        base,
+        fit,
+        _simulation(model, terms, consistent),
+        rmse,
+        estimates,
+        _changes(model, consistent),
+        sum(len(recording) for recording in recordings),
+        tuple(_warnings(base, fit, rmse, equations)),
+    )
+
+
+def nominal_parameters(model: RobotModel, terms: JointTerms) -> FloatArray:
+    links = [thickened(parameters_of(model.inertials[link])) for link in model.link_names]
+    return np.concatenate([*links, np.zeros(model.n * len(terms.all()))])
+
+
+def _consistent(
+    model: RobotModel,
+    terms: JointTerms,
+    base: BaseParameters,
+    equations: NormalEquations,
+    fit: BaseFit,
+    nominal: FloatArray,
+    tolerance: float,
+) -> ConsistentFit:
+    """Fit with the weights of the base fit, then once more without insignificant armatures."""
+    weight = fit.weight * equations.independent
+    data = Quadratic(*equations.weighted(weight))
+    first = PER_LINK * model.n
+    positive = np.zeros(nominal.size, dtype=bool)
+    positive[first:] = np.repeat([term.positive for term in terms.all()], model.n)
+    absent = np.zeros(nominal.size, dtype=bool)
+    absent[base.dependent[base.dependent >= first]] = True
+
+    def fitted(without: NDArray[np.bool_]) -> ConsistentFit:
+        return fit_consistent(data, nominal, model.n, tolerance, positive, without)
+
+    result = fitted(absent)
+    if not terms.armature:
+        return result
+    insignificant = result.parameters < _SIGNIFICANT * np.maximum(result.deviation, 1e-12)
+    insignificant[: -model.n] = False
+    return fitted(absent | insignificant)
+
+
+def _simulation(model: RobotModel, terms: JointTerms, fit: ConsistentFit) -> Simulation:
+    bodies = {
+        link: inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
+        for i, link in enumerate(model.link_names)
+    }
+    effects = tuple(
+        term.make(joint, value)
+        for term, joint, value, deviation in _by_joint(model.n, terms, fit)
+        if deviation > 0 or term.effect.endswith("friction")
+    )
+    return Simulation(robot=model.name, effects=effects, inertials=bodies)
+
+
+def _by_joint(
+    n: int, terms: JointTerms, fit: ConsistentFit
+) -> list[tuple[Term, int, float, float]]:
+    """List term, 1-based joint, value and standard deviation, joint by joint."""
+    values = fit.parameters[PER_LINK * n :].reshape(-1, n)
+    deviations = fit.deviation[PER_LINK * n :].reshape(-1, n)
+    return [
+        (term, j + 1, float(values[k, j]), float(deviations[k, j]))
+        for j in range(n)
+        for k, term in enumerate(terms.all())
+    ]
+
+
+def _estimates(n: int, terms: JointTerms, fit: ConsistentFit) -> tuple[TermEstimate, ...]:
+    return tuple(
+        TermEstimate(term.effect, term.parameter, joint, value, deviation, term.unit)
+        for term, joint, value, deviation in _by_joint(n, terms, fit)
+        if deviation > 0 or term.effect.endswith("friction")
+    )
+
+
+def _changes(model: RobotModel, fit: ConsistentFit) -> tuple[LinkChange, ...]:
+    changes: list[LinkChange] = []
+    for i, link in enumerate(model.link_names):
+        before = model.inertials[link]
+        after = inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
+        trace = float(np.trace(before.tensor()))
+        changes.append(
+            LinkChange(
+                link,
+                after.mass,
+                before.mass,
+                float(np.linalg.norm(np.subtract(after.com, before.com))),
+                float(np.trace(after.tensor())) / trace if trace > 0 else np.inf,
+            )
+        )
+    return tuple(changes)
+
+
+def _warnings(
+    base: BaseParameters, fit: BaseFit, rmse: FloatArray, equations: NormalEquations
+) -> list[str]:
+    found: list[str] = []
+    if fit.excited < base.rank:
+        found.append(
+            f"the motion reveals {fit.excited} of {base.rank} base parameters; "
+            "the others stay at their nominal value"
+        )
+    if idle := [str(j + 1) for j in np.flatnonzero(equations.count == 0)]:
+        found.append(f"no row is used for joint {', '.join(idle)}")
+    worse = np.flatnonzero(rmse > _MUCH_WORSE * np.maximum(fit.rmse, 1e-9))
+    if worse.size:
+        listed = ", ".join(f"{j + 1} ({rmse[j] / fit.rmse[j]:.2f} times)" for j in worse)
+        found.append(
+            f"a consistent body fits worse than base parameters at joint {listed}: "
+            "the torque holds what no rigid body and simple friction explain"
+        )
+    return found

@@ -1,0 +1,106 @@
+"""RigidBodyModel: tau = Y_b(q, dq, ddq) phi_b, with friction; the first stage of the paper."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.rigid_body.base_parameters import find_base_parameters
+from estimators.rigid_body.identification import nominal_parameters
+from estimators.rigid_body.least_squares import fit_base
+from estimators.rigid_body.normal_equations import CHUNK, Rows, accumulate
+from estimators.rigid_body.regressor import PER_LINK, Chain
+from estimators.rigid_body.terms import JointTerms
+from limo_driver.errors import NotFittedError, ShapeError
+from limo_driver.model import RobotModel
+from limo_driver.types import FloatArray, Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+    from typing import Self
+
+    from limo_driver.recording import Recording
+    from limo_driver.types import JointSample
+
+
+class RigidBodyModel:
+    """Torque of the rigid body with Coulomb and viscous friction, by least squares.
+
+    Args:
+        robot: Built-in name or URDF file.
+        terms: What is modelled beside the inertias.
+        rows: Which rows the fit uses; its bandwidth is also that of `predict`.
+    """
+
+    def __init__(
+        self,
+        robot: str | Path = "iiwa14",
+        terms: JointTerms | None = None,
+        rows: Rows | None = None,
+    ) -> None:
+        self.robot = robot
+        self.terms = terms or JointTerms(offset=False, armature=False)
+        self.rows = rows or Rows()
+
+    def fit(self, recordings: Sequence[Recording]) -> Self:
+        """Fit the base parameters.
+
+        Raises:
+            RecordingError: A recording is of another robot, or no row is left.
+        """
+        model = RobotModel.load(self.robot)
+        self.base_ = find_base_parameters(model, self.terms)
+        equations = accumulate(model, self.terms, recordings, self.rows)
+        self.fit_ = fit_base(equations, self.base_, nominal_parameters(model, self.terms))
+        self.parameters_ = self.base_.expand(self.fit_.parameters)
+        self.chain_ = Chain.of(model)
+        return self
+
+    def predict(self, recording: Recording) -> FloatArray:
+        """Predict the torque of a recorded motion, (T, n) [N m].
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+        """
+        return self.torque(recording.motion(self.rows.bandwidth))
+
+    def torque(self, motion: Motion) -> FloatArray:
+        """Return the torque of a motion, (T, n) [N m].
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+            ShapeError: The motion has another number of joints.
+        """
+        if not hasattr(self, "parameters_"):
+            raise NotFittedError("RigidBodyModel")
+        n = self.chain_.n
+        if motion.n != n:
+            raise ShapeError("motion", motion.position.shape, f"(T, {n})")
+        body, own = self.parameters_[: PER_LINK * n], self.parameters_[PER_LINK * n :]
+        torque = np.empty(motion.position.shape)
+        Y = np.zeros((n, min(CHUNK, len(motion)), PER_LINK * n))
+        for start in range(0, len(motion), CHUNK):
+            chunk = motion[start : start + CHUNK]
+            self.chain_.fill(chunk, Y)
+            torque[start : start + CHUNK] = (Y[:, : len(chunk)] @ body).T
+        columns = self.terms.columns(motion.velocity, motion.acceleration)
+        return torque + np.einsum("tjk,kj->tj", columns, own.reshape(-1, n))
+
+    def init(self) -> None:
+        """Return no memory: the model has none."""
+
+    def step(self, state: None, sample: JointSample) -> tuple[FloatArray, None]:
+        """Return the torque (n,) [N m] of one sample.
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+        """
+        motion = Motion(
+            np.array([sample.time]),
+            sample.position[None],
+            sample.velocity[None],
+            sample.acceleration[None],
+        )
+        return self.torque(motion)[0], state
