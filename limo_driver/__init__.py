@@ -1,1 +1,59 @@
-"""limo: driver, simulator and torque estimator for slow, force-sensitive robot arms."""
+"""limo: driver, simulator and torque estimator for slow, force-sensitive robot arms.
+
+The names below are imported when they are first used, so that `import limo_driver` stays cheap.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from limo_driver.errors import LimoError
+    from limo_driver.model import RobotModel
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+    from limo_driver.registry import open_robot
+    from limo_driver.robot import Robot
+    from limo_driver.trajectory import Trajectory
+    from limo_driver.types import (
+        ImpedanceCommand,
+        JointState,
+        Motion,
+        PositionCommand,
+        TorqueCommand,
+    )
+
+_HOME = {
+    "ImpedanceCommand": "types",
+    "JointState": "types",
+    "LimoError": "errors",
+    "Motion": "types",
+    "PositionCommand": "types",
+    "Recording": "recording",
+    "Robot": "robot",
+    "RobotModel": "model",
+    "Simulation": "physics",
+    "TorqueCommand": "types",
+    "Trajectory": "trajectory",
+    "open_robot": "registry",
+}
+
+__all__ = [
+    "ImpedanceCommand",
+    "JointState",
+    "LimoError",
+    "Motion",
+    "PositionCommand",
+    "Recording",
+    "Robot",
+    "RobotModel",
+    "Simulation",
+    "TorqueCommand",
+    "Trajectory",
+    "open_robot",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
