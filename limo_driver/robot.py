@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import ConnectionLostError, CycleTimeoutError, HoldingError
 from limo_driver.safety import START_TOLERANCE, SafetyContract
@@ -139,6 +139,14 @@ class Robot(ABC):
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _save_session(self) -> object:
+        """Return a copy of the books, for simulated robots that can go back."""
+        return self._contract.save(), self._state, self._answered
+
+    def _restore_session(self, saved: Any) -> None:  # noqa: ANN401  # what _save_session returned
+        contract, self._state, self._answered = saved
+        self._contract.restore(contract)
 
     def _state_of(self, measured: Measurement | None, timeout: float | None) -> JointState:
         if measured is None:

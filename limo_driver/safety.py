@@ -19,10 +19,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
-from limo_driver.setpoints import LIMIT_NAMES, limit_positions, limit_torques, slow_down
+from limo_driver.setpoints import (
+    LIMIT_NAMES,
+    limit_path,
+    limit_positions,
+    limit_torques,
+    slow_down,
+)
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
 
 START_TOLERANCE = 0.02  # [rad], distance of the first command from the measured pose
@@ -39,21 +47,28 @@ class Phase(Enum):
     HOLDING = "holding"
 
 
+@dataclass(frozen=True)
+class _Setpoint:
+    """What the arm is told in one cycle; each array has shape (n,)."""
+
+    position: FloatArray  # [rad]
+    velocity: FloatArray  # [rad/s]
+    torque: FloatArray  # [N m]
+    goal: FloatArray  # the position that was commanded [rad]
+
+
 @dataclass
 class _Memory:
     """All that the contract remembers from one cycle to the next."""
 
-    position: FloatArray  # (n,) set-point of this cycle [rad]
-    velocity: FloatArray  # (n,) its velocity [rad/s]
-    torque: FloatArray  # (n,) torque set-point [N m]
-    goal: FloatArray  # (n,) the position last commanded [rad]
+    now: _Setpoint
+    after: _Setpoint | None = None  # of the next cycle, once it was sent
     phase: Phase = Phase.IDLE
     reason: str = ""
     state: JointState | None = None
     time: float = 0.0  # robot time, also while measurements are lost [s]
     command: JointCommand | None = None  # in force
     command_time: float = 0.0
-    sent: tuple[FloatArray, FloatArray, FloatArray] | None = None  # set-point of the next cycle
 
 
 class SafetyContract:
@@ -68,7 +83,7 @@ class SafetyContract:
         self.spec = spec
         self.start_tolerance = start_tolerance
         zero = np.zeros(spec.n)
-        self._memory = _Memory(zero, zero, zero, zero)
+        self._memory = _Memory(_Setpoint(zero, zero, zero, zero))
 
     @property
     def holding(self) -> bool:
@@ -84,18 +99,18 @@ class SafetyContract:
     def standing(self) -> bool:
         """Whether the set-point is at rest."""
         memory = self._memory
-        return memory.phase is not Phase.ACTIVE and not memory.velocity.any()
+        return memory.phase is not Phase.ACTIVE and not memory.now.velocity.any()
 
     def observe(self, state: JointState) -> None:
         """Take note of the state that opens a cycle; expired commands and faults lead to hold."""
         memory = self._memory
-        first, memory.state = memory.state is None, state
+        if memory.state is None:
+            zero = np.zeros(self.spec.n)
+            memory.now = _Setpoint(state.position, zero, zero, state.position)
+        memory.state = state
         memory.time = memory.time + self.spec.period if state.stale else state.time
-        if first:
-            memory.position = memory.goal = state.position
-        if memory.sent is not None:
-            memory.position, memory.velocity, memory.torque = memory.sent
-            memory.sent = None
+        if memory.after is not None:
+            memory.now, memory.after = memory.after, None
         if memory.phase is Phase.ACTIVE and (reason := self._fault(state)):
             self.hold(reason)
 
@@ -108,28 +123,40 @@ class SafetyContract:
             ShapeError: Another number of joints.
             ConfigError: `valid_for` is no positive time.
         """
-        memory = self._memory
-        if memory.phase is Phase.HOLDING:
-            raise HoldingError(memory.reason)
-        if memory.state is None:
-            raise BackendError("a command answers a state; call receive() before the first send()")
-        check_readable(command, self.spec.n)
-        if memory.phase is Phase.IDLE or _moves(command) != _moves(memory.command):
-            self._start(command, memory.state)
-        memory.phase, memory.command, memory.command_time = Phase.ACTIVE, command, memory.time
+        self._take(command)
         return self._limited(command)
+
+    def admit_path(self, targets: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+        """Return the set-points of T coming cycles, one position each, and the limits they met.
+
+        The same as to `admit` each row in its cycle, in one go, for robots that simulate ahead.
+
+        Args:
+            targets: Commanded positions, (T, n) [rad].
+        """
+        unreadable = int(np.argmin(np.isfinite(targets).all(axis=1)))
+        check_readable(PositionCommand(position=targets[unreadable]), self.spec.n)
+        self._take(PositionCommand(position=targets[0]))
+        memory, now = self._memory, self._memory.now
+        hit = np.zeros(len(LIMIT_NAMES), dtype=np.bool_)
+        path, speed = limit_path(
+            targets, now.goal, now.position, now.velocity, self.spec.limits, self.spec.period, hit
+        )
+        memory.command = PositionCommand(position=targets[-1])
+        memory.after = _Setpoint(path[-1], speed[-1], now.torque, memory.command.position)
+        memory.command_time += (len(targets) - 1) * self.spec.period
+        return path, _names(hit)
 
     def stand_in(self) -> JointCommand | None:
         """Return what to send in a cycle for which no command came; None while idle."""
-        memory = self._memory
+        memory, now = self._memory, self._memory.now
         if memory.phase is Phase.ACTIVE and memory.command is not None:
             return self._limited(memory.command)
         if memory.phase is Phase.HOLDING and memory.state is not None:
-            limits = self.spec.limits
             position, velocity = slow_down(
-                memory.position, memory.velocity, limits.acceleration, self.spec.period
+                now.position, now.velocity, self.spec.limits.acceleration, self.spec.period
             )
-            memory.sent = position, velocity, np.zeros(self.spec.n)
+            memory.after = _Setpoint(position, velocity, np.zeros(self.spec.n), position)
             return PositionCommand(position=position)
         return None
 
@@ -138,12 +165,13 @@ class SafetyContract:
         memory = self._memory
         if memory.phase is Phase.HOLDING:
             return
-        if memory.state is not None and (memory.phase is Phase.IDLE or not _moves(memory.command)):
-            memory.position = memory.state.position
-            memory.velocity = (
-                memory.state.velocity if memory.command is not None else np.zeros(self.spec.n)
+        if memory.state is not None and not _moves(memory.command):
+            moving = memory.state.velocity if memory.phase is Phase.ACTIVE else 0.0
+            memory.now = replace(
+                memory.now, position=memory.state.position, velocity=moving + np.zeros(self.spec.n)
             )
-        memory.phase, memory.reason, memory.command, memory.sent = Phase.HOLDING, reason, None, None
+        memory.phase, memory.reason = Phase.HOLDING, reason
+        memory.command = memory.after = None
 
     def resume(self) -> None:
         """End a hold: the next command starts again from the measured pose."""
@@ -183,48 +211,61 @@ class SafetyContract:
             return f"the last command expired after {command.valid_for:.3g} s"
         return ""
 
+    def _take(self, command: JointCommand) -> None:
+        """Refuse a command, or let it be the one in force."""
+        memory = self._memory
+        if memory.phase is Phase.HOLDING:
+            raise HoldingError(memory.reason)
+        if memory.state is None:
+            raise BackendError("a command answers a state; call receive() before the first send()")
+        check_readable(command, self.spec.n)
+        if memory.phase is Phase.IDLE or _moves(command) != _moves(memory.command):
+            self._start(command, memory.state)
+        memory.phase, memory.command, memory.command_time = Phase.ACTIVE, command, memory.time
+
     def _start(self, command: JointCommand, state: JointState) -> None:
         """Begin a stream of commands at the measured pose."""
-        memory = self._memory
+        goal, zero = state.position, np.zeros(self.spec.n)
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
-            off = np.abs(command.position - state.position)
-            if np.any(off > self.start_tolerance):
-                j = int(np.argmax(off))
-                measured, tolerance = float(state.position[j]), self.start_tolerance
-                raise JointLimitError(
-                    j + 1,
-                    "first position",
-                    float(command.position[j]),
-                    (measured - tolerance, measured + tolerance),
-                    "rad",
-                    "start from the measured pose, or move there first",
-                )
-            memory.goal = command.position
-        switched = memory.phase is Phase.ACTIVE
-        memory.position = state.position
-        memory.velocity = state.velocity if switched else np.zeros(self.spec.n)
-        memory.torque = np.zeros(self.spec.n)
+            self._check_start(command.position, state.position)
+            goal = command.position
+        moving = self._memory.phase is Phase.ACTIVE  # another control mode takes over
+        self._memory.now = _Setpoint(state.position, state.velocity if moving else zero, zero, goal)
+
+    def _check_start(self, position: FloatArray, measured: FloatArray) -> None:
+        off = np.abs(position - measured)
+        if np.any(off > self.start_tolerance):
+            j, tolerance = int(np.argmax(off)), self.start_tolerance
+            raise JointLimitError(
+                j + 1,
+                "first position",
+                float(position[j]),
+                (float(measured[j]) - tolerance, float(measured[j]) + tolerance),
+                "rad",
+                "start from the measured pose, or move there first",
+            )
 
     def _limited(self, command: JointCommand) -> JointCommand:
         """Limit a command against the set-point of this cycle and note the next one."""
-        memory, limits, period = self._memory, self.spec.limits, self.spec.period
-        position, velocity, torque = memory.position, memory.velocity, memory.torque
+        now, limits, period = self._memory.now, self.spec.limits, self.spec.period
+        position, velocity, torque, goal = now.position, now.velocity, now.torque, now.goal
         changed: dict[str, FloatArray] = {}
         hit = np.zeros(len(LIMIT_NAMES), dtype=np.bool_)
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
+            goal = command.position
             position, velocity = limit_positions(
-                command.position, memory.goal, position, velocity, limits, period, hit
+                goal, now.goal, position, velocity, limits, period, hit
             )
             changed["position"] = position
-            memory.goal = command.position
         if isinstance(command, (TorqueCommand, ImpedanceCommand)):
             torque = limit_torques(command.torque, torque, limits, period, hit)
             changed["torque"] = torque
-        memory.sent = position, velocity, torque
-        if not hit.any():
-            return command
-        names = tuple(name for name, was in zip(LIMIT_NAMES, hit, strict=True) if was)
-        return replace(command, limited_by=names, **changed)
+        self._memory.after = _Setpoint(position, velocity, torque, goal)
+        return replace(command, limited_by=_names(hit), **changed) if hit.any() else command
+
+
+def _names(hit: NDArray[np.bool_]) -> tuple[str, ...]:
+    return tuple(name for name, was in zip(LIMIT_NAMES, hit, strict=True) if was)
 
 
 def check_readable(command: JointCommand, n: int) -> None:

@@ -42,9 +42,23 @@ def limit_positions(
         period: Cycle [s].
         hit: Set true for each limit that changed the target, in the order of `LIMIT_NAMES`.
     """
-    after = np.empty((2, target.size))
-    _limit_positions(
-        target,
+    path, speeds = limit_path(target[None], goal, position, velocity, limits, period, hit)
+    return path[0], speeds[0]
+
+
+def limit_path(
+    targets: FloatArray,
+    goal: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    limits: JointLimits,
+    period: float,
+    hit: NDArray[np.bool_],
+) -> tuple[FloatArray, FloatArray]:
+    """Apply `limit_positions` to one target after the other; (T, n) set-points and velocities."""
+    after = np.empty((2, *targets.shape))
+    _limit_path(
+        targets,
         goal,
         position,
         velocity,
@@ -84,8 +98,8 @@ def slow_down(
 
 
 @njit(cache=True)
-def _limit_positions(
-    target: FloatArray,
+def _limit_path(
+    targets: FloatArray,
     goal: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
@@ -97,35 +111,61 @@ def _limit_positions(
     hit: NDArray[np.bool_],
     after: FloatArray,
 ) -> None:
-    """Write the next set-point and its velocity into `after`, (2, n)."""
-    for j in range(target.size):
+    """Write the set-points and their velocities into `after`, (2, T, n)."""
+    for j in range(goal.size):
+        q, v, last = position[j], velocity[j], min(max(goal[j], lower[j]), upper[j])
         change = acceleration[j] * period  # of velocity in one cycle
-        top = fastest[j]
-        aim = min(max(target[j], lower[j]), upper[j])
-        drift = (aim - min(max(goal[j], lower[j]), upper[j])) / period
-        direct = (aim - position[j]) / period
-        high = min(top, max(_braking(upper[j] - position[j], change, period), 0.0))
-        low = -min(top, max(_braking(position[j] - lower[j], change, period), 0.0))
-        if (
-            abs(direct - velocity[j]) <= change * (1 + _ROUNDING)
-            and abs(direct - drift) <= change * (1 + _ROUNDING)
-            and low * (1 + _ROUNDING) <= direct <= high * (1 + _ROUNDING)
-        ):
-            after[0, j], after[1, j] = aim, direct
-            hit[_POSITION] |= aim != target[j]
-            continue
-        hit[_POSITION] |= aim != target[j]
-        hit[_VELOCITY] |= abs(direct) > top
-        drift = min(max(drift, -top), top)
-        behind = aim - position[j] - drift * period
-        wanted = drift + math.copysign(
-            min(_braking(abs(behind), change, period), abs(behind) / period), behind
-        )
-        within = min(max(wanted, low), high)
-        hit[_POSITION] |= within != min(max(wanted, -top), top)
-        reached = min(max(within, velocity[j] - change), velocity[j] + change)
-        hit[_ACCELERATION] |= reached != within or abs(wanted - direct) > change
-        after[0, j], after[1, j] = position[j] + reached * period, reached
+        for t in range(targets.shape[0]):
+            aim = min(max(targets[t, j], lower[j]), upper[j])
+            hit[_POSITION] |= aim != targets[t, j]
+            high = min(fastest[j], _braking(upper[j] - q, change, period))
+            low = -min(fastest[j], _braking(q - lower[j], change, period))
+            drift, last = (aim - last) / period, aim
+            direct = (aim - q) / period
+            if _in_reach(direct, v, drift, low, high, change):
+                q, v = aim, direct
+            else:
+                v = _follow(direct, v, drift, low, high, fastest[j], change, period, hit)
+                q += v * period
+            after[0, t, j], after[1, t, j] = q, v
+
+
+@njit(cache=True)
+def _in_reach(
+    direct: float, velocity: float, drift: float, low: float, high: float, change: float
+) -> bool:
+    """Say whether the target can be met in this cycle, at a speed that can follow it."""
+    most = change * (1 + _ROUNDING)
+    return (
+        abs(direct - velocity) <= most
+        and abs(direct - drift) <= most
+        and low * (1 + _ROUNDING) <= direct <= high * (1 + _ROUNDING)
+    )
+
+
+@njit(cache=True)
+def _follow(
+    direct: float,
+    velocity: float,
+    drift: float,
+    low: float,
+    high: float,
+    fastest: float,
+    change: float,
+    period: float,
+    hit: NDArray[np.bool_],
+) -> float:
+    """Return the velocity [rad/s] that catches up with a target out of reach."""
+    drift = min(max(drift, -fastest), fastest)
+    behind = direct - drift  # [rad/s], to be caught up within one cycle
+    catch_up = min(_braking(abs(behind) * period, change, period), abs(behind))
+    wanted = drift + math.copysign(catch_up, behind)
+    within = min(max(wanted, low), high)
+    reached = min(max(within, velocity - change), velocity + change)
+    hit[_POSITION] |= within != min(max(wanted, -fastest), fastest)
+    hit[_VELOCITY] |= abs(direct) > fastest
+    hit[_ACCELERATION] |= reached != within or abs(wanted - direct) > change
+    return reached
 
 
 @njit(cache=True)

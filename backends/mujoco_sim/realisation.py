@@ -1,0 +1,131 @@
+"""How the simulated robot realises each effect: natively where a native form is known.
+
+`realise` is dispatched on the class of the effect. An effect without an entry of its own runs
+through its `advance`, sample by sample in Python: slower, and as correct.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import singledispatch
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backends.mujoco_sim.friction_laws import COULOMB, STRIBECK, VISCOUS
+from limo_driver.physics import (
+    Armature,
+    CoulombFriction,
+    Effect,
+    JointElasticity,
+    PreslidingHysteresis,
+    StribeckFriction,
+    TorqueOffset,
+    ViscousFriction,
+)
+from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class Plant(NamedTuple):
+    """Joint physics of n joints as tables, for compiled code; F frictions, E spring elements."""
+
+    motor_inertia: FloatArray  # (n,) [kg m²], behind the torque sensor
+    armature: FloatArray  # (n,) [kg m²], all reflected inertia: the motor's and that of effects
+    compliance: FloatArray  # (n,) [rad/(N m)]
+    cubic: FloatArray  # (n,) [rad/(N m)³]
+    offset: FloatArray  # (n,) [N m], of the torque sensor
+    friction_joint: NDArray[np.int64]  # (F,) 0-based
+    friction_law: NDArray[np.int64]  # (F,) see friction_laws
+    friction_parameters: FloatArray  # (F, 3)
+    element_joint: NDArray[np.int64]  # (E,) 0-based
+    element_stiffness: FloatArray  # (E,) [N m/rad]
+    element_width: FloatArray  # (E,) [rad]
+
+
+@dataclass
+class Draft:
+    """Collects what the effects of a simulation ask for."""
+
+    n: int
+    frictions: list[tuple[int, int, tuple[float, float, float]]] = field(default_factory=list)
+    elements: list[tuple[int, float, float]] = field(default_factory=list)
+    sampled: list[Effect] = field(default_factory=list)  # effects without a native form
+
+    def __post_init__(self) -> None:
+        self.link_inertia, self.compliance, self.cubic, self.offset = np.zeros((4, self.n))
+
+    def plant(self, motor_inertia: FloatArray) -> Plant:
+        """Return the tables."""
+        frictions = sorted(self.frictions)
+        elements = sorted(self.elements)
+        return Plant(
+            motor_inertia=motor_inertia,
+            armature=motor_inertia + self.link_inertia,
+            compliance=self.compliance,
+            cubic=self.cubic,
+            offset=self.offset,
+            friction_joint=np.array([row[0] for row in frictions], dtype=np.int64),
+            friction_law=np.array([row[1] for row in frictions], dtype=np.int64),
+            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, 3),
+            element_joint=np.array([row[0] for row in elements], dtype=np.int64),
+            element_stiffness=np.array([row[1] for row in elements], dtype=float),
+            element_width=np.array([row[2] for row in elements], dtype=float),
+        )
+
+
+def draft_of(effects: Iterable[Effect], n: int) -> Draft:
+    """Realise every effect on an arm of n joints."""
+    draft = Draft(n)
+    for effect in effects:
+        realise(effect, draft)
+    return draft
+
+
+@singledispatch
+def realise(effect: Effect, draft: Draft) -> None:
+    """Enter an effect into the draft; without a native form it is sampled."""
+    draft.sampled.append(effect)
+
+
+@realise.register
+def _(effect: CoulombFriction, draft: Draft) -> None:
+    draft.frictions.append((effect.joint - 1, COULOMB, (effect.tau_c, effect.v_eps, 0.0)))
+
+
+@realise.register
+def _(effect: ViscousFriction, draft: Draft) -> None:
+    draft.frictions.append((effect.joint - 1, VISCOUS, (effect.f_v, 0.0, 0.0)))
+
+
+@realise.register
+def _(effect: StribeckFriction, draft: Draft) -> None:
+    parameters = (effect.tau_s, effect.v_s, effect.delta)
+    draft.frictions.append((effect.joint - 1, STRIBECK, parameters))
+
+
+@realise.register
+def _(effect: PreslidingHysteresis, draft: Draft) -> None:
+    draft.elements += [
+        (effect.joint - 1, stiffness, width)
+        for stiffness, width in zip(effect.stiffness, effect.width, strict=True)
+    ]
+
+
+@realise.register
+def _(effect: JointElasticity, draft: Draft) -> None:
+    draft.compliance[effect.joint - 1] += 1.0 / effect.stiffness
+    draft.cubic[effect.joint - 1] += effect.cubic
+
+
+@realise.register
+def _(effect: TorqueOffset, draft: Draft) -> None:
+    draft.offset[effect.joint - 1] += effect.offset
+
+
+@realise.register
+def _(effect: Armature, draft: Draft) -> None:
+    draft.link_inertia[effect.joint - 1] += effect.inertia

@@ -1,0 +1,306 @@
+"""MujocoRobot: the simulated arm behind the same interface as a real one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+
+from backends.mujoco_sim import engine
+from backends.mujoco_sim.realisation import draft_of
+from backends.mujoco_sim.sampled import SampledEffects
+from backends.mujoco_sim.scene import compile_model
+from backends.mujoco_sim.stability import check_elements, check_stiffness, effective_inertia
+from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
+from limo_driver.errors import BackendError, ConfigError, ShapeError
+from limo_driver.robot import Measurement
+from limo_driver.safety import START_TOLERANCE
+from limo_driver.types import (
+    FloatArray,
+    ImpedanceCommand,
+    JointState,
+    Motion,
+    PositionCommand,
+    TorqueCommand,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from limo_driver.physics import Simulation
+    from limo_driver.types import JointCommand
+
+MOTOR_INERTIA_PER_TORQUE = 0.01  # [kg m²/(N m)], harmonic drives of geared arms, order of size
+SERVO_BANDWIDTH = 100.0  # [rad/s]
+INTEGRAL_RATE = 10.0  # [1/s]
+VELOCITY_BANDWIDTH = 50.0  # [Hz]
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_SETTLING = 20  # iterations that find the link's pose under a given encoder reading
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A whole run: what was measured, and what was true."""
+
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad], measured
+    velocity: FloatArray  # (T, n) [rad/s], measured
+    torque: FloatArray  # (T, n) [N m], measured
+    target: FloatArray  # (T, n) [rad], set-points as sent after each of these states
+    limited_by: tuple[str, ...]  # limits that changed the targets
+    true_motion: Motion  # what encoders without error would see
+    true_torque: FloatArray  # (T, n) [N m], at the torque sensor without noise
+
+
+class MujocoRobot(SimulatedRobot):
+    """An arm simulated by MuJoCo with the joint physics of a `Simulation`.
+
+    Torque is sensed on the link's side of the gear: drive torque less the torque that accelerates
+    the motor. The joint velocity is what the encoder gives: its differences, low-passed. The
+    drives' own servo runs on the motor's encoder, which the gear makes finer than the joint's; it
+    is taken as exact.
+
+    Args:
+        simulation: Arm and effects, or the path of a `sim.yaml`.
+        robot: Built-in name or URDF of an arm without effects, instead of a simulation.
+        initial_position: Encoder position at time 0, (n,) [rad]; the middle of the range if not
+            given.
+        seed: Seed of the sensor noise; the same seed gives the same bits.
+        period: Control cycle and integration step [s].
+        motor_inertia: Reflected inertia of the motors, (n,) [kg m²]; by default 0.01 kg m² for
+            each N m of torque limit, which is the size seen on arms with harmonic drives.
+        velocity_bandwidth: Bandwidth of the encoder's velocity filter [Hz].
+        start_tolerance: How far the first position may be from the measured pose [rad].
+
+    Raises:
+        ConfigError: The simulation cannot be integrated with this period, naming the joint.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation | Path | str | None = None,
+        *,
+        robot: str | None = None,
+        initial_position: Sequence[float] | FloatArray | None = None,
+        seed: int = 0,
+        period: float = DEFAULT_PERIOD,
+        motor_inertia: Sequence[float] | FloatArray | None = None,
+        velocity_bandwidth: float = VELOCITY_BANDWIDTH,
+        start_tolerance: float = START_TOLERANCE,
+    ) -> None:
+        super().__init__(simulation_of(simulation, robot), period, start_tolerance)
+        arm, n = self.simulation.model, self.spec.n
+        draft = draft_of(self.simulation.effects, n)
+        self._plant = draft.plant(_motor_inertia(arm.limits.torque, motor_inertia))
+        self._sampled = SampledEffects(draft.sampled, n)
+        self._model = compile_model(arm, self._plant, period)
+        self._data = mujoco.MjData(self._model)
+        self._inertia = effective_inertia(arm, self._plant.armature)
+        check_elements(self._plant, self._inertia, period)
+        self._arrays = _arrays(self._model, self._data)
+        sensors = self.simulation.sensors
+        self._noise = sensors.for_joints("torque_noise", n)
+        self._servo = engine.Servo(
+            period=period,
+            bandwidth=SERVO_BANDWIDTH,
+            integral_rate=INTEGRAL_RATE,
+            torque_limit=np.array(arm.limits.torque),
+            velocity_gain=1.0 - float(np.exp(-2.0 * np.pi * velocity_bandwidth * period)),
+            encoder_resolution=np.array(sensors.for_joints("encoder_resolution", n)),
+            torque_resolution=np.array(sensors.for_joints("torque_resolution", n)),
+        )
+        self._random = np.random.default_rng(seed)
+        self._memory = np.zeros((engine.MEMORY_ROWS, n))
+        self._command = np.zeros((4, n))
+        self._mode = engine.POSITION
+        self._fresh = False  # the next position starts a stream
+        self._settle(start_position(arm, initial_position))
+
+    def run(self, targets: FloatArray) -> SimulatedRun:
+        """Simulate T cycles in one call, each with the position commanded after the one before.
+
+        The same, bit for bit, as T times `send(PositionCommand(...))` and `receive()`; faults are
+        looked for once, at the end.
+
+        Args:
+            targets: Positions, (T, n) [rad]; the first starts from the measured pose.
+
+        Raises:
+            JointLimitError: As for `send`.
+            HoldingError: As for `send`.
+        """
+        targets = np.ascontiguousarray(targets, dtype=float)
+        if targets.ndim != 2 or targets.shape[1] != self.spec.n or not len(targets):  # noqa: PLR2004
+            raise ShapeError("targets", targets.shape, f"(T, {self.spec.n})")
+        starts = self._contract.idle
+        path, limited_by = self._contract.admit_path(targets)
+        if starts:
+            self._begin()
+        self._send(PositionCommand(position=path[0]))
+        first = self._cycle
+        log = self._advance(path)
+        self._cycle += len(path)
+        time = (first + np.arange(len(path))) * self.spec.period
+        self._close_run(float(time[-1]), log[-1])
+        return SimulatedRun(
+            time=time,
+            position=log[:, engine.MEASURED_POSITION],
+            velocity=log[:, engine.MEASURED_VELOCITY],
+            torque=log[:, engine.MEASURED_TORQUE],
+            target=path,
+            limited_by=limited_by,
+            true_motion=Motion(
+                time,
+                log[:, engine.TRUE_POSITION],
+                log[:, engine.TRUE_VELOCITY],
+                log[:, engine.TRUE_ACCELERATION],
+            ),
+            true_torque=log[:, engine.TRUE_TORQUE],
+        )
+
+    def _begin(self) -> None:
+        self._fresh = True
+
+    def _send(self, command: JointCommand) -> None:
+        mode = _MODES.get(type(command))
+        if mode is None:
+            raise BackendError(f"the mujoco backend knows no {type(command).__name__}")
+        if isinstance(command, ImpedanceCommand):
+            check_stiffness(command.stiffness, self._inertia, self.spec.period)
+            self._command[engine.STIFFNESS] = command.stiffness
+            self._command[engine.DAMPING] = command.damping
+        if isinstance(command, (ImpedanceCommand, TorqueCommand)):
+            self._command[engine.FEED_FORWARD] = command.torque
+        if isinstance(command, (PositionCommand, ImpedanceCommand)):
+            self._command[engine.TARGET] = command.position
+        if mode == engine.POSITION and (self._fresh or mode != self._mode):
+            self._memory[engine.LAST_TARGET] = self._command[engine.TARGET]
+            self._memory[engine.TARGET_VELOCITY] = self._arrays.velocity * (mode != self._mode)
+        self._fresh, self._mode = False, mode
+
+    def _cycle_once(self) -> Measurement:
+        log = self._advance(self._command[engine.TARGET][None])[0]
+        return self._measurement(self._cycle, log)
+
+    def _advance(self, targets: FloatArray) -> FloatArray:
+        """Simulate one cycle for each target; return its log, (T, 7, n)."""
+        noise = self._random.standard_normal(targets.shape) * self._noise
+        log = np.empty((len(targets), engine.LOG_ROWS, self.spec.n))
+        if not self._sampled:
+            self._run_engine(targets, noise, log)
+        else:
+            for row in range(len(targets)):
+                self._sampled.sample(self._arrays, self._memory[engine.LOAD])
+                self._run_engine(targets[row : row + 1], noise[row : row + 1], log[row : row + 1])
+                self._sampled.acceleration = log[row, engine.TRUE_ACCELERATION]
+        if not np.isfinite(log[-1]).all():
+            raise BackendError("the simulation left the finite numbers; check effects and inertias")
+        return log
+
+    def _run_engine(self, targets: FloatArray, noise: FloatArray, log: FloatArray) -> None:
+        engine.advance(
+            self._model._address,  # noqa: SLF001  # MuJoCo's way to its C structures
+            self._data._address,  # noqa: SLF001
+            self._arrays,
+            self._plant,
+            self._servo,
+            self._memory,
+            self._mode,
+            targets,
+            self._command,
+            self._sampled.added,
+            noise,
+            log,
+        )
+
+    def _measurement(self, cycle: int, log: FloatArray) -> Measurement:
+        return Measurement(
+            time=cycle * self.spec.period,
+            position=log[engine.MEASURED_POSITION],
+            velocity=log[engine.MEASURED_VELOCITY],
+            torque=log[engine.MEASURED_TORQUE],
+            sequence=cycle,
+        )
+
+    def _close_run(self, time: float, log: FloatArray) -> None:
+        """Leave the books as if the last cycle had been received."""
+        state = JointState(
+            time,
+            log[engine.MEASURED_POSITION],
+            log[engine.MEASURED_VELOCITY],
+            log[engine.MEASURED_TORQUE],
+            self._cycle - 1,
+        )
+        self._contract.observe(state)
+        self._state, self._answered = state, False
+
+    def _settle(self, encoder: FloatArray) -> None:
+        """Put the arm at rest in equilibrium where the encoders read `encoder`."""
+        data, memory, plant = self._data, self._memory, self._plant
+        data.qpos[:] = encoder
+        for _ in range(_SETTLING):
+            mujoco.mj_forward(self._model, data)
+            load = data.qfrc_bias
+            wind_up = load * (plant.compliance + plant.cubic * load**2)
+            self._sampled.settle(encoder, load)
+            wind_up = wind_up + self._sampled.added[engine.ADDED_WIND_UP]
+            data.qpos[:] = encoder - wind_up
+        memory[engine.LOAD] = data.qfrc_bias
+        memory[engine.WIND_UP] = memory[engine.STATIC_WIND_UP] = wind_up
+        memory[engine.LAST_TARGET] = self._command[engine.TARGET] = encoder
+        memory[engine.ENCODER] = self.simulation.sensors.measure_position(encoder)
+
+    def _save_plant(self) -> object:
+        physics = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, physics, _STATE)
+        return (
+            physics,
+            self._memory.copy(),
+            self._command.copy(),
+            self._mode,
+            self._fresh,
+            self._random.bit_generator.state,
+            self._sampled.save(),
+        )
+
+    def _restore_plant(self, saved: Any) -> None:  # noqa: ANN401  # what _save_plant returned
+        physics, memory, command, self._mode, self._fresh, random, sampled = saved
+        mujoco.mj_setState(self._model, self._data, physics, _STATE)
+        self._memory[:], self._command[:] = memory, command
+        self._random.bit_generator.state = random
+        self._sampled.restore(sampled)
+
+
+_MODES = {
+    PositionCommand: engine.POSITION,
+    ImpedanceCommand: engine.IMPEDANCE,
+    TorqueCommand: engine.TORQUE,
+}
+
+
+def _motor_inertia(torque_limit: FloatArray, given: Sequence[float] | FloatArray | None) -> FloatArray:
+    if given is None:
+        return MOTOR_INERTIA_PER_TORQUE * torque_limit
+    inertia = np.array(given, dtype=float)
+    if inertia.shape != torque_limit.shape:
+        raise ShapeError("motor_inertia", inertia.shape, f"{torque_limit.shape}")
+    if not (np.isfinite(inertia) & (inertia >= 0)).all():
+        raise ConfigError(f"motor_inertia = {inertia.tolist()} kg m² has to be 0 or more")
+    return inertia
+
+
+def _arrays(model: mujoco.MjModel, data: mujoco.MjData) -> engine.Arrays:
+    return engine.Arrays(
+        position=data.qpos,
+        velocity=data.qvel,
+        control=data.ctrl,
+        bias=data.qfrc_bias,
+        applied=data.qfrc_applied,
+        inertia=data.M,
+        row_size=model.M_rownnz,
+        row_start=model.M_rowadr,
+        column=model.M_colind,
+    )

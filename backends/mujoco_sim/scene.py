@@ -1,0 +1,167 @@
+"""From a robot's URDF to a compiled MuJoCo model, with the actuators that carry joint physics.
+
+The URDF is the file that pinocchio loads. Inertias come from the RobotModel, so that overrides and
+locked joints (a gripper's fingers) mean the same to both engines. Contacts and constraints are
+off: the safety contract, not an end stop, keeps the arm inside its range.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET  # noqa: S405  # the URDF is the user's own file
+
+import mujoco
+import numpy as np
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from backends.mujoco_sim.realisation import Plant
+    from limo_driver.model import Inertial, RobotModel
+
+# Visuals may lie in files that are not here; friction and damping come from effects alone.
+_LEFT_OUT = ("visual", "mujoco", "transmission", "gazebo")
+_LEFT_OUT_OF_JOINTS = ("dynamics", "safety_controller", "mimic", "calibration")
+
+
+def compile_model(robot: RobotModel, plant: Plant, timestep: float) -> mujoco.MjModel:
+    """Compile the arm with one damper per joint and one spring per hysteresis element.
+
+    Actuators 1 to n are the dampers, the rest the springs, in the order of `plant.element_joint`.
+
+    Args:
+        robot: Rigid body; joints of the MuJoCo model come in the same order.
+        plant: Joint physics.
+        timestep: Integration step [s].
+
+    Raises:
+        ConfigError: MuJoCo cannot read the URDF.
+    """
+    spec = _read(robot)
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.gravity = np.array(robot.pin_model.gravity.linear)
+    spec.option.disableflags |= (
+        mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CONTACT
+    )
+    for name, inertia in zip(robot.joint_names, plant.armature, strict=True):
+        joint = spec.joint(name)
+        joint.armature = inertia
+        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        _add_damper(spec, name)
+    for j, stiffness, width in zip(
+        plant.element_joint, plant.element_stiffness, plant.element_width, strict=True
+    ):
+        _add_slipping_spring(spec, robot.joint_names[j], stiffness, width)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"MuJoCo cannot build it: {error}", path=robot.urdf) from None
+    names = tuple(model.joint(j).name for j in range(model.njnt))
+    if names != robot.joint_names:
+        raise ConfigError(
+            f"MuJoCo finds the joints {names}, expected {robot.joint_names}", path=robot.urdf
+        )
+    return model
+
+
+def _read(robot: RobotModel) -> mujoco.MjSpec:
+    try:
+        spec = mujoco.MjSpec.from_string(_plain_urdf(robot))
+    except ValueError as error:
+        raise ConfigError(f"MuJoCo cannot read it: {error}", path=robot.urdf) from None
+    spec.compiler.fusestatic = True
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    return spec
+
+
+def _add_damper(spec: mujoco.MjSpec, joint: str) -> None:
+    """Add an actuator of force -ctrl·v, whose derivative -ctrl the integrator takes implicitly."""
+    spec.add_actuator(
+        name=f"{joint}_damper",
+        target=joint,
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        gaintype=mujoco.mjtGain.mjGAIN_AFFINE,
+        gainprm=_parameters(0.0, 0.0, -1.0),
+        biastype=mujoco.mjtBias.mjBIAS_NONE,
+        dyntype=mujoco.mjtDyn.mjDYN_NONE,
+    )
+
+
+def _add_slipping_spring(
+    spec: mujoco.MjSpec, joint: str, stiffness: float, width: float
+) -> None:
+    """Add a Maxwell-slip element: an integrator of ctrl = velocity, clipped to ±width.
+
+    `actearly` applies the deflection at the end of the step, so that it is in phase with position.
+    """
+    spec.add_actuator(
+        name=f"{joint}_element_{len(spec.actuators)}",
+        target=joint,
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        gainprm=_parameters(-stiffness),
+        biastype=mujoco.mjtBias.mjBIAS_NONE,
+        dyntype=mujoco.mjtDyn.mjDYN_INTEGRATOR,
+        actlimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        actrange=[-width, width],
+        actearly=True,
+    )
+
+
+def _parameters(*values: float) -> Any:  # noqa: ANN401  # a MuJoCo parameter vector
+    padded = np.zeros(mujoco.mjNGAIN)
+    padded[: len(values)] = values
+    return padded
+
+
+def _plain_urdf(robot: RobotModel) -> str:
+    """Return the URDF without meshes, with locked joints welded and the inertias of `robot`."""
+    root = _parse(robot.urdf)
+    for name in _LEFT_OUT:
+        for parent in list(root.iter()):
+            for child in parent.findall(name):
+                parent.remove(child)
+    for joint in root.findall("joint"):
+        for name in _LEFT_OUT_OF_JOINTS:
+            for child in joint.findall(name):
+                joint.remove(child)
+        for again in joint.findall("origin")[1:]:  # the first counts, as for other readers
+            joint.remove(again)
+        if joint.get("name") in robot.locked_joints:
+            joint.set("type", "fixed")
+    for link in root.findall("link"):
+        _remove_meshes(link)
+        for inertial in link.findall("inertial"):
+            link.remove(inertial)
+        if (moving := robot.inertials.get(str(link.get("name")))) is not None:
+            link.append(_inertial(moving))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _parse(urdf: Path) -> ET.Element:
+    try:
+        return ET.parse(urdf).getroot()  # noqa: S314  # the URDF is the user's own file
+    except ET.ParseError as error:
+        raise ConfigError(f"is no XML: {error}", path=urdf) from None
+
+
+def _remove_meshes(link: ET.Element) -> None:
+    for collision in link.findall("collision"):
+        geometry = collision.find("geometry")
+        if geometry is None or geometry.find("mesh") is not None:
+            link.remove(collision)
+
+
+def _inertial(body: Inertial) -> ET.Element:
+    element = ET.Element("inertial")
+    ET.SubElement(element, "origin", xyz=" ".join(map(repr, body.com)), rpy="0 0 0")
+    ET.SubElement(element, "mass", value=repr(body.mass))
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    ET.SubElement(
+        element, "inertia", {k: repr(v) for k, v in zip(keys, body.inertia, strict=True)}
+    )
+    return element

@@ -1,0 +1,67 @@
+"""What the integration step can carry: springs that it cannot follow are refused by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.errors import ConfigError, JointLimitError
+
+if TYPE_CHECKING:
+    from backends.mujoco_sim.realisation import Plant
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+# A spring on an inertia is stable while h sqrt(k / M) < 2; at half of that it is still followed.
+LARGEST_STEP_RATIO = 1.0
+LARGEST_WIND_UP_RATIO = 0.5  # presliding stiffness over joint stiffness
+_POSES = 50
+
+
+def effective_inertia(model: RobotModel, armature: FloatArray) -> FloatArray:
+    """Return the least inertia that a torque on one joint alone moves, over poses, (n,) [kg m²]."""
+    random = np.random.default_rng(0)
+    lower, upper = model.limits.position_min, model.limits.position_max
+    poses = random.uniform(lower, upper, (_POSES, model.n))
+    return np.min(
+        [1.0 / np.diag(np.linalg.inv(model.mass_matrix(q) + np.diag(armature))) for q in poses],
+        axis=0,
+    )
+
+
+def check_elements(plant: Plant, inertia: FloatArray, period: float) -> None:
+    """Refuse presliding springs that are too stiff for the step or for the gear they act on.
+
+    Raises:
+        ConfigError: Names the joint, its stiffness and what the step allows.
+    """
+    stiffness = np.bincount(
+        plant.element_joint, weights=plant.element_stiffness, minlength=inertia.size
+    )
+    most = inertia * (LARGEST_STEP_RATIO / period) ** 2
+    for j in np.flatnonzero(stiffness > most):
+        raise ConfigError(
+            f"presliding_hysteresis, joint {j + 1}: a stiffness of {stiffness[j]:.4g} N m/rad on "
+            f"{inertia[j]:.3g} kg m² needs a shorter period than {period:g} s; at that period at "
+            f"most {most[j]:.4g} N m/rad, or a larger motor_inertia"
+        )
+    for j in np.flatnonzero(stiffness * plant.compliance > LARGEST_WIND_UP_RATIO):
+        raise ConfigError(
+            f"presliding_hysteresis, joint {j + 1}: its stiffness of {stiffness[j]:.4g} N m/rad "
+            f"has to be below half the joint_elasticity of {1 / plant.compliance[j]:.4g} N m/rad"
+        )
+
+
+def check_stiffness(stiffness: FloatArray, inertia: FloatArray, period: float) -> None:
+    """Refuse an impedance that the step cannot follow.
+
+    Raises:
+        JointLimitError: Names the joint and what the step allows.
+    """
+    most = inertia * (LARGEST_STEP_RATIO / period) ** 2
+    if (stiffness > most).any():
+        j = int(np.argmax(stiffness / most))
+        raise JointLimitError(
+            j + 1, "stiffness", float(stiffness[j]), (0.0, float(most[j])), "N m/rad"
+        )

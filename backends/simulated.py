@@ -1,0 +1,138 @@
+"""What simulated robots share: which arm they are, where they start, and going back in time."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limo_driver.errors import ConfigError, JointLimitError, ShapeError
+from limo_driver.model import BUILT_IN
+from limo_driver.physics import Simulation
+from limo_driver.robot import Robot
+from limo_driver.safety import START_TOLERANCE
+from limo_driver.types import RobotSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from limo_driver.model import RobotModel
+    from limo_driver.robot import Measurement
+    from limo_driver.types import FloatArray
+
+DEFAULT_PERIOD = 1e-3  # [s]
+
+
+@dataclass(frozen=True)
+class SavedState:
+    """A moment of a simulated robot; only the robot it came from can read it."""
+
+    session: object
+    plant: object
+    cycle: int
+    losing: int
+
+
+class SimulatedRobot(Robot):
+    """A robot in simulated time, which starts at 0 and advances only by `receive`.
+
+    Args:
+        simulation: The arm and the physics of its joints.
+        period: Control cycle [s].
+        start_tolerance: How far the first position may be from the measured pose [rad].
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        period: float = DEFAULT_PERIOD,
+        start_tolerance: float = START_TOLERANCE,
+    ) -> None:
+        super().__init__(specification(simulation.model, period), start_tolerance)
+        self.simulation = simulation
+        self._cycle = 0
+        self._losing = 0
+
+    def lose_measurements(self, count: int) -> None:
+        """Lose the next `count` measurements, as a network might; the arm moves on meanwhile."""
+        self._losing = count
+
+    def save_state(self) -> SavedState:
+        """Return this moment; what follows `restore_state` is equal to the last bit."""
+        return SavedState(self._save_session(), self._save_plant(), self._cycle, self._losing)
+
+    def restore_state(self, saved: SavedState) -> None:
+        """Go back to a moment of this robot."""
+        self._restore_session(saved.session)
+        self._restore_plant(saved.plant)
+        self._cycle, self._losing = saved.cycle, saved.losing
+
+    def _receive(self, timeout: float | None) -> Measurement | None:  # noqa: ARG002  # never waits
+        measured = self._cycle_once()
+        self._cycle += 1
+        if self._losing:
+            self._losing -= 1
+            return None
+        return measured
+
+    def _close(self) -> None:
+        """Nothing outside this process has to be told."""
+
+    @abstractmethod
+    def _cycle_once(self) -> Measurement:
+        """Simulate one control cycle."""
+
+    @abstractmethod
+    def _save_plant(self) -> object:
+        """Return a copy of all that changes from cycle to cycle."""
+
+    @abstractmethod
+    def _restore_plant(self, saved: Any) -> None:  # noqa: ANN401  # what _save_plant returned
+        """Go back to what `_save_plant` returned."""
+
+
+def specification(model: RobotModel, period: float) -> RobotSpec:
+    """Return what a user has to know of a simulated arm."""
+    if not 0 < period < np.inf:
+        raise ConfigError(f"period = {period} s has to be positive")
+    return RobotSpec(model.name, model.joint_names, model.limits, period)
+
+
+def simulation_of(simulation: Simulation | Path | str | None, robot: str | None) -> Simulation:
+    """Return the simulation given, read from its file, or the rigid body alone of `robot`.
+
+    Raises:
+        ConfigError: The file cannot be read, or both are given.
+    """
+    if simulation is None:
+        return Simulation(robot=robot or BUILT_IN[0])
+    if robot is not None:
+        raise ConfigError("give a simulation or a robot; the simulation names its robot")
+    return simulation if isinstance(simulation, Simulation) else Simulation.load(simulation)
+
+
+def start_position(model: RobotModel, given: Sequence[float] | FloatArray | None) -> FloatArray:
+    """Return where the arm starts, (n,) [rad]: the middle of its range if not given.
+
+    Raises:
+        ShapeError: Another number of joints.
+        JointLimitError: Outside the range.
+    """
+    lower, upper = model.limits.position_min, model.limits.position_max
+    if given is None:
+        return 0.5 * (lower + upper)
+    position = np.array(given, dtype=float)
+    if position.shape != lower.shape:
+        raise ShapeError("initial_position", position.shape, f"({model.n},)")
+    for j in np.flatnonzero(~((lower <= position) & (position <= upper))):
+        raise JointLimitError(
+            int(j) + 1,
+            "initial position",
+            float(position[j]),
+            (float(lower[j]), float(upper[j])),
+            "rad",
+        )
+    return position
