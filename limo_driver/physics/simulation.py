@@ -98,7 +98,7 @@ class Simulation:
         Raises:
             ShapeError: The motion has another number of joints.
         """
-        torque, _ = self._advance(self.init(), motion)
+        torque, _ = self.advance(self.init(), motion)
         return torque
 
     def init(self) -> tuple[State, ...]:
@@ -123,12 +123,20 @@ class Simulation:
             sample.velocity[None],
             sample.acceleration[None],
         )
-        torque, after = self._advance(state, motion)
+        torque, after = self.advance(state, motion)
         return torque[0], after
 
-    def _advance(
+    def advance(
         self, state: tuple[State, ...], motion: Motion
     ) -> tuple[FloatArray, tuple[State, ...]]:
+        """Predict T samples that follow `state`: `predict` and `step` in one.
+
+        Returns:
+            Joint torques (T, n) [N m] and the memory after the last sample.
+
+        Raises:
+            ShapeError: The motion has another number of joints.
+        """
         if motion.n != self.model.n:
             raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
         load = self.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
