@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from math import perm
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,11 @@ from limo_driver.types import FloatArray, Motion
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
+
 _METADATA_KEY = b"limo.trajectory"
 _QUANTITIES = ("position", "velocity", "acceleration")
+_BLOCK = 16_384  # rows evaluated at once: bounds the memory of an hour at 1 kHz
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,15 @@ class Segment:
     kind: str  # for example reaching, exploring
     start: int
     stop: int
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Largest absolute values of a motion for each joint; (n,)."""
+
+    velocity: FloatArray  # [rad/s]
+    acceleration: FloatArray  # [rad/s^2]
+    jerk: FloatArray  # [rad/s^3]
 
 
 @dataclass(frozen=True)
@@ -64,22 +77,57 @@ class Trajectory(Motion):
                 f"time {time[0]:.6g} to {time[-1]:.6g} s is outside the trajectory "
                 f"(0 to {self.duration:.6g} s)"
             )
-        left = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, len(self) - 2)
+        values = [np.empty((t.size, self.n)) for _ in _QUANTITIES]
+        for start in range(0, t.size, _BLOCK):
+            block = slice(start, start + _BLOCK)
+            left = np.clip(np.searchsorted(self.time, t[block], side="right") - 1, 0, len(self) - 2)
+            h, c = self._quintics(left)
+            u = (t[block] - self.time[left])[:, None] / h
+            for order, quantity in enumerate(values):
+                quantity[block] = _polynomial(c, u, order) / h**order
+        for quantity in values:
+            quantity.flags.writeable = False
+        return Motion(time, *values)
+
+    def peaks(self, rows: slice = slice(None)) -> Peaks:
+        """Return the largest velocity, acceleration and jerk anywhere from one sample to the next.
+
+        The quintic's jerk is a parabola: its largest value is known, and so are its roots, where
+        the acceleration is largest; the velocity is taken at the samples and eight points between.
+
+        Args:
+            rows: Samples to look between, for example those of a segment; all by default.
+        """
+        start, stop, _ = rows.indices(len(self))
+        largest = np.zeros((3, self.n))
+        for first in range(start, stop - 1, _BLOCK):
+            h, c = self._quintics(np.arange(first, min(first + _BLOCK, stop - 1)))
+            for u in np.linspace(0.0, 1.0, 9):
+                np.maximum(largest[0], np.abs(_polynomial(c, u, 1) / h).max(axis=0), out=largest[0])
+            a, b, d = 60 * c[5], 24 * c[4], 6 * c[3]  # jerk of u: a u^2 + b u + d
+            with np.errstate(divide="ignore", invalid="ignore"):
+                vertex = -b / (2 * a)
+                spread = np.sqrt(b**2 - 4 * a * d) / (2 * a)
+            for order, points in (
+                (3, (0.0, 1.0, vertex)),
+                (2, (0.0, 1.0, vertex - spread, vertex + spread)),
+            ):
+                for point in points:
+                    inside = np.clip(np.nan_to_num(point), 0.0, 1.0)
+                    value = np.abs(_polynomial(c, inside, order) / h**order).max(axis=0)
+                    np.maximum(largest[order - 1], value, out=largest[order - 1])
+        return Peaks(*largest)
+
+    def _quintics(self, left: NDArray[np.intp]) -> tuple[FloatArray, list[FloatArray]]:
+        """Return the length h, (B, 1) [s], and the coefficients in u = t / h after rows `left`."""
         h = (self.time[left + 1] - self.time[left])[:, None]
-        u = (t - self.time[left])[:, None] / h
         p0, p1 = self.position[left], self.position[left + 1]
         v0, v1 = self.velocity[left] * h, self.velocity[left + 1] * h
         a0, a1 = self.acceleration[left] * h**2 / 2, self.acceleration[left + 1] * h**2 / 2
         d = p1 - p0 - v0 - a0
         e = v1 - v0 - 2 * a0
         f = a1 - a0
-        c3, c4, c5 = 10 * d - 4 * e + f, -15 * d + 7 * e - 2 * f, 6 * d - 3 * e + f
-        return Motion(
-            time=time,
-            position=p0 + u * (v0 + u * (a0 + u * (c3 + u * (c4 + u * c5)))),
-            velocity=(v0 + u * (2 * a0 + u * (3 * c3 + u * (4 * c4 + u * 5 * c5)))) / h,
-            acceleration=(2 * a0 + u * (6 * c3 + u * (12 * c4 + u * 20 * c5))) / h**2,
-        )
+        return h, [p0, v0, a0, 10 * d - 4 * e + f, -15 * d + 7 * e - 2 * f, 6 * d - 3 * e + f]
 
     def save(self, path: Path | str) -> None:
         """Write Parquet: columns time, position_j, velocity_j, acceleration_j; 1-based joints."""
@@ -95,7 +143,9 @@ class Trajectory(Motion):
             "segments": [[s.kind, s.start, s.stop] for s in self.segments],
         }
         table = pa.table(columns).replace_schema_metadata({_METADATA_KEY: json.dumps(header)})
-        pq.write_table(table, path, use_dictionary=False)
+        pq.write_table(
+            table, path, use_dictionary=False, use_byte_stream_split=True, compression="zstd"
+        )
 
     @classmethod
     def load(cls, path: Path | str) -> Trajectory:
@@ -131,3 +181,12 @@ class Trajectory(Motion):
 def _columns(n: int) -> Iterator[str]:
     for quantity in _QUANTITIES:
         yield from (f"{quantity}_{j + 1}" for j in range(n))
+
+
+def _polynomial(c: list[FloatArray], u: FloatArray | float, order: int) -> FloatArray:
+    """Evaluate the derivative of `order` of the polynomial with coefficients `c`, lowest first."""
+    degree = len(c) - 1
+    value = c[degree] * float(perm(degree, order))
+    for k in range(degree - 1, order - 1, -1):
+        value = value * u + c[k] * float(perm(k, order))
+    return value

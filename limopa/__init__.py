@@ -1,0 +1,25 @@
+"""LIMOPA: plan locally isotropic motion, the motion in which joint hysteresis shows.
+
+path → limits → time: a plan is a chain of straight reaching phases and sinusoidal exploring
+phases in joint space, checked for feasibility and time-parameterised with limited jerk.
+"""
+
+from limopa.feasibility import Feasibility
+from limopa.picture import draw
+from limopa.planner import Plan, plan
+from limopa.request import Exploring, PlanRequest, Reaching, Surroundings, Workspace
+from limopa.statistics import Statistics, summarise
+
+__all__ = [
+    "Exploring",
+    "Feasibility",
+    "Plan",
+    "PlanRequest",
+    "Reaching",
+    "Statistics",
+    "Surroundings",
+    "Workspace",
+    "draw",
+    "plan",
+    "summarise",
+]

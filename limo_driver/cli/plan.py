@@ -1,0 +1,187 @@
+"""`limo plan`: locally isotropic motion for a robot."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from limo_driver.model import RobotModel
+    from limopa import Plan, PlanRequest, Statistics
+
+
+def command(
+    out: Annotated[Path, typer.Option(help="Where to write the trajectory (Parquet).")],
+    robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")] = "iiwa14",
+    scaffolds: Annotated[
+        int, typer.Option(help="Configurations to reach and explore; 150 last about an hour.")
+    ] = 150,
+    seed: Annotated[int, typer.Option(help="Seed; the same seed gives the same file.")] = 0,
+    rate: Annotated[
+        float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
+    ] = 250.0,
+    workspace_radius: Annotated[
+        float, typer.Option(help="Radius of the effective workspace around the base, m.")
+    ] = 0.8,
+    joint_margin: Annotated[
+        float, typer.Option(help="Margin kept from the end of each joint's range, degrees.")
+    ] = 5.0,
+    clearance: Annotated[
+        float, typer.Option(help="Distance kept between links and from the table, m.")
+    ] = 0.02,
+    table_height: Annotated[
+        float, typer.Option(help="Height of the table plane above the base frame, m.")
+    ] = 0.0,
+    self_collision: Annotated[
+        bool,
+        typer.Option(help="Check links against each other and their shapes against the table."),
+    ] = True,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw the motion into this file (PNG, PDF or SVG).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the statistics as JSON.")] = False,
+) -> None:
+    """Plan locally isotropic motion (LIMOPA): straight reaches, then small sinusoids around each.
+
+    Every configuration in between keeps the joint limits, the table and the links apart; the motion
+    keeps the limits of velocity, acceleration and jerk.
+
+    [bold]Examples[/bold]
+
+        limo plan --robot iiwa14 --scaffolds 150 --seed 1 --out limo.traj.parquet
+
+        limo plan --scaffolds 5 --out short.traj.parquet --picture short.png --json
+    """
+    from math import radians
+
+    from limo_driver.model import RobotModel
+    from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
+
+    _require_folder(out, picture)
+    request = PlanRequest(
+        scaffolds=scaffolds,
+        rate=rate,
+        workspace=Workspace(radius=workspace_radius),
+        surroundings=Surroundings(
+            joint_margin=radians(joint_margin),
+            clearance=clearance,
+            table_height=table_height,
+            self_collision=self_collision,
+        ),
+    )
+    model = RobotModel.load(robot)
+    planned = _plan(model, request, seed, quiet=as_json)
+    planned.trajectory.save(out)
+    if picture is not None:
+        draw(planned, model, picture)
+    _report(summarise(planned, model), as_json=as_json)
+
+
+def _require_folder(*paths: Path | None) -> None:
+    """Refuse to plan for minutes and then find no folder to write to."""
+    from limo_driver.errors import ConfigError
+
+    for path in paths:
+        if path is not None and not path.parent.is_dir():
+            raise ConfigError(f"cannot be written: there is no folder {path.parent}", path=path)
+
+
+def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:
+    """Plan behind a progress bar, which goes to stderr and leaves stdout to the result."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    from limopa import plan
+
+    columns = (
+        TextColumn("planning"), BarColumn(), MofNCompleteColumn(), TextColumn("scaffolds"),
+        TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
+        task = bar.add_task("planning", total=request.scaffolds)
+        return plan(model, request, seed, lambda done, _wanted: bar.update(task, completed=done))
+
+
+def _report(statistics: Statistics, *, as_json: bool) -> None:
+    from rich.console import Console
+
+    if as_json:
+        import json
+        import sys
+
+        sys.stdout.write(json.dumps(statistics.as_dict(), indent=2) + "\n")
+        return
+    console = Console()
+    s = statistics
+    console.print(
+        f"{s.scaffolds} scaffolds, {s.waypoints} waypoints, {_clock(s.duration)} "
+        f"({s.samples} samples)\n"
+        f"exploring: {s.waypoints_per_phase.mean:.0f} waypoints and "
+        f"{s.exploring_duration.mean:.1f} s each, peaks at {s.exploring_velocity.least:.0%} to "
+        f"{s.exploring_velocity.most:.0%} of the velocity limit"
+    )
+    if s.scaffolds > 1:
+        console.print(
+            f"reaching: {s.reaching_duration.mean:.1f} s each, "
+            f"up to {s.reaching_duration.most:.1f} s"
+        )
+    console.print(_joint_table(s), _rejection_table(s))
+    if s.unchecked_pairs:
+        pairs = ", ".join(" and ".join(pair) for pair in s.unchecked_pairs)
+        console.print(f"not checked against each other, since they always touch: {pairs}")
+
+
+def _joint_table(statistics: Statistics) -> Table:
+    from math import degrees
+
+    from rich.table import Table
+
+    table = Table(title="joints (peaks relative to their limits)", title_justify="left")
+    for heading in (
+        "joint", "range\ncovered", "reversals", "rotation\nbetween",
+        "peak\nvelocity", "peak\naccel.", "peak\njerk",
+    ):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for j in statistics.joints:
+        table.add_row(
+            str(j.joint),
+            f"{j.coverage:.0%}",
+            str(j.reversals),
+            f"{degrees(j.rotation_between_reversals):.1f} deg",
+            f"{j.peak_velocity:.0%}",
+            f"{j.peak_acceleration:.0%}",
+            f"{j.peak_jerk:.0%}",
+        )
+    return table
+
+
+def _rejection_table(statistics: Statistics) -> Table:
+    from rich.table import Table
+
+    stages = statistics.rejections
+    conditions = sorted({name for counts in stages.values() for name in counts})
+    table = Table(
+        title=f"rejected by ({statistics.candidates} scaffolds drawn)", title_justify="left"
+    )
+    table.add_column("condition")
+    for stage in stages:
+        table.add_column(stage, justify="right")
+    for name in conditions:
+        table.add_row(name, *(str(counts.get(name, 0)) for counts in stages.values()))
+    return table
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d} h" if hours else f"{minutes}:{rest:02d} min"

@@ -1,0 +1,133 @@
+"""Batched forward kinematics: joint frames of many configurations at once, compiled by numba."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from limo_driver.types import FloatArray, readonly
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.model import RobotModel
+
+
+@dataclass(frozen=True)
+class KinematicChain:
+    """Where n revolute joints sit: joint j turns about `axis[j]` in a frame fixed to its parent."""
+
+    parent: NDArray[np.int64]  # (n,), 0-based joint; -1 is the fixed base
+    rotation: FloatArray  # (n, 3, 3), of the joint in its parent's frame at q = 0
+    translation: FloatArray  # (n, 3) [m]
+    axis: FloatArray  # (n, 3), unit vector
+    flange: FloatArray  # (3,) [m], in the frame of the last joint
+
+    @classmethod
+    def of(cls, model: RobotModel) -> KinematicChain:
+        """Read the chain of a robot model."""
+        home = model.joint_poses(np.zeros(model.n))
+        flange = np.linalg.solve(home[-1], model.flange_pose(np.zeros(model.n)))[:3, 3]
+        parent = np.array([int(model.pin_model.parents[j + 1]) - 1 for j in range(model.n)])
+        fixed = _relative(home, parent)
+        turned = _relative(model.joint_poses(np.ones(model.n)), parent)
+        turn = np.einsum("jki,jkl->jil", fixed[:, :3, :3], turned[:, :3, :3])  # exp(axis 1 rad)
+        axis = Rotation.from_matrix(turn).as_rotvec()
+        return cls(
+            parent=parent,
+            rotation=readonly(np.ascontiguousarray(fixed[:, :3, :3])),
+            translation=readonly(np.ascontiguousarray(fixed[:, :3, 3])),
+            axis=readonly(axis / np.linalg.norm(axis, axis=1, keepdims=True)),
+            flange=readonly(np.ascontiguousarray(flange)),
+        )
+
+    def joint_poses(self, position: FloatArray) -> FloatArray:
+        """Return the pose of every joint frame, (T, n, 4, 4), for joint positions (T, n) [rad]."""
+        return _poses(
+            np.ascontiguousarray(position), self.parent, self.rotation, self.translation, self.axis
+        )
+
+    def flange_position(self, position: FloatArray) -> FloatArray:
+        """Return the flange in the base frame [m], (T, 3), for joint positions (T, n) [rad]."""
+        last = self.joint_poses(position)[:, -1]
+        return last[:, :3, :3] @ self.flange + last[:, :3, 3]
+
+
+def _relative(poses: FloatArray, parent: NDArray[np.int64]) -> FloatArray:
+    """Return joint poses (n, 4, 4) in the frame of each joint's parent."""
+    above = np.concatenate([poses, np.eye(4)[None]])[parent]  # -1 picks the base
+    return np.asarray(np.linalg.solve(above, poses), dtype=np.float64)
+
+
+@njit(cache=True, nogil=True)
+def forward(
+    q: FloatArray,
+    parent: NDArray[np.int64],
+    rotation: FloatArray,
+    translation: FloatArray,
+    axis: FloatArray,
+    R: FloatArray,
+    p: FloatArray,
+) -> None:
+    """Fill R, (n, 3, 3), and p, (n, 3) [m], with the joint frames in the base frame.
+
+    Each joint adds its fixed placement and the turn exp(axis q), written out by Rodrigues:
+    exp(axis q) = I + sin(q) K + (1 - cos(q)) K², with K v = axis x v.
+    """
+    local = np.empty((3, 3))
+    turn = np.empty((3, 3))
+    for j in range(q.shape[0]):
+        s, c = np.sin(q[j]), np.cos(q[j])
+        x, y, z = axis[j]
+        d = 1.0 - c
+        turn[0, 0], turn[0, 1], turn[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
+        turn[1, 0], turn[1, 1], turn[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
+        turn[2, 0], turn[2, 1], turn[2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
+        for row in range(3):
+            for col in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += rotation[j, row, k] * turn[k, col]
+                local[row, col] = total
+        above = parent[j]
+        for row in range(3):
+            if above < 0:
+                p[j, row] = translation[j, row]
+                for col in range(3):
+                    R[j, row, col] = local[row, col]
+                continue
+            shift = p[above, row]
+            for k in range(3):
+                shift += R[above, row, k] * translation[j, k]
+            p[j, row] = shift
+            for col in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += R[above, row, k] * local[k, col]
+                R[j, row, col] = total
+
+
+@njit(cache=True, nogil=True)
+def _poses(
+    position: FloatArray,
+    parent: NDArray[np.int64],
+    rotation: FloatArray,
+    translation: FloatArray,
+    axis: FloatArray,
+) -> FloatArray:
+    T, n = position.shape
+    poses = np.zeros((T, n, 4, 4))
+    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
+    for t in range(T):
+        forward(position[t], parent, rotation, translation, axis, R, p)
+        for j in range(n):  # loops: assigned slices take seconds to compile
+            for row in range(3):
+                for col in range(3):
+                    poses[t, j, row, col] = R[j, row, col]
+                poses[t, j, row, 3] = p[j, row]
+            poses[t, j, 3, 3] = 1.0
+    return poses

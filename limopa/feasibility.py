@@ -1,0 +1,195 @@
+"""Feasibility of configurations and paths: joint limits, workspace, table, self-collision.
+
+Source: checkFeasibility and cartesianSampleRange of Algorithm 1 (LIMOPA) of the paper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.errors import ConfigError, InfeasiblePathError
+from limo_driver.kinematics import KinematicChain
+from limo_driver.model import Capsule
+from limopa.capsules import clearances
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+    from limopa.path import Path
+    from limopa.request import Surroundings, Workspace
+
+ALWAYS = 0.95  # share of random configurations; a pair that overlaps in more does by construction
+PROBES = 1000  # random configurations that show which pairs do
+
+
+class Condition(StrEnum):
+    """What a configuration or a path has to satisfy."""
+
+    JOINT_LIMITS = "joint limits"
+    WORKSPACE = "effective workspace"
+    TABLE = "table"
+    SELF_COLLISION = "self-collision"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Which of T configurations break which condition; each array has shape (T,)."""
+
+    broken: Mapping[Condition, NDArray[np.bool_]]
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Configurations that break no condition, (T,)."""
+        return ~np.logical_or.reduce(list(self.broken.values()))
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Return the conditions that any configuration breaks."""
+        return tuple(name for name, rows in self.broken.items() if rows.any())
+
+
+class Feasibility:
+    """Check configurations and paths of one robot in given surroundings.
+
+    Links are capsules. Neighbours in the chain are not checked against each other, nor are pairs
+    that touch in nearly every configuration, since their shapes overlap by construction
+    (`overlapping_pairs`). The base and the first link stand on the table and are not checked
+    against it. Without self-collision the joint frames and the flange are kept off the table.
+
+    Raises:
+        ConfigError: The collision shapes cannot be read.
+        InfeasiblePathError: The joint margin leaves a joint no range.
+    """
+
+    def __init__(self, model: RobotModel, surroundings: Surroundings, workspace: Workspace) -> None:
+        self.surroundings, self.workspace = surroundings, workspace
+        self.chain = KinematicChain.of(model)
+        self.lower = model.limits.position_min + surroundings.joint_margin
+        self.upper = model.limits.position_max - surroundings.joint_margin
+        self._require_range()
+        self.capsules = self._bodies(model)
+        self._joint = np.array([body.joint for body in self.capsules])
+        self._ends = np.array([[body.start, body.end] for body in self.capsules])
+        self._radius = np.array([body.radius for body in self.capsules])
+        self._above_table = self._joint > 0
+        self.overlapping_pairs: tuple[tuple[str, str], ...] = ()
+        self._pairs = np.zeros((0, 2), dtype=np.int64)
+        if surroundings.self_collision:
+            self._choose_pairs()
+        self._reach = self._reaches()
+
+    def check(self, position: FloatArray) -> Verdict:
+        """Check joint limits, table and self-collision of joint positions (T, n) [rad]."""
+        gap, lowest = self._clearances(position)
+        need = self.surroundings.clearance
+        floor = self.surroundings.table_height + need
+        outside = (position < self.lower) | (position > self.upper)
+        return Verdict(
+            {
+                Condition.JOINT_LIMITS: np.any(outside, axis=1),
+                Condition.TABLE: np.any(lowest[:, self._above_table] < floor, axis=1),
+                Condition.SELF_COLLISION: np.any(gap < need, axis=1),
+            }
+        )
+
+    def check_scaffold(self, position: FloatArray) -> Verdict:
+        """Check joint positions (T, n) [rad] as `check` does, and the effective workspace."""
+        space = self.workspace
+        flange = self.chain.flange_position(position)
+        far = np.linalg.norm(flange - np.array(space.centre), axis=1) > space.radius
+        outside = (flange < np.array(space.lower)) | (flange > np.array(space.upper))
+        workspace = {Condition.WORKSPACE: np.logical_or(far, outside.any(axis=1))}
+        return Verdict({**workspace, **self.check(position).broken})
+
+    def check_path(self, path: Path) -> tuple[Condition, ...]:
+        """Return the conditions that a path breaks; empty if it is feasible.
+
+        Samples lie so close that no point of the arm moves by more than the clearance from one to
+        the next. What lies between two samples therefore keeps at least half of the clearance.
+        """
+        travel = path.length * float(path.peaks()[0] @ self._reach)  # [m]
+        count = int(np.ceil(travel / self.surroundings.clearance)) + 2
+        position = path.derivative(np.linspace(0.0, path.length, count), 0)
+        return self.check(position).conditions()
+
+    def _clearances(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        chain = self.chain
+        return clearances(
+            np.ascontiguousarray(position),
+            chain.parent,
+            chain.rotation,
+            chain.translation,
+            chain.axis,
+            self._joint,
+            self._ends,
+            self._radius,
+            self._pairs,
+        )
+
+    def _require_range(self) -> None:
+        empty = np.flatnonzero(self.lower >= self.upper)
+        if empty.size:
+            raise InfeasiblePathError(
+                Condition.JOINT_LIMITS,
+                f"a margin of {np.degrees(self.surroundings.joint_margin):g} deg at either end "
+                f"leaves joint {empty[0] + 1} no range",
+            )
+
+    def _bodies(self, model: RobotModel) -> tuple[Capsule, ...]:
+        if not self.surroundings.self_collision:
+            origin = np.zeros(3)
+            frames = [
+                Capsule(name, j, origin, origin, 0.0) for j, name in enumerate(model.link_names)
+            ]
+            flange = Capsule("flange", model.n - 1, self.chain.flange, self.chain.flange, 0.0)
+            return (*frames, flange)
+        try:
+            bodies = model.capsules()
+        except ConfigError as error:
+            raise ConfigError(f"{error}; or plan without self-collision checks") from None
+        if not any(body.joint > 0 for body in bodies):
+            raise ConfigError(
+                "has no collision shapes on its moving links; plan without self-collision checks",
+                path=model.urdf,
+            )
+        return bodies
+
+    def _choose_pairs(self) -> None:
+        joint = self._joint
+        candidates = [
+            (i, k) if joint[i] < joint[k] else (k, i)
+            for i in range(len(joint))
+            for k in range(i)
+            if joint[i] != joint[k]
+        ]
+        apart = [(i, k) for i, k in candidates if self.chain.parent[joint[k]] != joint[i]]
+        self._pairs = np.array(sorted(apart), dtype=np.int64).reshape(-1, 2)
+        probes = np.random.default_rng(0).uniform(self.lower, self.upper, (PROBES, len(self.lower)))
+        touching = (self._clearances(probes)[0] < 0.0).mean(axis=0)
+        always = touching > ALWAYS
+        self.overlapping_pairs = tuple(
+            (self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[always]
+        )
+        self._pairs = np.ascontiguousarray(self._pairs[~always])
+
+    def _reaches(self) -> FloatArray:
+        """Return a bound of how far from each joint's axis anything it moves can be, (n,) [m]."""
+        n = len(self.lower)
+        reach = np.zeros(n)
+        for body, ends, radius in zip(self.capsules, self._ends, self._radius, strict=True):
+            if body.joint >= 0:
+                extent = float(np.linalg.norm(ends, axis=1).max() + radius)
+                reach[body.joint] = max(reach[body.joint], extent)
+        for j in range(n - 1, -1, -1):
+            above = self.chain.parent[j]
+            if above >= 0:
+                offset = float(np.linalg.norm(self.chain.translation[j]))
+                reach[above] = max(reach[above], offset + reach[j])
+        return reach

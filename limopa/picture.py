@@ -1,0 +1,174 @@
+"""Picture of a plan: joint space over time, the flange's path, one exploring phase, velocities."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limo_driver.kinematics import KinematicChain
+from limopa.planner import EXPLORING, REACHING
+from limopa.statistics import reversal_rows, rotations
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from limo_driver.model import RobotModel
+    from limo_driver.trajectory import Segment
+    from limopa.planner import Plan
+
+EXPLORING_COLOUR, REACHING_COLOUR = "#c1272d", "#9aa0a6"
+JOINT_COLOURS = ("#0b559f", "#d9730d", "#2e7d32", "#c1272d", "#6a3d9a", "#8c564b", "#00838f")
+DRAWN = 40_000  # samples drawn of a whole motion: enough for print, and an SVG stays small
+STYLE: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 7,
+    "lines.linewidth": 0.8,
+    "svg.hashsalt": "limo",  # the same plan gives the same file
+}
+
+
+def draw(plan: Plan, model: RobotModel, path: Path | str) -> None:
+    """Draw a plan into a file; its ending gives the format (PNG, PDF or SVG).
+
+    Args:
+        plan: The plan.
+        model: The robot it was planned for.
+        path: File to write.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(10.0, 7.6), dpi=160, layout="constrained")
+        FigureCanvasAgg(figure)
+        grid = figure.add_gridspec(3, 2, height_ratios=(1.35, 1.0, 1.0), width_ratios=(1.0, 1.15))
+        _draw_flange(figure.add_subplot(grid[0, 0], projection="3d"), plan, model)
+        _draw_exploring(figure.add_subplot(grid[0, 1]), plan)
+        _draw_joint_space(figure.add_subplot(grid[1, :]), plan)
+        _draw_velocities(figure.add_subplot(grid[2, 0]), plan, model)
+        _draw_rotations(figure.add_subplot(grid[2, 1]), plan)
+        figure.savefig(str(path))
+
+
+def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN401  # matplotlib
+    """Draw the flange's path, as in the upper left of the paper's figure of the training motion."""
+    flange = KinematicChain.of(model).flange_position(plan.trajectory.position)
+    for segment in plan.trajectory.segments:
+        rows = slice(max(segment.start - 1, 0), segment.stop, 1 if len(flange) < DRAWN else 8)
+        colour = EXPLORING_COLOUR if segment.kind == EXPLORING else REACHING_COLOUR
+        width = 0.8 if segment.kind == EXPLORING else 0.5
+        axes.plot(*flange[rows].T, color=colour, linewidth=width)
+    axes.plot([], [], color=EXPLORING_COLOUR, label=EXPLORING)
+    axes.plot([], [], color=REACHING_COLOUR, label=REACHING)
+    axes.scatter([0], [0], [0], color="black", s=14, marker="s", label="base")
+    axes.set_title("Path of the flange")
+    axes.set_xlabel("x [m]", labelpad=-4)
+    axes.set_ylabel("y [m]", labelpad=-4)
+    axes.set_zlabel("z [m]", labelpad=-4)
+    axes.tick_params(pad=-2, labelsize=7)
+    axes.set_aspect("equal")
+    axes.view_init(elev=24, azim=-50)
+    axes.legend(loc="upper left", bbox_to_anchor=(-0.25, 0.98))
+
+
+def _draw_exploring(axes: Any, plan: Plan) -> None:  # noqa: ANN401
+    """Draw the joints of the middle exploring phase about their start, reversals marked."""
+    segments = [s for s in plan.trajectory.segments if s.kind == EXPLORING]
+    number = len(segments) // 2
+    rows = slice(segments[number].start, segments[number].stop)
+    time = plan.trajectory.time[rows] - plan.trajectory.time[rows.start]
+    position = np.degrees(plan.trajectory.position[rows])
+    velocity = plan.trajectory.velocity[rows]
+    for j in range(position.shape[1]):
+        moved = position[:, j] - position[0, j]
+        turns = reversal_rows(velocity[:, j])
+        colour = _colour(j)
+        axes.plot(time, moved, color=colour, label=f"joint {j + 1}")
+        axes.plot(time[turns], moved[turns], ".", color=colour, markersize=3.5)
+    axes.set_title(f"Exploring phase {number + 1} of {len(segments)}; dots: reversals of rotation")
+    axes.set_xlabel("time in the phase [s]")
+    axes.set_ylabel("rotation from the scaffold [deg]")
+    axes.margins(x=0.01)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _draw_joint_space(axes: Any, plan: Plan) -> None:  # noqa: ANN401
+    """Draw all joints over the whole motion; shaded stretches are exploring phases."""
+    motion = plan.trajectory
+    step = max(1, len(motion) // DRAWN)
+    minutes = motion.time[::step] / 60
+    for segment in motion.segments:
+        if segment.kind == EXPLORING:
+            start, stop = motion.time[[segment.start, segment.stop - 1]] / 60
+            axes.axvspan(start, stop, color=EXPLORING_COLOUR, alpha=0.08, linewidth=0)
+    for j in range(motion.n):
+        position = np.degrees(motion.position[::step, j])
+        axes.plot(minutes, position, color=_colour(j), label=f"joint {j + 1}", linewidth=0.6)
+    axes.set_title(
+        f"Joint space: {len(plan.scaffolds)} scaffolds, {motion.duration / 60:.1f} min; "
+        "shaded: exploring"
+    )
+    axes.set_xlabel("time [min]")
+    axes.set_ylabel("position [deg]")
+    axes.set_xlim(0, motion.duration / 60)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _draw_velocities(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN401
+    """Draw how often which velocity occurs, all joints, relative to their limits."""
+    motion = plan.trajectory
+    bins = np.linspace(0, 100, 51)
+    for kind, colour in ((EXPLORING, EXPLORING_COLOUR), (REACHING, REACHING_COLOUR)):
+        rows = _rows(motion.segments, kind)
+        if rows.size:
+            share = 100 * np.abs(motion.velocity[rows]) / model.limits.velocity
+            weights = np.full(share.size, 100 / share.size)
+            axes.hist(share.ravel(), bins, weights=weights, color=colour, alpha=0.75, label=kind)
+    axes.set_yscale("log")
+    axes.set_title("Joint velocity")
+    axes.set_xlabel("share of the joint's limit [%]")
+    axes.set_ylabel("samples of the phase [%]")
+    axes.legend()
+
+
+def _draw_rotations(axes: Any, plan: Plan) -> None:  # noqa: ANN401
+    """Draw how far joints turn between two reversals while exploring."""
+    motion = plan.trajectory
+    phases = [slice(s.start, s.stop) for s in motion.segments if s.kind == EXPLORING]
+    values = [
+        np.concatenate([rotations(motion.position[r, j], motion.velocity[r, j]) for r in phases])
+        for j in range(motion.n)
+    ]
+    present = [j for j in range(motion.n) if values[j].size]
+    parts = axes.boxplot(
+        [np.degrees(values[j]) for j in present],
+        positions=[j + 1 for j in present],
+        showfliers=False,
+        patch_artist=True,
+        widths=0.55,
+        medianprops={"color": "black"},
+    )
+    for j, box in zip(present, parts["boxes"], strict=True):
+        box.set(facecolor=_colour(j), alpha=0.6, linewidth=0.5)
+    axes.set_title("Rotation between two reversals, exploring")
+    axes.set_xlabel("joint")
+    axes.set_ylabel("rotation [deg]")
+    axes.set_ylim(bottom=0)
+
+
+def _rows(segments: tuple[Segment, ...], kind: str) -> Any:  # noqa: ANN401  # (k,) rows
+    ranges = [np.arange(s.start, s.stop) for s in segments if s.kind == kind]
+    return np.concatenate(ranges) if ranges else np.zeros(0, dtype=np.intp)
+
+
+def _colour(joint: int) -> str:
+    return JOINT_COLOURS[joint % len(JOINT_COLOURS)]

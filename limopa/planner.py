@@ -1,0 +1,208 @@
+"""LIMOPA, the locally isotropic motion path algorithm: scaffolds, reaching and exploring phases.
+
+Source: Algorithm 1 (LIMOPA) of the paper.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.errors import InfeasiblePathError
+from limo_driver.trajectory import Segment, Trajectory
+from limopa.exploration import Exploration, draw_exploration
+from limopa.feasibility import Feasibility
+from limopa.path import Line, Path
+from limopa.request import PlanRequest
+from limopa.retiming import JointBounds, TimedPath, retime
+from limopa.scaffold import ScaffoldSampler, nearest_first
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+REACHING, EXPLORING = "reaching", "exploring"
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase of a plan: its path, and its parameter at each sample of its segment."""
+
+    kind: str  # reaching or exploring
+    path: Path
+    parameter: FloatArray  # (T,)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned motion and how it came about; phase i is segment i of the trajectory."""
+
+    request: PlanRequest
+    seed: int
+    trajectory: Trajectory
+    scaffolds: FloatArray  # (L, n) [rad], in the order of the motion
+    phases: tuple[Phase, ...]
+    candidates: int  # random configurations drawn
+    rejections: Mapping[str, Mapping[str, int]]  # stage → condition → count
+    unchecked_pairs: tuple[tuple[str, str], ...]  # links that touch by construction
+
+
+def plan(
+    model: RobotModel,
+    request: PlanRequest | None = None,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Plan:
+    """Plan locally isotropic motion; the same request and seed give the same plan.
+
+    Args:
+        model: The robot.
+        request: What to plan; the paper's values by default.
+        seed: Seed of every random draw.
+        progress: Called with the number of scaffolds done and wanted.
+
+    Raises:
+        InfeasiblePathError: No such motion; names the condition that fails.
+        ConfigError: The robot's collision shapes cannot be read.
+
+    Source: Algorithm 1 (LIMOPA) of the paper.
+    """
+    planner = _Planner(model, request or PlanRequest(), seed)
+    return planner.run(progress or (lambda _done, _wanted: None))
+
+
+class _Planner:
+    """State of one run of the algorithm."""
+
+    def __init__(self, model: RobotModel, request: PlanRequest, seed: int) -> None:
+        self.model, self.request, self.seed = model, request, seed
+        self.period = 1.0 / request.rate
+        self.feasibility = Feasibility(model, request.surroundings, request.workspace)
+        streams = np.random.default_rng(seed).spawn(3)
+        scaffold_random, self.exploring_random, self.speed_random = streams
+        self.sampler = ScaffoldSampler(self.feasibility, scaffold_random, request.candidates)
+        self.rejections = {REACHING: Counter[str](), EXPLORING: Counter[str]()}
+        self.paths: list[tuple[str, Path]] = []
+        self.timed: list[TimedPath] = []
+        self.scaffolds: list[FloatArray] = []
+
+    def run(self, progress: Callable[[int, int], None]) -> Plan:
+        wanted = self.request.scaffolds
+        pool = self.sampler.draw(wanted)
+        while len(self.scaffolds) < wanted:
+            pool = self._visit_next(pool)
+            progress(len(self.scaffolds), wanted)
+        return Plan(
+            request=self.request,
+            seed=self.seed,
+            trajectory=self._trajectory(),
+            scaffolds=np.array(self.scaffolds),
+            phases=tuple(
+                Phase(kind, path, timed.parameter)
+                for (kind, path), timed in zip(self.paths, self.timed, strict=True)
+            ),
+            candidates=self.sampler.drawn,
+            rejections={"scaffold": dict(self.sampler.rejections)}
+            | {stage: dict(counts) for stage, counts in self.rejections.items()},
+            unchecked_pairs=self.feasibility.overlapping_pairs,
+        )
+
+    def _visit_next(self, pool: FloatArray) -> FloatArray:
+        """Reach and explore the nearest scaffold that allows it; return the rest of the pool.
+
+        A scaffold that cannot be explored is replaced by a new draw; one that no straight line
+        reaches stays in the pool for later, and if that holds for all of them, one more is drawn.
+        """
+        for _ in range(self.request.repairs):
+            row, line = self._nearest_reachable(pool)
+            if row is None:
+                pool = np.concatenate([pool, self.sampler.draw(1)])
+                continue
+            exploration = self._explore(pool[row])
+            if exploration is None:
+                pool = np.concatenate([np.delete(pool, row, axis=0), self.sampler.draw(1)])
+                continue
+            self._append(line, exploration)
+            return np.delete(pool, row, axis=0)
+        raise self._stuck()
+
+    def _nearest_reachable(self, pool: FloatArray) -> tuple[int | None, Line | None]:
+        if not self.scaffolds:
+            return 0, None
+        here = self.paths[-1][1]
+        start = here.derivative(np.array([here.length]), 0)[0]
+        for row in nearest_first(pool, self.scaffolds[-1]):
+            line = Line(start, pool[row])
+            broken = self.feasibility.check_path(line)
+            self.rejections[REACHING].update(map(str, broken))
+            if not broken:
+                return int(row), line
+        return None, None
+
+    def _explore(self, scaffold: FloatArray) -> Exploration | None:
+        """Draw exploring phases until one is feasible; None if none of the tries is."""
+        for _ in range(self.request.exploring_tries):
+            path = draw_exploration(scaffold, self.request.exploring, self.exploring_random)
+            broken = self.feasibility.check_path(path)
+            self.rejections[EXPLORING].update(map(str, broken))
+            if not broken:
+                return path
+        return None
+
+    def _append(self, line: Line | None, exploration: Exploration) -> None:
+        limits, random = self.model.limits, self.speed_random
+        if line is not None:
+            reaching = self.request.reaching
+            velocity = random.uniform(*reaching.velocity, self.model.n)
+            acceleration = random.uniform(*reaching.acceleration, self.model.n)
+            bounds = JointBounds.of(limits, self.period, velocity, acceleration)
+            self._add(REACHING, line, bounds)
+        share = random.uniform(*self.request.exploring.velocity)
+        self._add(EXPLORING, exploration, JointBounds.of(limits, self.period, share))
+        self.scaffolds.append(exploration.scaffold)
+
+    def _add(self, kind: str, path: Path, bounds: JointBounds) -> None:
+        self.paths.append((kind, path))
+        self.timed.append(retime(path, bounds, self.period))
+
+    def _trajectory(self) -> Trajectory:
+        """Join the phases; each begins where the one before has come to rest."""
+        first = [0] + [1] * (len(self.timed) - 1)  # the shared sample belongs to the phase before
+        joined = [
+            np.concatenate(
+                [getattr(t, name)[skip:] for t, skip in zip(self.timed, first, strict=True)]
+            )
+            for name in ("position", "velocity", "acceleration")
+        ]
+        stops = np.cumsum(
+            [len(t.parameter) - skip for t, skip in zip(self.timed, first, strict=True)]
+        )
+        starts = np.concatenate([[0], stops[:-1]])
+        return Trajectory(
+            np.arange(stops[-1]) * self.period,
+            *joined,
+            robot=self.model.name,
+            segments=tuple(
+                Segment(kind, int(start), int(stop))
+                for (kind, _), start, stop in zip(self.paths, starts, stops, strict=True)
+            ),
+        )
+
+    def _stuck(self) -> InfeasiblePathError:
+        total = sum(self.rejections.values(), Counter[str]())
+        condition = total.most_common(1)[0][0]
+        counts = "; ".join(
+            f"{stage} phases rejected by "
+            + (", ".join(f"{name} {count}" for name, count in found.most_common()) or "nothing")
+            for stage, found in self.rejections.items()
+        )
+        return InfeasiblePathError(
+            condition,
+            f"no next scaffold after {len(self.scaffolds)} of {self.request.scaffolds}, "
+            f"{self.request.repairs} replacements tried; {counts}",
+        )
