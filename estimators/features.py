@@ -1,0 +1,167 @@
+"""What the network of a hybrid sees: joint motion, rotational history and rigid-body torque.
+
+The history is a scan over the positions, the same code for a whole recording and for one sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numba import njit
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray, Motion
+
+REVERSAL: Final = 2e-4  # [rad]; above the jitter of a filtered encoder, far below any LIMO motion
+SATURATION: Final = float(np.deg2rad(10.0))  # [rad], of the rotational history, as in the paper
+_TURN, _EXTREME, _DIRECTION, _LAST, _STOPS = 0, 1, 2, 3, 4  # columns of a joint's memory
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One input of the network."""
+
+    name: str  # quantity and 1-based joint
+    unit: str
+
+
+@dataclass(frozen=True)
+class Features:
+    """The inputs of a network for n joints, and which of them it may use for each joint.
+
+    x = (q, dq, ddq, r, tau_RBD) of all joints, with the rotational history r: the signed rotation
+    since the last reversal, clipped to `saturation`. A joint has reversed when it has come back by
+    `reversal` from the farthest point it reached; r is then counted from that point. At the start,
+    r is counted from the first position.
+
+    Stop operators z ← clip(z + Δq, -w, w) remember more than the last reversal: one for each width
+    w gives the state of any presliding friction that is a sum of Maxwell-slip elements.
+
+    Args:
+        n: Number of joints.
+        own_joint: Show the network of a joint its own joint only.
+        stop_widths: Widths w of the stop operators [rad].
+        reversal: Rotation back that counts as a reversal [rad].
+        saturation: Largest rotational history [rad].
+
+    Source: Çallar and Böttger, "Hybrid Learning of Time-Series Inverse Dynamics Models for Locally
+    Isotropic Robot Motion", RA-L 2022, sec. III-B.1; stop operators: Visintin, "Differential Models
+    of Hysteresis", 1994.
+    """
+
+    n: int
+    own_joint: bool = False
+    stop_widths: tuple[float, ...] = ()
+    reversal: float = REVERSAL
+    saturation: float = SATURATION
+    _widths: FloatArray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_widths", np.array(self.stop_widths, dtype=np.float64))
+
+    @property
+    def inputs(self) -> tuple[Feature, ...]:
+        """All inputs, in order."""
+        quantities = [
+            ("position", "rad"),
+            ("velocity", "rad/s"),
+            ("acceleration", "rad/s^2"),
+            ("rotation_since_reversal", "rad"),
+            ("rigid_body_torque", "N m"),
+            *((f"stop_{width:.3g}_rad", "rad") for width in self.stop_widths),
+        ]
+        return tuple(
+            Feature(f"{name}_{j + 1}", unit) for name, unit in quantities for j in range(self.n)
+        )
+
+    @property
+    def columns(self) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+        """Inputs that the network of each joint may use, (n, f)."""
+        every = np.arange(len(self.inputs)).reshape(-1, self.n)
+        if self.own_joint:
+            return np.ascontiguousarray(every.T)
+        return np.tile(every.ravel(), (self.n, 1))
+
+    def init(self) -> FloatArray:
+        """Return the memory before the first sample."""
+        memory = np.zeros((self.n, _STOPS + self._widths.size))
+        memory[:, _LAST] = np.nan
+        return memory
+
+    def advance(
+        self, memory: FloatArray, motion: Motion, rigid_body_torque: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Compute the inputs of T samples that follow `memory`.
+
+        Args:
+            memory: Memory after the sample before.
+            motion: T samples of n joints.
+            rigid_body_torque: (T, n) [N m].
+
+        Returns:
+            The inputs, (T, number of inputs), and the memory after the last sample.
+        """
+        after = memory.copy()
+        history = _history(after, motion.position, self.reversal, self.saturation, self._widths)
+        columns = [motion.position, motion.velocity, motion.acceleration]
+        columns += [history[0], rigid_body_torque, *history[1:]]
+        return np.concatenate(columns, axis=1), after
+
+
+# Widths of the stop operators: half a reversal threshold of LIMO motion up to the paper's 10°.
+_WIDTHS: Final = tuple(float(f"{w:.3g}") for w in np.geomspace(3e-4, SATURATION, 9))
+
+FEATURE_SETS: Final[dict[str, tuple[bool, tuple[float, ...]]]] = {
+    "all-joints": (False, ()),  # the paper's
+    "own-joint": (True, ()),
+    "own-joint-stops": (True, _WIDTHS),
+}
+
+
+def feature_set(name: str, n: int) -> Features:
+    """Return the features of a named set for n joints.
+
+    Raises:
+        ConfigError: No such set; the message lists the known ones.
+    """
+    if name not in FEATURE_SETS:
+        raise ConfigError(f"no feature set is called {name!r}; known: {', '.join(FEATURE_SETS)}")
+    own_joint, widths = FEATURE_SETS[name]
+    return Features(n, own_joint, widths)
+
+
+@njit(cache=True)
+def _history(
+    memory: FloatArray, position: FloatArray, reversal: float, saturation: float, widths: FloatArray
+) -> FloatArray:
+    """Advance `memory` (n, ...) in place over (T, n); return r and the stops, (1 + w, T, n)."""
+    T, n = position.shape
+    history = np.zeros((1 + widths.size, T, n))
+    for t in range(T):
+        for j in range(n):
+            q = position[t, j]
+            own = memory[j]
+            if np.isnan(own[_LAST]):
+                own[_TURN] = own[_EXTREME] = own[_LAST] = q
+            step = q - own[_LAST]
+            own[_LAST] = q
+            if own[_DIRECTION] == 0.0:
+                if abs(q - own[_TURN]) > reversal:
+                    own[_DIRECTION] = np.sign(q - own[_TURN])
+                    own[_EXTREME] = q
+            elif (q - own[_EXTREME]) * own[_DIRECTION] >= 0.0:
+                own[_EXTREME] = q
+            elif abs(q - own[_EXTREME]) > reversal:
+                own[_TURN] = own[_EXTREME]
+                own[_EXTREME] = q
+                own[_DIRECTION] = -own[_DIRECTION]
+            history[0, t, j] = min(max(q - own[_TURN], -saturation), saturation)
+            for i in range(widths.size):
+                z = min(max(own[_STOPS + i] + step, -widths[i]), widths[i])
+                own[_STOPS + i] = z
+                history[1 + i, t, j] = z
+    return history

@@ -1,0 +1,58 @@
+"""MLP-n: one small perceptron for each joint, side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from estimators.neural.network import Network, free_size
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from limo_driver.types import FloatArray
+
+_MEMORYLESS: FloatArray = np.zeros(0)
+_ROWS = 8192  # evaluated at once, so that the hidden layer stays in the cache
+
+
+class Mlp(Network):
+    """Per part, y = W₂ᵀ max(0, W₁ᵀ x + b₁) + b₂.
+
+    Source: Çallar and Böttger, RA-L 2022, sec. III-B.2 (MLP-7: 35-100-1 for each joint).
+    """
+
+    kind: ClassVar[str] = "mlp7"
+    recurrent: ClassVar[bool] = False
+
+    @staticmethod
+    def shapes(
+        parts: int, inputs: int, weights: Mapping[str, FloatArray]
+    ) -> dict[str, tuple[int, ...]]:
+        """Return the shape of each weight."""
+        hidden = free_size(weights, "output_weight", 1)
+        outputs = free_size(weights, "output_weight", 2)
+        return {
+            "hidden_weight": (parts, inputs, hidden),
+            "hidden_bias": (parts, hidden),
+            "output_weight": (parts, hidden, outputs),
+            "output_bias": (parts, outputs),
+        }
+
+    def init(self, stride: int) -> FloatArray:  # noqa: ARG002  # it has no memory
+        """Return an empty memory."""
+        return _MEMORYLESS
+
+    def advance(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Evaluate T samples, each by itself."""
+        y = np.empty((x.shape[0], self.outputs))
+        for start in range(0, x.shape[0], _ROWS):
+            rows = slice(start, start + _ROWS)
+            y[rows] = np.concatenate([self._part(g, x[rows]) for g in range(len(self.columns))], 1)
+        return y, memory
+
+    def _part(self, g: int, x: FloatArray) -> FloatArray:
+        w = self.weights
+        hidden = x[:, self.columns[g]] @ w["hidden_weight"][g] + w["hidden_bias"][g]
+        return np.maximum(hidden, 0.0) @ w["output_weight"][g] + w["output_bias"][g]

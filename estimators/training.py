@@ -1,0 +1,188 @@
+"""Train the network of a hybrid on the residual torque of recordings."""
+
+from __future__ import annotations
+
+import copy
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.features import feature_set
+from estimators.hybrid import FittedNetwork
+from estimators.neural import NETWORKS
+from estimators.training_data import prepare
+from limo_driver.errors import ConfigError, DivergedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from estimators.features import Features
+    from estimators.neural.modules import Module
+    from estimators.training_data import TrainingData
+    from estimators.training_passes import Passes
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+
+_PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
+_SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
+_WIDTHS: Final = {"mlp7": 100, "lstm-fcl": 16}  # hidden units for one joint
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How to train; the defaults are the paper's unless said."""
+
+    model: str = "mlp7"  # mlp7 or lstm-fcl
+    features: str = "all-joints"  # all-joints, own-joint or own-joint-stops
+    epochs: int = 100
+    seed: int = 0
+    bandwidth: float = 10.0  # of the filters on motion and torque [Hz]
+    rate: float = 200.0  # of the network's samples [Hz]; the paper's data have 223 Hz
+    sequence_length: int = 100  # samples through which a recurrent network is differentiated
+    batch: int = 50  # rows of an mlp7, sequences of an lstm-fcl
+    learning_rate: float = 1e-3
+    weight_decay: float = 0.01
+    held_out: float = 0.2  # part of the motion
+    hidden: int = 0  # units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM
+
+    def __post_init__(self) -> None:
+        if self.model not in NETWORKS:
+            raise ConfigError(f"no network is called {self.model!r}; known: {', '.join(NETWORKS)}")
+        for name in ("epochs", "sequence_length", "batch", "bandwidth", "rate", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0")
+        if not 0 < self.held_out < 1:
+            raise ConfigError(f"held_out = {self.held_out} has to lie between 0 and 1")
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """What one pass over the training motion gave; losses are MSE of the normalised residual."""
+
+    number: int  # from 1
+    training_loss: float
+    held_out_loss: float
+    learning_rate: float
+
+
+def train(
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    settings: TrainingSettings,
+    on_epoch: Callable[[Epoch], None] = lambda _: None,
+) -> FittedNetwork:
+    """Train a network on tau_meas - tau_RBD; keep the weights that were best on held-out motion.
+
+    The loss is the MSE of the normalised residual, so that every joint counts the same. AdamW
+    starts at `learning_rate`, which is halved when the training loss stops falling. A recurrent
+    network answers every sample of a sequence, not only the last, and its memory is carried from
+    a sequence to the next: it is trained as it is used, scanning long motion, and each sequence
+    gives as many targets as it has samples.
+
+    Args:
+        simulation: Gives tau_RBD.
+        recordings: Measured motion and torque, at about one rate.
+        settings: How to train.
+        on_epoch: Called after each epoch, for a progress bar.
+
+    Raises:
+        ConfigError: A setting names nothing known.
+        RecordingError: A recording is of another robot, or too short for a sequence.
+        DivergedError: The loss is no longer finite.
+
+    Source: Çallar and Böttger, RA-L 2022, sec. III-D, whose recurrent networks answer only the last
+    sample of each sequence.
+    """
+    features = feature_set(settings.features, simulation.model.n)
+    random = np.random.default_rng(settings.seed)
+    data = prepare(
+        simulation,
+        recordings,
+        features,
+        bandwidth=settings.bandwidth,
+        rate=settings.rate,
+        held_out=settings.held_out,
+        random=random,
+    )
+    with _reproducible(settings.seed):
+        module = _build(settings, features)
+        passes = _passes(settings, data, random)
+        history = _descend(module, passes, settings, on_epoch)
+    return FittedNetwork(
+        features,
+        NETWORKS[settings.model](module.columns.numpy(), module.weights()),
+        data.input_scaling,
+        data.output_scaling,
+        data.rate,
+        settings.bandwidth,
+        {"settings": asdict(settings), "epochs": [asdict(epoch) for epoch in history]},
+    )
+
+
+@contextmanager
+def _reproducible(seed: int) -> Iterator[None]:
+    """Seed PyTorch and keep it on one thread, which is faster here; restore both after."""
+    import torch
+
+    threads = torch.get_num_threads()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+
+
+def _build(settings: TrainingSettings, features: Features) -> Module:
+    from estimators.neural.modules import LstmModule, MlpModule
+
+    columns = features.columns
+    if settings.model == "mlp7":
+        return MlpModule(columns, settings.hidden or _WIDTHS["mlp7"], 1)
+    if features.own_joint:
+        return LstmModule(columns, settings.hidden or _WIDTHS["lstm-fcl"], 1)
+    return LstmModule(columns[:1], settings.hidden or columns.shape[1], features.n)
+
+
+def _passes(settings: TrainingSettings, data: TrainingData, random: np.random.Generator) -> Passes:
+    from estimators.training_passes import RowPasses, SequencePasses
+
+    if NETWORKS[settings.model].recurrent:
+        return SequencePasses(data, settings.batch, random, settings.sequence_length)
+    return RowPasses(data, settings.batch, random)
+
+
+def _descend(
+    module: Module, passes: Passes, settings: TrainingSettings, on_epoch: Callable[[Epoch], None]
+) -> list[Epoch]:
+    """Run the epochs and leave the best weights in the module."""
+    import torch
+
+    optimizer = torch.optim.AdamW(
+        module.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+    )
+    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(
+        optimizer, factor=0.5, patience=_PATIENCE
+    )
+    best, weights = np.inf, copy.deepcopy(module.state_dict())
+    history: list[Epoch] = []
+    for number in range(1, settings.epochs + 1):
+        rate = float(optimizer.param_groups[0]["lr"])
+        if rate < _SLOWEST * settings.learning_rate:
+            break
+        epoch = Epoch(number, *passes.epoch(module, optimizer), rate)
+        if not np.isfinite([epoch.training_loss, epoch.held_out_loss]).all():
+            raise DivergedError(
+                f"the loss is no longer finite in epoch {number}; lower the learning rate "
+                f"({settings.learning_rate:g}) or look for outliers in the torque"
+            )
+        history.append(epoch)
+        on_epoch(epoch)
+        schedule.step(epoch.training_loss)
+        if epoch.held_out_loss < best:
+            best, weights = epoch.held_out_loss, copy.deepcopy(module.state_dict())
+    module.load_state_dict(weights)
+    return history
