@@ -97,7 +97,7 @@ class _Stretch:
         even = values if self.even else self._to_grid(values)
         padded = np.concatenate([self._before(even), even, self._before(even[::-1])[::-1]])
         sos = butter(ORDER, self.bandwidth, fs=1.0 / self.period, output="sos")
-        return sosfiltfilt(sos, padded, axis=0, padtype=None, padlen=0)
+        return np.asarray(sosfiltfilt(sos, padded, axis=0, padlen=0))
 
     def read(self, padded: FloatArray) -> FloatArray:
         """Return grid values at the recorded instants."""

@@ -1,5 +1,8 @@
 """Files of recordings: Parquet, CSV and limo's own log, read into columns and written."""
 
+# pyarrow ships no type stubs, so its tables are unknown to the checker.
+# pyright: reportUnknownParameterType=false
+
 from __future__ import annotations
 
 import re

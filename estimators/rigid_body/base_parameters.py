@@ -64,7 +64,9 @@ def find_base_parameters(model: RobotModel, terms: JointTerms) -> BaseParameters
     scale[scale == 0] = 1.0
     independent = _independent_columns(W / scale, _order(model.n, terms))
     dependent = np.setdiff1d(np.arange(W.shape[1]), independent)
-    mixing = np.linalg.lstsq(W[:, independent], W[:, dependent], rcond=None)[0]
+    mixing = np.asarray(
+        np.linalg.lstsq(W[:, independent], W[:, dependent], rcond=None)[0], dtype=np.float64
+    )
     mixing[np.abs(mixing) < _INDEPENDENT] = 0.0
     return BaseParameters(independent, dependent, mixing)
 
@@ -84,7 +86,9 @@ def _random_regressor(model: RobotModel, terms: JointTerms) -> FloatArray:
     n = model.n
     velocity, acceleration = random.uniform(-_FASTEST, _FASTEST, (2, _SAMPLES, n))
     position = random.uniform(-np.pi, np.pi, (_SAMPLES, n))
-    Y = Chain.of(model).regressor(Motion(np.arange(_SAMPLES), position, velocity, acceleration))
+    Y = Chain.of(model).regressor(
+        Motion(np.arange(float(_SAMPLES)), position, velocity, acceleration)
+    )
     own = terms.columns(velocity, acceleration)
     D = np.zeros((n, _SAMPLES, own.shape[2], n))
     for j in range(n):

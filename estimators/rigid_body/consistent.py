@@ -35,6 +35,7 @@ _ITERATIONS = 200
 _DECREMENT = 1e-10  # Newton decrement at which the minimum is reached
 _LIGHTEST = 0.05  # [kg], smallest nominal mass taken seriously
 _SMALLEST = 0.01  # [m], smallest nominal radius of gyration taken seriously
+_RELEASE = 1e-6  # gradient at which a parameter held at zero is set free again
 _WEAKEST_PRIOR = 1e-8  # [1/unit²] on joint terms, so that what nothing reveals is zero
 
 
@@ -81,7 +82,7 @@ def fit_consistent(
     for _ in range(nominal.size):
         phi = problem.minimise(np.where(held, 0.0, phi), ~held)
         negative = positive & ~held & (phi < 0)
-        released = held & ~absent & (problem.gradient(phi) < -1e-9)
+        released = held & ~absent & (problem.gradient(phi) < -_RELEASE)
         if not negative.any() and not released.any():
             return ConsistentFit(phi, problem.deviation(phi, ~held))
         held = (held | negative) if negative.any() else (held & ~released)
@@ -206,7 +207,7 @@ def inertial_of(parameters: FloatArray) -> Inertial:
     m = float(parameters[0])
     c = parameters[1:4] / m
     xx, xy, yy, xz, yz, zz = parameters[4:]
-    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # noqa: E741
-    I = I - m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    at_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    at_com = at_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
     x, y, z = c.tolist()
-    return Inertial(m, (x, y, z), tuple(I[np.triu_indices(3)].tolist()))
+    return Inertial(m, (x, y, z), tuple(at_com[np.triu_indices(3)].tolist()))

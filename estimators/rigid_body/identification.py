@@ -15,16 +15,14 @@ from estimators.rigid_body.consistent import (
     inertial_of,
     thickened,
 )
-from estimators.rigid_body.least_squares import BaseFit, fit_base
+from estimators.rigid_body.least_squares import BaseFit, choose_sign_widths, fit_base
 from estimators.rigid_body.normal_equations import NormalEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.terms import JointTerms, Term
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Callable, Sequence
 
     from limo_driver.model import RobotModel
     from limo_driver.recording import Recording
@@ -81,6 +79,7 @@ def identify(
     terms: JointTerms | None = None,
     rows: Rows | None = None,
     tolerance: float = INERTIA_TOLERANCE,
+    progress: Callable[[int], None] | None = None,
 ) -> Identification:
     """Identify a robot.
 
@@ -91,16 +90,20 @@ def identify(
         rows: Which rows are used, and the bandwidth.
         tolerance: Relative standard deviation of the nominal inertias; what the motion does not
             reveal stays there.
+        progress: Called with the number of samples done since the last call.
 
     Raises:
         RecordingError: A recording is of another robot, or no row is left.
     """
     terms, rows = terms or JointTerms(), rows or Rows()
     base = find_base_parameters(model, terms)
-    equations = accumulate(model, terms, recordings, rows)
     nominal = nominal_parameters(model, terms)
+    choice = choose_sign_widths(
+        accumulate(model, terms, recordings, rows, progress), terms, base, nominal
+    )
+    equations, terms = choice.equations, choice.terms
     fit = fit_base(equations, base, nominal)
-    consistent = _consistent(model, terms, base, equations, fit, nominal, tolerance)
+    consistent = _consistent(model.n, terms, equations, fit, nominal, tolerance)
     estimates = _estimates(model.n, terms, consistent)
     rmse = equations.rmse(consistent.parameters)
     return Identification(
@@ -119,37 +122,34 @@ def identify(
 
 
 def nominal_parameters(model: RobotModel, terms: JointTerms) -> FloatArray:
+    """Return full parameters (p,) with the robot's inertias and without friction."""
     links = [thickened(parameters_of(model.inertials[link])) for link in model.link_names]
     return np.concatenate([*links, np.zeros(model.n * len(terms.all()))])
 
 
 def _consistent(
-    model: RobotModel,
+    n: int,
     terms: JointTerms,
-    base: BaseParameters,
     equations: NormalEquations,
     fit: BaseFit,
     nominal: FloatArray,
     tolerance: float,
 ) -> ConsistentFit:
-    """Fit with the weights of the base fit, then once more without insignificant armatures."""
+    """Fit with the weights of the base fit, then once more without insignificant armatures.
+
+    An armature that torque alone cannot tell from a link's inertia can be told by the nominal
+    inertia: what exceeds it beyond its tolerance is the drive's.
+    """
     weight = fit.weight * equations.independent
     data = Quadratic(*equations.weighted(weight))
-    first = PER_LINK * model.n
     positive = np.zeros(nominal.size, dtype=bool)
-    positive[first:] = np.repeat([term.positive for term in terms.all()], model.n)
+    positive[PER_LINK * n :] = np.repeat([term.positive for term in terms.all()], n)
     absent = np.zeros(nominal.size, dtype=bool)
-    absent[base.dependent[base.dependent >= first]] = True
-
-    def fitted(without: NDArray[np.bool_]) -> ConsistentFit:
-        return fit_consistent(data, nominal, model.n, tolerance, positive, without)
-
-    result = fitted(absent)
+    result = fit_consistent(data, nominal, n, tolerance, positive, absent)
     if not terms.armature:
         return result
-    insignificant = result.parameters < _SIGNIFICANT * np.maximum(result.deviation, 1e-12)
-    insignificant[: -model.n] = False
-    return fitted(absent | insignificant)
+    absent[-n:] = result.parameters[-n:] <= _SIGNIFICANT * result.deviation[-n:]
+    return fit_consistent(data, nominal, n, tolerance, positive, absent)
 
 
 def _simulation(model: RobotModel, terms: JointTerms, fit: ConsistentFit) -> Simulation:

@@ -10,6 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from estimators.rigid_body.base_parameters import BaseParameters
     from estimators.rigid_body.normal_equations import NormalEquations
+    from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 
 _ROUNDS = 4  # of reweighting; the weights settle in two or three
@@ -30,7 +31,7 @@ class BaseFit:
 
 
 def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArray) -> BaseFit:
-    """Fit base parameters, each joint weighted by the inverse of its own error's variance.
+    """Fit base parameters, with the joints weighted as the equations say.
 
     Combinations that the motion does not excite stay at their nominal value.
 
@@ -42,11 +43,13 @@ def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArr
     start = base.reduce(nominal)
     scale_of_torque = np.sqrt(equations.energy / np.maximum(equations.count, 1))
     floor = np.maximum(_SMALLEST_ERROR * scale_of_torque, 1e-12)
-    weight = np.ones(equations.count.size)
-    for _ in range(_ROUNDS):
+    weight = 1.0 / np.maximum(scale_of_torque, 1e-12) ** 2
+    solution = _solve(equations, base, start, weight)
+    rmse = equations.rmse(base.expand(solution.parameters))
+    for _ in range(_ROUNDS if equations.weighting == "error" else 0):
+        weight = 1.0 / np.maximum(rmse, floor) ** 2
         solution = _solve(equations, base, start, weight)
         rmse = equations.rmse(base.expand(solution.parameters))
-        weight = 1.0 / np.maximum(rmse, floor) ** 2
     return BaseFit(
         solution.parameters,
         solution.inverse / equations.independent,
@@ -55,6 +58,27 @@ def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArr
         solution.condition,
         solution.excited,
     )
+
+
+@dataclass(frozen=True)
+class WidthChoice:
+    """The equations and terms with the sign width that fits each joint best."""
+
+    equations: NormalEquations
+    terms: JointTerms
+
+
+def choose_sign_widths(
+    equations: NormalEquations, terms: JointTerms, base: BaseParameters, nominal: FloatArray
+) -> WidthChoice:
+    """Fit with each width for all joints, and take the best of each joint."""
+    n = equations.count.size
+    errors = [
+        fit_base(equations.choose(terms, [index] * n), base, nominal).rmse
+        for index in range(len(terms.sign_widths))
+    ]
+    choice = tuple(np.argmin(errors, axis=0).tolist())
+    return WidthChoice(equations.choose(terms, choice), terms.with_choice(choice))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.identification import nominal_parameters
-from estimators.rigid_body.least_squares import fit_base
+from estimators.rigid_body.least_squares import choose_sign_widths, fit_base
 from estimators.rigid_body.normal_equations import CHUNK, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from estimators.rigid_body.terms import JointTerms
@@ -52,8 +52,11 @@ class RigidBodyModel:
         """
         model = RobotModel.load(self.robot)
         self.base_ = find_base_parameters(model, self.terms)
-        equations = accumulate(model, self.terms, recordings, self.rows)
-        self.fit_ = fit_base(equations, self.base_, nominal_parameters(model, self.terms))
+        nominal = nominal_parameters(model, self.terms)
+        sums = accumulate(model, self.terms, recordings, self.rows)
+        choice = choose_sign_widths(sums, self.terms, self.base_, nominal)
+        self.terms_ = choice.terms
+        self.fit_ = fit_base(choice.equations, self.base_, nominal)
         self.parameters_ = self.base_.expand(self.fit_.parameters)
         self.chain_ = Chain.of(model)
         return self
@@ -85,7 +88,7 @@ class RigidBodyModel:
             chunk = motion[start : start + CHUNK]
             self.chain_.fill(chunk, Y)
             torque[start : start + CHUNK] = (Y[:, : len(chunk)] @ body).T
-        columns = self.terms.columns(motion.velocity, motion.acceleration)
+        columns = self.terms_.columns(motion.velocity, motion.acceleration)
         return torque + np.einsum("tjk,kj->tj", columns, own.reshape(-1, n))
 
     def init(self) -> None:

@@ -7,52 +7,71 @@ or other priors need no second pass over the data.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.differentiation import smooth
-from limo_driver.errors import RecordingError
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.model import RobotModel
     from limo_driver.recording import Recording
-    from limo_driver.types import FloatArray, Motion
+    from limo_driver.types import FloatArray
 
-CHUNK = 1024  # samples; its regressor of 7 joints stays in the cache
+CHUNK = 1024  # samples whose regressor is held at a time; it stays in the processor's cache
+BLOCK = 65536  # samples filtered at a time
+WEIGHTINGS = ("error", "torque")
+_MEMORY = 6.0  # [1/bandwidth] after which the filter has forgotten all but 5e-7
 MOVING = 0.02  # [rad/s], above which a joint counts as moving
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Which measured rows a fit uses, and how they are filtered.
+    """Which measured rows a fit uses, how they are filtered, and how much they count.
 
     Args:
         bandwidth: Of the zero-phase filter on position and torque [Hz].
         moving_only: Leave out, joint by joint, rows at which the joint rests. At rest, a torque
             measured on the motor side may lie anywhere within the friction band.
+        weighting: Each joint's rows count by the inverse variance of their `error` (the maximum
+            likelihood, found by iteration) or of the `torque` (every joint's relative error
+            counts the same).
+
+    Raises:
+        ConfigError: No such weighting.
     """
 
     bandwidth: float = 10.0
     moving_only: bool = False
+    weighting: str = "error"
+
+    def __post_init__(self) -> None:
+        if self.weighting not in WEIGHTINGS:
+            raise ConfigError(f"weighting {self.weighting!r} is not one of {', '.join(WEIGHTINGS)}")
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Sums over all rows, for each of n joints and p full parameters."""
+    """Sums over all rows, for each of n joints and p full parameters.
+
+    As accumulated, there is one Coulomb column for each sign width; `choose` leaves one.
+    """
 
     gram: FloatArray  # (n, p, p), Σ y yᵀ
     product: FloatArray  # (n, p), Σ y tau
     energy: FloatArray  # (n,), Σ tau² [N² m²]
     count: FloatArray  # (n,), rows
     independent: float  # share of rows that say something new: 2 bandwidth / sampling rate
+    weighting: str  # of the joints, as in `Rows`
 
     def weighted(self, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return Σ weight gram (p, p) and Σ weight product (p,) for one weight a joint."""
@@ -64,11 +83,34 @@ class NormalEquations:
         error = self.energy - 2 * self.product @ parameters + explained @ parameters
         return np.sqrt(np.maximum(error, 0.0) / np.maximum(self.count, 1))
 
+    def choose(self, terms: JointTerms, choice: Sequence[int]) -> NormalEquations:
+        """Return the equations with one sign width, by its index, for each joint."""
+        n = self.count.size
+        links, own = PER_LINK * n, len(terms.all())
+        at = np.arange(links + own * n)
+        coulomb = links + n * [term.effect for term in terms.all()].index("coulomb_friction")
+        for j, index in enumerate(choice):
+            if index:
+                at[coulomb + j] = links + n * (own + index - 1) + j
+        gram = self.gram[:, at[:, None], at[None, :]]
+        return replace(self, gram=gram, product=self.product[:, at])
+
 
 def accumulate(
-    model: RobotModel, terms: JointTerms, recordings: Sequence[Recording], rows: Rows
+    model: RobotModel,
+    terms: JointTerms,
+    recordings: Sequence[Recording],
+    rows: Rows,
+    progress: Callable[[int], None] | None = None,
 ) -> NormalEquations:
     """Sum up the normal equations of recordings, holding the regressor of one chunk at a time.
+
+    Args:
+        model: The robot.
+        terms: What is modelled beside the inertias.
+        recordings: Measured motions and torques.
+        rows: Which rows are used.
+        progress: Called with the number of samples done since the last call.
 
     Raises:
         RecordingError: A recording is of another robot, or no row is left.
@@ -77,13 +119,15 @@ def accumulate(
     samples, new = 0, 0.0
     for recording in recordings:
         recording.check_robot(model)
-        sums.add(recording, rows)
+        for done in sums.add(recording, rows):
+            if progress is not None:
+                progress(done)
         samples += len(recording)
         new += len(recording) * min(1.0, 2 * rows.bandwidth / recording.rate)
     if not sums.count.any():
         raise RecordingError("no row is left to fit to: nothing moves, or the stretches are short")
     gram, product = sums.symmetric()
-    return NormalEquations(gram, product, sums.energy, sums.count, new / samples)
+    return NormalEquations(gram, product, sums.energy, sums.count, new / samples, rows.weighting)
 
 
 class _Sums:
@@ -94,40 +138,53 @@ class _Sums:
         self.chain = Chain.of(model)
         self.n = model.n
         self.links = PER_LINK * self.n
-        self.own = len(terms.all())
+        self.own = len(terms.all()) + len(terms.sign_widths) - 1
         width = self.links + self.own
         self.gram = [np.zeros((width - PER_LINK * j, width - PER_LINK * j)) for j in range(self.n)]
         self.product = [np.zeros(width - PER_LINK * j) for j in range(self.n)]
         self.energy, self.count = np.zeros(self.n), np.zeros(self.n)
         self._Y = np.zeros((self.n, CHUNK, width))
 
-    def add(self, recording: Recording, rows: Rows) -> None:
-        """Add one recording."""
-        motion = recording.motion(rows.bandwidth)
-        own = self._own_columns(recording, motion, rows)
-        torque = recording.filtered_torque(rows.bandwidth)
+    def add(self, recording: Recording, rows: Rows) -> Iterator[int]:
+        """Add one recording block by block, and say how many samples each was.
+
+        Each block is filtered with as much before and after it as the filter remembers.
+        """
+        halo = int(np.ceil(_MEMORY / rows.bandwidth * recording.rate))
         inside = ~recording.edges(rows.bandwidth)
-        use = inside[:, None] & ((np.abs(motion.velocity) > MOVING) | (not rows.moving_only))
+        for start in range(0, len(recording), BLOCK):
+            stop = min(start + BLOCK, len(recording))
+            first = max(0, start - halo)
+            piece = recording[first : min(stop + halo, len(recording))]
+            use = np.zeros(len(piece), dtype=bool)
+            use[start - first : stop - first] = inside[start:stop]
+            self._add_block(piece, use, rows)
+            yield stop - start
+
+    def _add_block(self, piece: Recording, use: NDArray[np.bool_], rows: Rows) -> None:
+        motion = piece.motion(rows.bandwidth)
+        own = self._own_columns(piece, motion, rows.bandwidth)[use]
+        torque = piece.filtered_torque(rows.bandwidth)[use]
+        motion = Motion(
+            motion.time[use], motion.position[use], motion.velocity[use], motion.acceleration[use]
+        )
+        count = (np.abs(motion.velocity) > MOVING) | (not rows.moving_only)
         for start in range(0, len(motion), CHUNK):
             chunk = slice(start, start + CHUNK)
-            self._add_chunk(motion[chunk], own[chunk], torque[chunk], use[chunk])
+            self._add_chunk(motion[chunk], own[chunk], torque[chunk], count[chunk])
 
-    def _own_columns(self, recording: Recording, motion: Motion, rows: Rows) -> FloatArray:
-        """Return the joint terms' columns, (T, n, terms), filtered as the torque was.
+    def _own_columns(self, piece: Recording, motion: Motion, bandwidth: float) -> FloatArray:
+        """Return the joint terms' columns, then the sign of every further width, (T, n, own).
 
-        A change of sign at a reversal has all frequencies; the measured torque has lost the high
-        ones, so the column must lose them too.
+        The sign is filtered as the torque was: its change at a reversal has all frequencies, of
+        which the torque has lost the high ones.
         """
-        columns = self.terms.columns(motion.velocity, motion.acceleration)
-        for k, term in enumerate(self.terms.all()):
-            if term.effect == "coulomb_friction":
-                columns[:, :, k] = smooth(
-                    recording.time,
-                    np.ascontiguousarray(columns[:, :, k]),
-                    rows.bandwidth,
-                    recording.segments,
-                )
-        return columns
+        signs = [
+            smooth(piece.time, np.tanh(motion.velocity / width), bandwidth, piece.segments)
+            for width in self.terms.sign_widths
+        ]
+        columns = self.terms.columns(motion.velocity, motion.acceleration, signs[0])
+        return np.concatenate([columns, *(sign[:, :, None] for sign in signs[1:])], axis=2)
 
     def _add_chunk(
         self, motion: Motion, own: FloatArray, torque: FloatArray, use: NDArray[np.bool_]

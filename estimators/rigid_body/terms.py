@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.errors import ConfigError
 from limo_driver.physics import Armature, CoulombFriction, TorqueOffset, ViscousFriction
-from limo_driver.physics.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
+
+SIGN_WIDTHS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)  # [rad/s]
 
 
 @dataclass(frozen=True)
@@ -25,34 +27,46 @@ class Term:
     parameter: str
     unit: str
     positive: bool  # no negative value makes sense
-    column: Callable[[FloatArray, FloatArray], FloatArray]  # of velocity and acceleration (T, n)
     make: Callable[[int, float], Effect]  # of the 1-based joint and the value
 
 
 @dataclass(frozen=True)
 class JointTerms:
-    """Which terms a model has beside the inertias.
+    """Which terms a model has beside the inertias: friction always, the others as wanted.
 
     Args:
-        sign_width: Width v_eps of the smoothed sign of Coulomb friction [rad/s].
+        sign_widths: Widths v_eps of the smoothed sign of Coulomb friction [rad/s]; of several, the
+            one that fits best is chosen for each joint.
         offset: Model a constant offset of each torque sensor.
         armature: Model the inertia of each drive, where it can be told from the links'.
+        chosen: The width of each joint, once chosen [rad/s].
     """
 
-    sign_width: float = SIGN_WIDTH
+    sign_widths: tuple[float, ...] = SIGN_WIDTHS
     offset: bool = True
     armature: bool = True
+    chosen: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.sign_widths or min(self.sign_widths) <= 0:
+            raise ConfigError(f"sign widths {self.sign_widths} rad/s have to be greater than 0")
+
+    def with_choice(self, choice: tuple[int, ...]) -> JointTerms:
+        """Return the terms with one of the widths, by its index, for each joint."""
+        return replace(self, chosen=tuple(self.sign_widths[index] for index in choice))
+
+    def width(self, joint: int) -> float:
+        """Return the chosen width of a 1-based joint [rad/s]; the first until one is chosen."""
+        return self.sign_widths[0] if self.chosen is None else self.chosen[joint - 1]
 
     def all(self) -> tuple[Term, ...]:
-        """Return the terms in the order of the regressor's columns; armature is last."""
-        width = self.sign_width
+        """Return the terms in the order of their columns; armature is last."""
         terms = [
             Term(
                 "viscous_friction",
                 "f_v",
                 "N m s/rad",
                 True,
-                lambda v, _: v,
                 lambda joint, value: ViscousFriction(joint=joint, f_v=value),
             ),
             Term(
@@ -60,8 +74,9 @@ class JointTerms:
                 "tau_c",
                 "N m",
                 True,
-                lambda v, _: np.tanh(v / width),
-                lambda joint, value: CoulombFriction(joint=joint, tau_c=value, v_eps=width),
+                lambda joint, value: CoulombFriction(
+                    joint=joint, tau_c=value, v_eps=self.width(joint)
+                ),
             ),
         ]
         if self.offset:
@@ -71,7 +86,6 @@ class JointTerms:
                     "offset",
                     "N m",
                     False,
-                    lambda v, _: np.ones_like(v),
                     lambda joint, value: TorqueOffset(joint=joint, offset=value),
                 )
             )
@@ -82,12 +96,21 @@ class JointTerms:
                     "inertia",
                     "kg m^2",
                     True,
-                    lambda _, a: a,
                     lambda joint, value: Armature(joint=joint, inertia=value),
                 )
             )
         return tuple(terms)
 
-    def columns(self, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-        """Return every term's column, (T, n, number of terms)."""
-        return np.stack([term.column(velocity, acceleration) for term in self.all()], axis=2)
+    def columns(
+        self, velocity: FloatArray, acceleration: FloatArray, sign: FloatArray | None = None
+    ) -> FloatArray:
+        """Return every term's column, (T, n, terms); `sign` replaces the smoothed sign."""
+        if sign is None:
+            widths = [self.width(j + 1) for j in range(velocity.shape[1])]
+            sign = np.tanh(velocity / np.array(widths))
+        columns = [velocity, sign]
+        if self.offset:
+            columns.append(np.ones_like(velocity))
+        if self.armature:
+            columns.append(acceleration)
+        return np.stack(columns, axis=2)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
 
 
 def command(
@@ -15,6 +20,7 @@ def command(
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase differentiator [Hz].")
     ] = 10.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
 ) -> None:
     """Predict the noise-free torque of a recorded motion: columns time, torque_1 … torque_n.
 
@@ -24,7 +30,52 @@ def command(
 
         limo predict run.parquet --sim sim.yaml --out torque.parquet
     """
+    import json
+
+    from rich.console import Console
+
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
-    raise NotImplementedError(recording, sim, out, bandwidth, Simulation, Recording)
+    simulation, measured = Simulation.load(sim), Recording.load(recording)
+    measured.check_robot(simulation.model)
+    torque = predict_segments(simulation, measured, bandwidth)
+    write_torque(measured, torque, out)
+    left_out = {item.reason: len(item.rows) for item in measured.left_out}
+    if as_json:
+        rows = {"used": len(measured), "left_out": left_out}
+        Console().print_json(
+            json.dumps({"file": str(out), "rows": rows, "warnings": measured.warnings})
+        )
+        return
+    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    for warning in measured.warnings:
+        notes.print(f"{recording}: {warning}", markup=False)
+    for reason, count in left_out.items():
+        notes.print(f"{recording}: {count} rows left out: {reason}", markup=False)
+
+
+def predict_segments(simulation: Simulation, recording: Recording, bandwidth: float) -> FloatArray:
+    """Predict every contiguous segment with memory that starts relaxed; (T, n) [N m]."""
+    import numpy as np
+
+    motion = recording.motion(bandwidth)
+    return np.concatenate([simulation.predict(motion[rows]) for rows in recording.segments])
+
+
+def write_torque(recording: Recording, torque: FloatArray, path: Path) -> None:
+    """Write one row for each row of the recorded file; NaN where a row was left out."""
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from limo_driver.errors import ConfigError
+
+    time = np.full(recording.rows_total, np.nan)
+    values = np.full((recording.rows_total, recording.n), np.nan)
+    time[recording.rows], values[recording.rows] = recording.time, torque
+    columns = {"time": time} | {f"torque_{j + 1}": values[:, j] for j in range(recording.n)}
+    try:
+        pq.write_table(pa.table(columns), path, use_dictionary=False)
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror or error}", path=path) from None

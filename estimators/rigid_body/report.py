@@ -1,0 +1,76 @@
+"""What an identification found, as tables for a terminal and as plain values for JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from estimators.rigid_body.identification import Identification, TermEstimate
+
+
+def joint_table(found: Identification) -> Table:
+    """Return errors and joint terms, one row a joint."""
+    table = Table(
+        title="Joints: error in sample (base parameters, consistent bodies), value ± std. deviation",
+        title_justify="left",
+    )
+    for heading in ("joint", "base\n\nN m", "consist.\n\nN m"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    names = dict.fromkeys((item.effect, item.parameter, item.unit) for item in found.estimates)
+    for effect, parameter, unit in names:
+        heading = f"{effect.split('_')[0]}\n{parameter}\n{unit}"
+        table.add_column(heading, justify="right", no_wrap=True)
+    by_place = {(item.effect, item.joint): item for item in found.estimates}
+    for j in range(found.model.n):
+        cells = [_estimate(by_place.get((effect, j + 1))) for effect, _, _ in names]
+        table.add_row(
+            str(j + 1), f"{found.fit.rmse[j]:.3g}", f"{found.rmse_consistent[j]:.3g}", *cells
+        )
+    return table
+
+
+def _estimate(item: TermEstimate | None) -> str:
+    if item is None:
+        return "–"  # noqa: RUF001  # a dash, as in tables
+    return "0 (bound)" if item.deviation == 0 else f"{item.value:.3g} ± {item.deviation:.1g}"
+
+
+def link_table(found: Identification) -> Table:
+    """Return how far each link's inertia moved from the robot description."""
+    table = Table(title="Links: change from the robot description", title_justify="left")
+    for heading in ("link", "mass [kg]", "was [kg]", "com moved [mm]", "inertia ratio"):
+        table.add_column(
+            heading.replace("[", r"\["), justify="left" if heading == "link" else "right"
+        )
+    for link in found.links:
+        table.add_row(
+            link.link,
+            f"{link.mass:.3f}",
+            f"{link.mass_nominal:.3f}",
+            f"{1e3 * link.com_shift:.1f}",
+            f"{link.inertia_ratio:.3g}",
+        )
+    return table
+
+
+def as_values(found: Identification) -> dict[str, Any]:
+    """Return the findings as numbers, lists and texts."""
+    return {
+        "robot": found.model.name,
+        "samples": found.samples,
+        "bandwidth": found.rows.bandwidth,
+        "base_parameters": found.base.rank,
+        "excited": found.fit.excited,
+        "condition": found.fit.condition,
+        "rmse": {
+            "base_parameters": found.fit.rmse.tolist(),
+            "consistent": found.rmse_consistent.tolist(),
+        },
+        "sign_width": list(found.terms.chosen or ()),
+        "joint_terms": [asdict(item) for item in found.estimates],
+        "links": [asdict(link) for link in found.links],
+        "warnings": list(found.warnings),
+    }

@@ -1,0 +1,139 @@
+"""`limo identify`: a simulation from recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from estimators.rigid_body import Identification, JointTerms, Rows
+    from limo_driver.model import RobotModel
+    from limo_driver.recording import Recording
+
+
+def command(  # one argument for each option
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
+    robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")],
+    out: Annotated[Path, typer.Option(help="Where to write the simulation (sim.yaml).")],
+    bandwidth: Annotated[
+        float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
+    ] = 10.0,
+    sign_width: Annotated[
+        float | None,
+        typer.Option(help="Width of Coulomb friction's sign [rad/s]; fitted if not given."),
+    ] = None,
+    offset: Annotated[bool, typer.Option(help="Model an offset of each torque sensor.")] = True,
+    armature: Annotated[
+        bool, typer.Option(help="Model the drives' inertia, where the motion reveals it.")
+    ] = True,
+    moving_only: Annotated[
+        bool,
+        typer.Option(help="Leave out rows of a joint at rest; for torques from currents."),
+    ] = False,
+    weighting: Annotated[
+        str, typer.Option(help="Weigh joints by the inverse variance of: error, torque.")
+    ] = "error",
+    inertia_tolerance: Annotated[
+        float,
+        typer.Option(help="How well the robot's inertias are known (relative, 1 sigma)."),
+    ] = 0.3,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Identify inertias and friction, and write them as a simulation.
+
+    Least squares finds the base parameters; a convex fit then finds bodies that can exist and
+    explain the same torques, and stays at the robot description where the motion reveals nothing.
+
+    [bold]Examples[/bold]
+
+        limo identify run.parquet --robot iiwa14 --out sim.yaml
+
+        limo identify a.csv b.csv --robot arm.urdf --moving-only --bandwidth 8 --out sim.yaml --json
+    """
+    import json
+
+    from rich.console import Console
+
+    from estimators.rigid_body import JointTerms, Rows
+    from estimators.rigid_body.report import as_values
+    from estimators.rigid_body.terms import SIGN_WIDTHS
+    from limo_driver.model import RobotModel
+    from limo_driver.recording import Recording
+
+    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    model = RobotModel.load(robot)
+    measured = [Recording.load(path) for path in recordings]
+    terms = JointTerms((sign_width,) if sign_width else SIGN_WIDTHS, offset, armature)
+    rows = Rows(bandwidth, moving_only, weighting)
+    found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
+    found.simulation.save(out)
+    if as_json:
+        left_out = [
+            {
+                "recording": recording.source,
+                "used": len(recording),
+                "left_out": {item.reason: len(item.rows) for item in recording.left_out},
+                "warnings": list(recording.warnings),
+            }
+            for recording in measured
+        ]
+        Console().print_json(json.dumps(as_values(found) | {"rows": left_out}))
+        return
+    _say_what_was_left_out(measured, notes)
+    _show(found, out)
+
+
+def _identify(
+    model: RobotModel,
+    measured: list[Recording],
+    terms: JointTerms,
+    rows: Rows,
+    tolerance: float,
+    console: Console,
+) -> Identification:
+    from rich.progress import Progress
+
+    from estimators.rigid_body import identify
+
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("identify", total=sum(map(len, measured)))
+        return identify(
+            model,
+            measured,
+            terms,
+            rows,
+            tolerance,
+            progress=lambda samples: progress.advance(task, samples),
+        )
+
+
+def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
+    for recording in measured:
+        for warning in recording.warnings:
+            console.print(f"{recording.source}: {warning}", markup=False)
+        for item in recording.left_out:
+            console.print(
+                f"{recording.source}: {len(item.rows)} rows left out: {item.reason}", markup=False
+            )
+
+
+def _show(found: Identification, out: Path) -> None:
+    from rich.console import Console
+
+    from estimators.rigid_body.report import joint_table, link_table
+
+    console = Console()
+    console.print(
+        f"{found.samples} samples; {found.fit.excited} of {found.base.rank} base parameters "
+        f"excited; condition {found.fit.condition:.3g}",
+        highlight=False,
+    )
+    console.print(joint_table(found))
+    console.print(link_table(found))
+    for warning in found.warnings:
+        console.print(f"note: {warning}", highlight=False, markup=False)
+    console.print(f"wrote {out}", highlight=False, markup=False)
