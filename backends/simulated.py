@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from limo_driver.types import RobotSpec
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from limo_driver.model import RobotModel
     from limo_driver.robot import Measurement
@@ -44,6 +44,8 @@ class SimulatedRobot(Robot):
         period: Control cycle [s].
         start_tolerance: How far the first position may be from the measured pose [rad].
     """
+
+    simulated: ClassVar[bool] = True
 
     def __init__(
         self,

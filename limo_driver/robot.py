@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.errors import ConnectionLostError, CycleTimeoutError, HoldingError
 from limo_driver.safety import START_TOLERANCE, SafetyContract
@@ -48,6 +48,8 @@ class Robot(ABC):
         spec: The arm and its limits.
         start_tolerance: How far the first position may be from the measured pose [rad].
     """
+
+    simulated: ClassVar[bool] = False  # it can start anywhere, and time is its own
 
     def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
         self.spec = spec
@@ -121,6 +123,11 @@ class Robot(ABC):
     def standing(self) -> bool:
         """Whether the arm is told to rest: it holds, or takes no commands yet, without moving."""
         return self._contract.standing
+
+    @property
+    def setpoint(self) -> FloatArray:
+        """The position that the arm is told in this cycle, (n,) [rad]."""
+        return self._contract.setpoint
 
     def close(self) -> None:
         """End the session; a second call does nothing."""

@@ -21,6 +21,8 @@ import numpy as np
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
 from limo_driver.setpoints import (
     LIMIT_NAMES,
+    first_runaway,
+    first_unreadable,
     limit_path,
     limit_positions,
     limit_torques,
@@ -84,6 +86,11 @@ class SafetyContract:
         self.start_tolerance = start_tolerance
         zero = np.zeros(spec.n)
         self._memory = _Memory(_Setpoint(zero, zero, zero, zero))
+        self._bounds = (
+            spec.limits.position_min - RANGE_TOLERANCE,
+            spec.limits.position_max + RANGE_TOLERANCE,
+            VELOCITY_TOLERANCE * spec.limits.velocity,
+        )
 
     @property
     def holding(self) -> bool:
@@ -100,6 +107,11 @@ class SafetyContract:
         """Whether the set-point is at rest."""
         memory = self._memory
         return memory.phase is not Phase.ACTIVE and not memory.now.velocity.any()
+
+    @property
+    def setpoint(self) -> FloatArray:
+        """Position set-point of this cycle, (n,) [rad]."""
+        return self._memory.now.position
 
     def observe(self, state: JointState) -> None:
         """Take note of the state that opens a cycle; expired commands and faults lead to hold."""
@@ -190,23 +202,13 @@ class SafetyContract:
 
     def _fault(self, state: JointState) -> str:
         """Say why the arm has to hold; empty if it need not."""
-        memory, limits = self._memory, self.spec.limits
-        command = memory.command
+        memory, command = self._memory, self._memory.command
         if state.stale:
             lost = memory.time - state.time
             if lost > STALE_TIMEOUT:
                 return f"no measurement for {lost:.3g} s"
-        elif np.any(np.abs(state.velocity) > VELOCITY_TOLERANCE * limits.velocity):
-            j = int(np.argmax(np.abs(state.velocity) / limits.velocity))
-            return f"joint {j + 1} moves at {state.velocity[j]:.3g} rad/s, beyond its limit"
-        else:
-            beyond = np.where(
-                state.velocity > 0,
-                state.position - limits.position_max,
-                limits.position_min - state.position,
-            )
-            if np.any(beyond > RANGE_TOLERANCE):
-                return f"joint {int(np.argmax(beyond)) + 1} is leaving its range"
+        elif j := first_runaway(state.position, state.velocity, *self._bounds):
+            return f"joint {j} leaves its range or its velocity limit"
         if command is not None and memory.time > memory.command_time + command.valid_for + 1e-9:
             return f"the last command expired after {command.valid_for:.3g} s"
         return ""
@@ -284,17 +286,14 @@ def check_readable(command: JointCommand, n: int) -> None:
             continue
         if values.shape != (n,):
             raise ShapeError(name, values.shape, f"({n},)")
-        if not ((values >= lowest) & (values < np.inf)).all():
-            j = int(np.argmin((values >= lowest) & (values < np.inf)))
-            raise JointLimitError(
-                j + 1, name, float(values[j]), (lowest, np.inf), unit, "nothing was sent"
-            )
+        if j := first_unreadable(values, lowest):
+            given = float(values[j - 1])
+            raise JointLimitError(j, name, given, (lowest, np.inf), unit, "nothing was sent")
 
 
-_FINITE = -np.finfo(float).max
 _READ = (
-    ("position", "rad", _FINITE),
-    ("torque", "N m", _FINITE),
+    ("position", "rad", -np.inf),
+    ("torque", "N m", -np.inf),
     ("stiffness", "N m/rad", 0.0),
     ("damping", "N m s/rad", 0.0),
 )

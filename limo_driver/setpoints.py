@@ -98,6 +98,31 @@ def slow_down(
 
 
 @njit(cache=True)
+def first_unreadable(values: FloatArray, lowest: float) -> int:
+    """Return the first joint, from 1, whose value is not finite or below `lowest`; 0 if none."""
+    for j in range(values.size):
+        if not (lowest <= values[j] < math.inf and values[j] > -math.inf):
+            return j + 1
+    return 0
+
+
+@njit(cache=True)
+def first_runaway(
+    position: FloatArray,
+    velocity: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    fastest: FloatArray,
+) -> int:
+    """Return the first joint, from 1, that is too fast or on its way out of range; 0 if none."""
+    for j in range(position.size):
+        leaving = position[j] > upper[j] if velocity[j] > 0 else position[j] < lower[j]
+        if leaving or abs(velocity[j]) > fastest[j]:
+            return j + 1
+    return 0
+
+
+@njit(cache=True)
 def _limit_path(
     targets: FloatArray,
     goal: FloatArray,

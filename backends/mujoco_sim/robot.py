@@ -12,6 +12,7 @@ from backends.mujoco_sim import engine
 from backends.mujoco_sim.realisation import draft_of
 from backends.mujoco_sim.sampled import SampledEffects
 from backends.mujoco_sim.scene import compile_model
+from backends.mujoco_sim.sensor_noise import SensorNoise
 from backends.mujoco_sim.stability import check_elements, check_stiffness, effective_inertia
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import BackendError, ConfigError, ShapeError
@@ -102,7 +103,8 @@ class MujocoRobot(SimulatedRobot):
         check_elements(self._plant, self._inertia, period)
         self._arrays = _arrays(self._model, self._data)
         sensors = self.simulation.sensors
-        self._noise = sensors.for_joints("torque_noise", n)
+        self._noise = SensorNoise(sensors.for_joints("torque_noise", n), seed)
+        self._log = np.empty((1, engine.LOG_ROWS, n))
         self._servo = engine.Servo(
             period=period,
             bandwidth=SERVO_BANDWIDTH,
@@ -112,7 +114,6 @@ class MujocoRobot(SimulatedRobot):
             encoder_resolution=np.array(sensors.for_joints("encoder_resolution", n)),
             torque_resolution=np.array(sensors.for_joints("torque_resolution", n)),
         )
-        self._random = np.random.default_rng(seed)
         self._memory = np.zeros((engine.MEMORY_ROWS, n))
         self._command = np.zeros((4, n))
         self._mode = engine.POSITION
@@ -141,7 +142,8 @@ class MujocoRobot(SimulatedRobot):
             self._begin()
         self._send(PositionCommand(position=path[0]))
         first = self._cycle
-        log = self._advance(path)
+        log = np.empty((len(path), engine.LOG_ROWS, self.spec.n))
+        self._advance(path, log)
         self._cycle += len(path)
         time = (first + np.arange(len(path))) * self.spec.period
         self._close_run(float(time[-1]), log[-1])
@@ -182,26 +184,23 @@ class MujocoRobot(SimulatedRobot):
         self._fresh, self._mode = False, mode
 
     def _cycle_once(self) -> Measurement:
-        log = self._advance(self._command[engine.TARGET][None])[0]
-        return self._measurement(self._cycle, log)
+        self._advance(self._command[engine.TARGET : engine.TARGET + 1], self._log)
+        return self._measurement(self._cycle, self._log[0])
 
-    def _advance(self, targets: FloatArray) -> FloatArray:
-        """Simulate one cycle for each target; return its log, (T, 7, n)."""
-        noise = self._random.standard_normal(targets.shape) * self._noise
-        log = np.empty((len(targets), engine.LOG_ROWS, self.spec.n))
+    def _advance(self, targets: FloatArray, log: FloatArray) -> None:
+        """Simulate one cycle for each target and log it, (T, 7, n)."""
+        noise = self._noise.take(len(targets))
         if not self._sampled:
             self._run_engine(targets, noise, log)
-        else:
-            for row in range(len(targets)):
-                self._sampled.sample(self._arrays, self._memory[engine.LOAD])
-                self._run_engine(targets[row : row + 1], noise[row : row + 1], log[row : row + 1])
-                self._sampled.acceleration = log[row, engine.TRUE_ACCELERATION]
-        if not np.isfinite(log[-1]).all():
-            raise BackendError("the simulation left the finite numbers; check effects and inertias")
-        return log
+            return
+        for row in range(len(targets)):
+            here = slice(row, row + 1)
+            self._sampled.sample(self._arrays, self._memory[engine.LOAD])
+            self._run_engine(targets[here], noise[here], log[here])
+            self._sampled.acceleration = log[row, engine.TRUE_ACCELERATION].copy()
 
     def _run_engine(self, targets: FloatArray, noise: FloatArray, log: FloatArray) -> None:
-        engine.advance(
+        finite = engine.advance(
             self._model._address,  # noqa: SLF001  # MuJoCo's way to its C structures
             self._data._address,  # noqa: SLF001
             self._arrays,
@@ -215,6 +214,8 @@ class MujocoRobot(SimulatedRobot):
             noise,
             log,
         )
+        if not finite:
+            raise BackendError("the simulation left the finite numbers; check effects and inertias")
 
     def _measurement(self, cycle: int, log: FloatArray) -> Measurement:
         return Measurement(
@@ -262,15 +263,15 @@ class MujocoRobot(SimulatedRobot):
             self._command.copy(),
             self._mode,
             self._fresh,
-            self._random.bit_generator.state,
+            self._noise.save(),
             self._sampled.save(),
         )
 
     def _restore_plant(self, saved: Any) -> None:  # noqa: ANN401  # what _save_plant returned
-        physics, memory, command, self._mode, self._fresh, random, sampled = saved
+        physics, memory, command, self._mode, self._fresh, noise, sampled = saved
         mujoco.mj_setState(self._model, self._data, physics, _STATE)
         self._memory[:], self._command[:] = memory, command
-        self._random.bit_generator.state = random
+        self._noise.restore(noise)
         self._sampled.restore(sampled)
 
 
@@ -281,7 +282,9 @@ _MODES = {
 }
 
 
-def _motor_inertia(torque_limit: FloatArray, given: Sequence[float] | FloatArray | None) -> FloatArray:
+def _motor_inertia(
+    torque_limit: FloatArray, given: Sequence[float] | FloatArray | None
+) -> FloatArray:
     if given is None:
         return MOTOR_INERTIA_PER_TORQUE * torque_limit
     inertia = np.array(given, dtype=float)

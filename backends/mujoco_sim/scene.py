@@ -91,9 +91,7 @@ def _add_damper(spec: mujoco.MjSpec, joint: str) -> None:
     )
 
 
-def _add_slipping_spring(
-    spec: mujoco.MjSpec, joint: str, stiffness: float, width: float
-) -> None:
+def _add_slipping_spring(spec: mujoco.MjSpec, joint: str, stiffness: float, width: float) -> None:
     """Add a Maxwell-slip element: an integrator of ctrl = velocity, clipped to ±width.
 
     `actearly` applies the deflection at the end of the step, so that it is in phase with position.
@@ -161,7 +159,5 @@ def _inertial(body: Inertial) -> ET.Element:
     ET.SubElement(element, "origin", xyz=" ".join(map(repr, body.com)), rpy="0 0 0")
     ET.SubElement(element, "mass", value=repr(body.mass))
     keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    ET.SubElement(
-        element, "inertia", {k: repr(v) for k, v in zip(keys, body.inertia, strict=True)}
-    )
+    ET.SubElement(element, "inertia", {k: repr(v) for k, v in zip(keys, body.inertia, strict=True)})
     return element

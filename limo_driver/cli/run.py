@@ -1,0 +1,144 @@
+"""`limo run`: move an arm along a trajectory and record it."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from limo_driver.playback import PlaybackSummary
+    from limo_driver.trajectory import Trajectory
+
+INTERRUPTED = 130
+
+
+def command(
+    backend: Annotated[str, typer.Option(help="Name of the backend: mujoco, virtual, ...")],
+    trajectory: Annotated[Path, typer.Option(help="The motion, from `limo plan`.")],
+    record: Annotated[Path, typer.Option(help="Where to write the recording (Parquet).")],
+    sim: Annotated[
+        Path | None, typer.Option(help="A sim.yaml for simulated arms; else the rigid body alone.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Built-in name or URDF; else the trajectory's robot.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of a simulated arm's sensor noise.")] = 0,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory [s].")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=0.0, help="Record at this rate [Hz]; else every cycle.")
+    ] = None,
+    impedance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, help="Follow with this joint stiffness [N m/rad] instead of stiffly."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Move an arm along a trajectory and record position, velocity and torque.
+
+    A simulated arm starts where the trajectory does; a real one has to stand there. Ctrl-C slows
+    the arm down to a hold, keeps what was recorded, and ends with exit status 130.
+
+    [bold]Examples[/bold]
+
+        limo run --backend mujoco --trajectory limo.traj.parquet --sim sim.yaml --record run.parquet
+
+        limo run --backend virtual --trajectory limo.traj.parquet --record ideal.parquet --json
+    """
+    from limo_driver.errors import ConfigError
+    from limo_driver.physics import Simulation
+    from limo_driver.playback import Playback, open_for
+    from limo_driver.trajectory import Trajectory
+
+    motion = Trajectory.load(trajectory)
+    if duration is not None:
+        motion = _shortened(motion, duration)
+    simulation = None if sim is None else Simulation.load(sim)
+    with open_for(backend, motion, simulation=simulation, robot=robot, seed=seed) as arm:
+        every = 1 if rate is None else round(1.0 / (rate * arm.spec.period))
+        if every < 1:
+            raise ConfigError(
+                f"--rate {rate:g} Hz is above the control rate of {1 / arm.spec.period:g} Hz"
+            )
+        provenance = {
+            "backend": backend,
+            "trajectory": trajectory.name,
+            "sim": None if sim is None else sim.name,
+            "seed": seed,
+            "stiffness": impedance,
+            "limo": version("limo"),
+        }
+        playback = Playback(motion, record, every, impedance, provenance)
+        with _progress(quiet=as_json) as progress:
+            summary = playback.run(arm, progress)
+    _report(summary, as_json=as_json)
+    if summary.interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _shortened(motion: Trajectory, duration: float) -> Trajectory:
+    """Return the first `duration` seconds of a trajectory."""
+    from dataclasses import replace
+
+    from limo_driver.errors import ConfigError
+
+    stop = int((motion.time <= motion.time[0] + duration).sum())
+    if stop < 2:  # noqa: PLR2004  # samples that make a motion
+        raise ConfigError(f"--duration {duration:g} s is shorter than one sample of the trajectory")
+    return replace(
+        motion,
+        time=motion.time[:stop],
+        position=motion.position[:stop],
+        velocity=motion.velocity[:stop],
+        acceleration=motion.acceleration[:stop],
+        segments=tuple(
+            replace(s, stop=min(s.stop, stop)) for s in motion.segments if s.start < stop
+        ),
+    )
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("[progress.description]{task.description}"), BarColumn())
+    with Progress(
+        *columns, TimeRemainingColumn(), console=Console(stderr=True), disable=quiet, transient=True
+    ) as bar:
+        task = bar.add_task("moving and recording")
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    if as_json:
+        console.print_json(data=summary.as_json())
+        return
+    table = Table("joint", "tracking rms [mrad]", "max [mrad]")
+    for j, (rms, most) in enumerate(
+        zip(summary.tracking_rmse, summary.tracking_max, strict=True), start=1
+    ):
+        table.add_row(str(j), f"{1e3 * rms:.3f}", f"{1e3 * most:.3f}")
+    console.print(
+        f"{summary.record}: {summary.samples} samples, {summary.duration:.3f} s, "
+        f"{summary.real_time_factor:.1f} times real time"
+        + (", interrupted: the arm holds" if summary.interrupted else ""),
+        highlight=False,
+        soft_wrap=True,
+    )
+    console.print(table)
+    for name, count in summary.limited.items():
+        console.print(f"limited by {name.replace('_', ' ')} in {count} cycles", highlight=False)

@@ -1,0 +1,231 @@
+"""Play a trajectory on any robot, one command a cycle, and record what it measures."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections import Counter
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.recorder import Recorder
+from limo_driver.registry import ROBOTS, find
+from limo_driver.trajectory import Trajectory
+from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from limo_driver.physics import Simulation
+    from limo_driver.robot import Robot
+    from limo_driver.types import JointCommand
+
+DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
+HOLD_TIMEOUT = 10.0  # [s] of robot time in which a hold has to come to rest
+
+
+@dataclass(frozen=True)
+class PlaybackSummary:
+    """How a run went."""
+
+    record: str
+    samples: int  # rows of the recording
+    duration: float  # of robot time [s]
+    real_time_factor: float  # robot time over wall time
+    tracking_rmse: FloatArray  # (n,) [rad], measured against commanded
+    tracking_max: FloatArray  # (n,) [rad]
+    limited: dict[str, int]  # cycles in which each limit changed the command
+    interrupted: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            **vars(self),
+            "tracking_rmse": self.tracking_rmse.tolist(),
+            "tracking_max": self.tracking_max.tolist(),
+        }
+
+
+@dataclass(frozen=True)
+class Playback:
+    """One trajectory on one robot.
+
+    Args:
+        trajectory: The motion.
+        record: Parquet file to write.
+        record_every: Cycles for each row of the recording.
+        stiffness: Follow as an impedance of this stiffness [N m/rad] instead of by position.
+        provenance: What made this run, for the recording's header.
+    """
+
+    trajectory: Trajectory
+    record: Path
+    record_every: int = 1
+    stiffness: float | None = None
+    provenance: dict[str, Any] | None = None
+
+    def run(self, robot: Robot, progress: Callable[[int, int], None]) -> PlaybackSummary:
+        """Move the arm along the trajectory; SIGINT slows it down to a hold.
+
+        Args:
+            robot: Open, standing where the trajectory starts.
+            progress: Told the cycles done and the cycles in all, now and then.
+
+        Raises:
+            JointLimitError: The arm does not stand where the trajectory starts.
+            HoldingError: The arm went into a hold by itself; what was recorded is kept.
+        """
+        targets = self.trajectory.resample(robot.spec.period).position
+        state = robot.receive()
+        start, began = state.time, time.monotonic()
+        errors = np.zeros((2, robot.spec.n))  # sum of squares, maximum
+        limited: Counter[str] = Counter()
+        done, reached = 0, 0.0
+        with _interrupts() as interrupted, self._recorder(robot, start) as recorder:
+            for done, target in enumerate(targets, start=1):  # noqa: B007  # how far it came
+                sent = robot.send(self._command(target))
+                limited.update(sent.limited_by)
+                if (done - 1) % self.record_every == 0:
+                    recorder.append(state, target)
+                error = np.abs(state.position - target)
+                errors[0] += error**2
+                np.maximum(errors[1], error, out=errors[1])
+                reached = state.time - start
+                state = robot.receive()
+                if done % 256 == 0:
+                    progress(done, len(targets))
+                if interrupted.is_set():
+                    break
+            if interrupted.is_set():
+                self._stop(robot, recorder)
+        progress(done, len(targets))
+        return PlaybackSummary(
+            record=str(self.record),
+            samples=recorder.samples,
+            duration=reached,
+            real_time_factor=reached / max(time.monotonic() - began, 1e-9),
+            tracking_rmse=np.sqrt(errors[0] / done),
+            tracking_max=errors[1],
+            limited=dict(limited),
+            interrupted=interrupted.is_set(),
+        )
+
+    def _command(self, target: FloatArray) -> JointCommand:
+        if self.stiffness is None:
+            return PositionCommand(position=target)
+        stiffness = np.full(target.size, self.stiffness)
+        return ImpedanceCommand(
+            position=target,
+            stiffness=stiffness,
+            damping=DAMPING_PER_STIFFNESS * stiffness,
+            torque=np.zeros(target.size),
+        )
+
+    def _recorder(self, robot: Robot, start: float) -> Recorder:
+        offset = start - float(self.trajectory.time[0])
+        segments = [
+            [
+                segment.kind,
+                float(self.trajectory.time[segment.start]) + offset,
+                float(self.trajectory.time[min(segment.stop, len(self.trajectory)) - 1]) + offset,
+            ]
+            for segment in self.trajectory.segments
+        ]
+        header = {
+            "robot": robot.spec.name,
+            "joints": list(robot.spec.joint_names),
+            "segments": segments,  # kind, first and last time [s]
+            "provenance": self.provenance or {},
+        }
+        return Recorder(self.record, robot.spec.n, header)
+
+    def _stop(self, robot: Robot, recorder: Recorder) -> None:
+        """Slow the arm down to a hold, recording on."""
+        robot.hold("interrupted")
+        for cycle in range(int(HOLD_TIMEOUT / robot.spec.period)):
+            if robot.standing:
+                return
+            state = robot.receive()
+            if cycle % self.record_every == 0:
+                recorder.append(state, robot.setpoint)
+
+
+def open_for(
+    backend: str,
+    trajectory: Trajectory,
+    *,
+    simulation: Simulation | None,
+    robot: str | None,
+    seed: int,
+) -> Robot:
+    """Open a robot for a trajectory; a simulated one stands where the trajectory starts.
+
+    Raises:
+        BackendNotFoundError: Names the known backends.
+        ConfigError: Another number of joints, or options that the backend does not have.
+    """
+    opener: type[Robot] = find(ROBOTS, backend)
+    if not opener.simulated:
+        if simulation is not None or robot is not None:
+            raise ConfigError(f"backend {backend!r} is no simulation; it takes no --sim or --robot")
+        return _checked(opener(), trajectory)  # type: ignore[call-arg]  # each backend's own
+    arm = _arm_of(simulation, robot, trajectory)
+    _check_joints(arm.model.n, arm.robot, trajectory)
+    options: dict[str, Any] = {
+        "simulation": arm,
+        "initial_position": trajectory.position[0],
+        "seed": seed,
+    }
+    return opener(**options)
+
+
+def _arm_of(simulation: Simulation | None, robot: str | None, trajectory: Trajectory) -> Simulation:
+    from limo_driver.physics import Simulation
+
+    if simulation is not None and robot is not None:
+        raise ConfigError("give --sim or --robot; the simulation names its robot")
+    if simulation is not None:
+        return simulation
+    if not (robot or trajectory.robot):
+        raise ConfigError("the trajectory names no robot; give --sim or --robot")
+    return Simulation(robot=robot or trajectory.robot)
+
+
+def _checked(robot: Robot, trajectory: Trajectory) -> Robot:
+    try:
+        _check_joints(robot.spec.n, robot.spec.name, trajectory)
+    except ConfigError:
+        robot.close()
+        raise
+    return robot
+
+
+def _check_joints(n: int, name: str, trajectory: Trajectory) -> None:
+    if trajectory.n != n:
+        raise ConfigError(f"the trajectory moves {trajectory.n} joints, but {name} has {n}")
+
+
+@contextmanager
+def _interrupts() -> Iterator[threading.Event]:
+    """Turn the first SIGINT into an event; a second one interrupts as usual."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+    previous = signal.getsignal(signal.SIGINT)
+
+    def note(*_: object) -> None:
+        event.set()
+        signal.signal(signal.SIGINT, previous)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, previous)

@@ -1,0 +1,221 @@
+"""Recorder: stream what a robot measures to disk, so that a killed process keeps its data.
+
+Samples go to `NAME.partial`, an Arrow stream that is complete up to its last batch at any moment;
+`close` turns it into the Parquet file NAME. A thread writes, so that a slow disk does not hold up
+the control loop.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from types import TracebackType
+    from typing import Self
+
+    from limo_driver.types import FloatArray, JointState
+
+METADATA_KEY = b"limo.recording"
+FLUSH_PERIOD = 0.25  # [s]; a killed process loses about this much
+_PARQUET_MAGIC = b"PAR1"
+_ROWS_OF_GROUP = 65536
+_QUANTITIES = ("position", "velocity", "torque", "target_position")
+
+
+class Recorder:
+    """Writes one row for each state: time, position_j, velocity_j, torque_j, target_position_j.
+
+    Joints are 1-based; SI units. Stale states are not recorded: they hold nothing new.
+
+    Args:
+        path: Parquet file to write; it appears when the recording is closed.
+        n: Number of joints.
+        header: What a reader should know, as JSON: robot, segments, provenance.
+
+    Raises:
+        RecordingError: The file cannot be written.
+    """
+
+    def __init__(self, path: Path | str, n: int, header: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        self.partial = partial_path(self.path)
+        self.samples = 0
+        self._schema = _schema(n, header)
+        self._n = n
+        self._rows: list[FloatArray] = []
+        self._lock = threading.Lock()
+        self._failure: OSError | None = None
+        try:
+            self._file = self.partial.open("wb")
+        except OSError as error:
+            raise RecordingError(f"cannot be written: {error.strerror}", path=self.path) from None
+        self._stream = pa.ipc.new_stream(self._file, self._schema)
+        self._sync()
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._write_on, name="limo-recorder", daemon=True)
+        self._thread.start()
+
+    def append(self, state: JointState, target: FloatArray | None = None) -> None:
+        """Record a state and the position commanded in answer to it, if any.
+
+        Raises:
+            RecordingError: What was recorded before could not be written.
+        """
+        if self._failure is not None:
+            raise self._lost(self._failure)
+        if state.stale:
+            return
+        row = np.full(1 + len(_QUANTITIES) * self._n, np.nan)
+        row[0] = state.time
+        known = (state.position, state.velocity, state.torque, target)
+        for k, values in enumerate(known):
+            if values is not None:
+                row[1 + k * self._n : 1 + (k + 1) * self._n] = values
+        with self._lock:
+            self._rows.append(row)
+        self.samples += 1
+
+    def close(self) -> None:
+        """Write the Parquet file and remove the partial one; a second call does nothing.
+
+        Raises:
+            RecordingError: It cannot be written; the partial file stays.
+        """
+        if self._done.is_set():
+            return
+        self._done.set()
+        self._thread.join()
+        try:
+            self._flush()
+            self._stream.close()
+            self._sync()
+            self._file.close()
+            _to_parquet(self.partial, self.path)
+        except OSError as error:
+            raise self._lost(self._failure or error) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write_on(self) -> None:
+        while not self._done.wait(FLUSH_PERIOD):
+            try:
+                self._flush()
+            except OSError as error:
+                self._failure = error
+                return
+
+    def _flush(self) -> None:
+        with self._lock:
+            rows, self._rows = self._rows, []
+        if not rows:
+            return
+        columns = np.ascontiguousarray(np.array(rows).T)
+        arrays = [pa.array(c, mask=np.isnan(c)) for c in columns]
+        self._stream.write_batch(pa.record_batch(arrays, schema=self._schema))
+        self._sync()
+
+    def _sync(self) -> None:
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def _lost(self, error: OSError) -> RecordingError:
+        return RecordingError(
+            f"cannot be written: {error.strerror}; what was written is in {self.partial}",
+            path=self.path,
+        )
+
+
+def partial_path(path: Path) -> Path:
+    """Return where a recording is kept while it is being made."""
+    return path.with_name(path.name + ".partial")
+
+
+def read_log(path: Path | str) -> pa.Table:
+    """Read a recording of limo's own, finished (Parquet) or cut off (`.partial`).
+
+    A cut-off log ends with its last complete batch. Its schema metadata hold the header, as JSON
+    under `limo.recording`.
+
+    Raises:
+        RecordingError: Neither, or it ends before its header.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            finished = file.read(len(_PARQUET_MAGIC)) == _PARQUET_MAGIC
+        if finished:
+            return pq.read_table(path)
+        with path.open("rb") as file:
+            stream = pa.ipc.open_stream(file)
+            return pa.Table.from_batches(_complete_batches(stream), stream.schema)
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror or error}", path=path) from None
+    except pa.ArrowInvalid as error:
+        raise RecordingError(f"is no log of limo's: {error}", path=path) from None
+
+
+def read_header(table: pa.Table) -> dict[str, Any]:
+    """Return what the recorder was told about a recording; empty for tables from elsewhere."""
+    header: dict[str, Any] = json.loads((table.schema.metadata or {}).get(METADATA_KEY, b"{}"))
+    return header
+
+
+def _complete_batches(stream: pa.ipc.RecordBatchStreamReader) -> Iterator[pa.RecordBatch]:
+    while True:
+        try:
+            yield stream.read_next_batch()
+        except (StopIteration, OSError, pa.ArrowInvalid):  # the end, or a batch that is cut off
+            return
+
+
+def _schema(n: int, header: Mapping[str, Any]) -> pa.Schema:
+    names = ["time", *(f"{q}_{j + 1}" for q in _QUANTITIES for j in range(n))]
+    return pa.schema(
+        [(name, pa.float64()) for name in names],
+        metadata={METADATA_KEY: json.dumps(dict(header)).encode()},
+    )
+
+
+def _to_parquet(partial: Path, path: Path) -> None:
+    """Turn the stream into Parquet, batch by batch, so that it is whole or absent."""
+    unfinished = path.with_name(path.name + ".writing")
+    with partial.open("rb") as file:
+        stream = pa.ipc.open_stream(file)
+        with pq.ParquetWriter(unfinished, stream.schema, use_dictionary=False) as writer:
+            for table in _groups(stream):
+                writer.write_table(table)
+    with unfinished.open("rb") as written:
+        os.fsync(written.fileno())
+    unfinished.replace(path)
+    partial.unlink()
+
+
+def _groups(stream: pa.ipc.RecordBatchStreamReader) -> Iterator[pa.Table]:
+    """Gather the small batches of the stream into row groups of a useful size."""
+    batches: list[pa.RecordBatch] = []
+    for batch in stream:
+        batches.append(batch)
+        if sum(b.num_rows for b in batches) >= _ROWS_OF_GROUP:
+            yield pa.Table.from_batches(batches, stream.schema)
+            batches = []
+    yield pa.Table.from_batches(batches, stream.schema)
