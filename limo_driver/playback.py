@@ -8,7 +8,6 @@ import time
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,14 +15,15 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.recorder import Recorder
 from limo_driver.registry import ROBOTS, find
-from limo_driver.trajectory import Trajectory
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator
+    from pathlib import Path
 
     from limo_driver.physics import Simulation
     from limo_driver.robot import Robot
+    from limo_driver.trajectory import Trajectory
     from limo_driver.types import JointCommand
 
 DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
@@ -88,7 +88,7 @@ class Playback:
         limited: Counter[str] = Counter()
         done, reached = 0, 0.0
         with _interrupts() as interrupted, self._recorder(robot, start) as recorder:
-            for done, target in enumerate(targets, start=1):  # noqa: B007  # how far it came
+            for done, target in enumerate(targets, start=1):  # how far it came
                 sent = robot.send(self._command(target))
                 limited.update(sent.limited_by)
                 if (done - 1) % self.record_every == 0:
@@ -212,7 +212,7 @@ def _check_joints(n: int, name: str, trajectory: Trajectory) -> None:
 
 
 @contextmanager
-def _interrupts() -> Iterator[threading.Event]:
+def _interrupts() -> Generator[threading.Event]:
     """Turn the first SIGINT into an event; a second one interrupts as usual."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():

@@ -5,6 +5,9 @@ Samples go to `NAME.partial`, an Arrow stream that is complete up to its last ba
 the control loop.
 """
 
+# pyright: reportUnknownParameterType=false
+# pyarrow ships no stubs.
+
 from __future__ import annotations
 
 import json

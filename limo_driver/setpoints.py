@@ -197,9 +197,11 @@ def _follow(
 def _braking(room: float, change: float, period: float) -> float:
     """Return the highest velocity [rad/s] from which the arm stops within `room` [rad].
 
-    Braking takes `change` off the velocity in every cycle: room = v period + (v - change) period
-    + ..., which is v (v + change) period / (2 change).
+    Braking takes `change` off the velocity in each of k further cycles:
+    room = period (v + (v - change) + ... + (v - k change)).
     """
     if room <= 0.0:
         return 0.0
-    return -0.5 * change + math.sqrt(0.25 * change * change + 2.0 * change * room / period)
+    distance = room / period
+    k = math.floor(0.5 * (math.sqrt(1.0 + 8.0 * distance / change) - 1.0))
+    return distance / (k + 1) + 0.5 * k * change

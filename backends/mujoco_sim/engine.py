@@ -14,17 +14,20 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import llvmlite.binding as llvm
 import mujoco
 import numpy as np
 from numba import njit, types
-from numpy.typing import NDArray
 
 from backends.mujoco_sim.friction_laws import friction_damping
 from backends.mujoco_sim.realisation import Plant
-from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
 
 # The compiled loop finds these symbols by name, also when it comes from the cache.
 llvm.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))

@@ -6,11 +6,14 @@ They are held equal to the effects' own `torque` by a test.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from numba import njit
 
 from limo_driver.physics.friction import SIGN_WIDTH
-from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
 
 COULOMB, VISCOUS, STRIBECK = 0, 1, 2  # rows of parameters: (tau_c, v_eps), (f_v,), (tau_s, v_s, δ)
 SMALL_VELOCITY = 1e-9  # [rad/s]

@@ -11,7 +11,6 @@ from functools import singledispatch
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backends.mujoco_sim.friction_laws import COULOMB, STRIBECK, VISCOUS
 from limo_driver.physics import (
@@ -24,10 +23,13 @@ from limo_driver.physics import (
     TorqueOffset,
     ViscousFriction,
 )
-from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
 
 
 class Plant(NamedTuple):

@@ -1,5 +1,8 @@
 """MujocoRobot: the simulated arm behind the same interface as a real one."""
 
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+# MuJoCo ships no stubs.
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -145,7 +148,7 @@ class MujocoRobot(SimulatedRobot):
         log = np.empty((len(path), engine.LOG_ROWS, self.spec.n))
         self._advance(path, log)
         self._cycle += len(path)
-        time = (first + np.arange(len(path))) * self.spec.period
+        time: FloatArray = (first + np.arange(len(path), dtype=float)) * self.spec.period
         self._close_run(float(time[-1]), log[-1])
         return SimulatedRun(
             time=time,
@@ -201,8 +204,8 @@ class MujocoRobot(SimulatedRobot):
 
     def _run_engine(self, targets: FloatArray, noise: FloatArray, log: FloatArray) -> None:
         finite = engine.advance(
-            self._model._address,  # noqa: SLF001  # MuJoCo's way to its C structures
-            self._data._address,  # noqa: SLF001
+            self._model._address,  # MuJoCo's way to its C structures
+            self._data._address,
             self._arrays,
             self._plant,
             self._servo,
@@ -242,6 +245,7 @@ class MujocoRobot(SimulatedRobot):
         """Put the arm at rest in equilibrium where the encoders read `encoder`."""
         data, memory, plant = self._data, self._memory, self._plant
         data.qpos[:] = encoder
+        wind_up = np.zeros(self.spec.n)
         for _ in range(_SETTLING):
             mujoco.mj_forward(self._model, data)
             load = data.qfrc_bias
@@ -267,7 +271,7 @@ class MujocoRobot(SimulatedRobot):
             self._sampled.save(),
         )
 
-    def _restore_plant(self, saved: Any) -> None:  # noqa: ANN401  # what _save_plant returned
+    def _restore_plant(self, saved: Any) -> None:  # noqa: ANN401  # what save returned
         physics, memory, command, self._mode, self._fresh, noise, sampled = saved
         mujoco.mj_setState(self._model, self._data, physics, _STATE)
         self._memory[:], self._command[:] = memory, command
@@ -275,7 +279,7 @@ class MujocoRobot(SimulatedRobot):
         self._sampled.restore(sampled)
 
 
-_MODES = {
+_MODES: dict[type[JointCommand], int] = {
     PositionCommand: engine.POSITION,
     ImpedanceCommand: engine.IMPEDANCE,
     TorqueCommand: engine.TORQUE,

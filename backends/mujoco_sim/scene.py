@@ -5,10 +5,13 @@ locked joints (a gripper's fingers) mean the same to both engines. Contacts and 
 off: the safety contract, not an end stop, keeps the arm inside its range.
 """
 
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+# MuJoCo ships no stubs.
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree as ET  # noqa: S405  # the URDF is the user's own file
+from xml.etree import ElementTree as ET  # the URDF is the user's own file
 
 import mujoco
 import numpy as np

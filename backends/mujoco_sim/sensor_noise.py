@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limo_driver.types import FloatArray
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
 
 _BLOCK = 256  # rows
 
