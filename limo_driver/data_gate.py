@@ -202,11 +202,13 @@ class _Gate:
         bad = np.zeros(self.rows.size, dtype=bool)
         for quantity, floor in _SPIKE_FLOOR.items():
             values = getattr(self.columns, quantity)[self.rows]
-            if values.shape[0] < FEWEST_SAMPLES:
-                continue
-            deviation = np.abs(values - median_filter(values, size=(_SPIKE_WINDOW, 1)))
-            usual = np.percentile(deviation, 99, axis=0)
-            bad |= (deviation > np.maximum(_SPIKE_FACTOR * usual, floor)).any(axis=1)
+            deviation = np.zeros_like(values)
+            for rows in contiguous(self.time):
+                near = median_filter(values[rows], size=(_SPIKE_WINDOW, 1), mode="nearest")
+                deviation[rows] = np.abs(values[rows] - near)
+            if self.rows.size:
+                usual = np.percentile(deviation, 99, axis=0)
+                bad |= (deviation > np.maximum(_SPIKE_FACTOR * usual, floor)).any(axis=1)
         return bad
 
     def check_amount(self) -> None:

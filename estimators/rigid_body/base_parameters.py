@@ -61,7 +61,7 @@ def find_base_parameters(model: RobotModel, terms: JointTerms) -> BaseParameters
     """
     W = _random_regressor(model, terms)
     scale = np.linalg.norm(W, axis=0)
-    scale[scale == 0] = 1.0
+    scale[scale < _INDEPENDENT * scale.max()] = np.inf  # rounding of a column that is zero
     independent = _independent_columns(W / scale, _order(model.n, terms))
     dependent = np.setdiff1d(np.arange(W.shape[1]), independent)
     mixing = np.asarray(

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 INERTIA_TOLERANCE = 0.3  # relative, of inertias in a URDF
 _SIGNIFICANT = 3.0  # standard deviations below which an armature is left out
+_NEGLIGIBLE = 1e-3  # [N m], an error that no sensor shows
 _MUCH_WORSE = 1.1  # ratio of errors above which a consistent fit is worth a warning
 
 
@@ -215,9 +216,10 @@ def _warnings(
         )
     if idle := [str(j + 1) for j in np.flatnonzero(equations.count == 0)]:
         found.append(f"no row is used for joint {', '.join(idle)}")
-    worse = np.flatnonzero(rmse > _MUCH_WORSE * np.maximum(fit.rmse, 1e-9))
+    ratio = rmse / np.maximum(fit.rmse, _NEGLIGIBLE)
+    worse = np.flatnonzero(ratio > _MUCH_WORSE)
     if worse.size:
-        listed = ", ".join(f"{j + 1} ({rmse[j] / fit.rmse[j]:.2f} times)" for j in worse)
+        listed = ", ".join(f"{j + 1} ({ratio[j]:.2f} times)" for j in worse)
         found.append(
             f"a consistent body fits worse than base parameters at joint {listed}: "
             "the torque holds what no rigid body and simple friction explain"

@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 
-_ROUNDS = 4  # of reweighting; the weights settle in two or three
-_EXCITED = 1e-12  # eigenvalue of the scaled Gram matrix, relative to the largest
+_ROUNDS = 20  # of reweighting, at most
+_SETTLED = 1e-3  # relative change of the errors that ends it
+_WIDEST = 100.0  # standard deviation of any base parameter before the data [SI]
 _SMALLEST_ERROR = 1e-6  # of the torque's root mean square, so that exact data keep finite weights
 
 
@@ -49,7 +50,9 @@ def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArr
     for _ in range(_ROUNDS if equations.weighting == "error" else 0):
         weight = 1.0 / np.maximum(rmse, floor) ** 2
         solution = _solve(equations, base, start, weight)
-        rmse = equations.rmse(base.expand(solution.parameters))
+        before, rmse = rmse, equations.rmse(base.expand(solution.parameters))
+        if np.all(np.abs(rmse - before) <= _SETTLED * before + floor):
+            break
     return BaseFit(
         solution.parameters,
         solution.inverse / equations.independent,
@@ -92,16 +95,18 @@ class _Solution:
 def _solve(
     equations: NormalEquations, base: BaseParameters, start: FloatArray, weight: FloatArray
 ) -> _Solution:
+    """Solve with a prior so wide that it decides only what the motion does not reveal."""
     gram, product = equations.weighted(weight)
     A = gram[np.ix_(base.independent, base.independent)]
+    prior = np.full(base.rank, _WIDEST**-2)
     b = product[base.independent] - A @ start
-    scale = 1.0 / np.sqrt(np.where(np.diag(A) > 0, np.diag(A), 1.0))
-    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
-    seen = values > _EXCITED * values[-1]
-    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    scale = 1.0 / np.sqrt(np.diag(A) + prior)
+    values, vectors = np.linalg.eigh((A + np.diag(prior)) * np.outer(scale, scale))
+    inverse = (vectors / values) @ vectors.T
+    excited = int((np.linalg.eigvalsh(A) > 1.0 / _WIDEST**2).sum())
     return _Solution(
         start + scale * (inverse @ (scale * b)),
         inverse * np.outer(scale, scale),
-        float(np.sqrt(values[-1] / values[0])) if seen.all() else np.inf,
-        int(seen.sum()),
+        float(np.sqrt(values[-1] / values[0])) if excited == base.rank else np.inf,
+        excited,
     )

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 def joint_table(found: Identification) -> Table:
     """Return errors and joint terms, one row a joint."""
     table = Table(
-        title="Joints: error in sample (base parameters, consistent bodies), value ± std. deviation",
+        title="Joints: error in sample with base parameters and with bodies that can exist",
         title_justify="left",
     )
-    for heading in ("joint", "base\n\nN m", "consist.\n\nN m"):
+    for heading in ("#", "base\n\nN m", "body\n\nN m"):
         table.add_column(heading, justify="right", no_wrap=True)
     names = dict.fromkeys((item.effect, item.parameter, item.unit) for item in found.estimates)
     for effect, parameter, unit in names:
@@ -35,7 +35,7 @@ def joint_table(found: Identification) -> Table:
 def _estimate(item: TermEstimate | None) -> str:
     if item is None:
         return "–"  # noqa: RUF001  # a dash, as in tables
-    return "0 (bound)" if item.deviation == 0 else f"{item.value:.3g} ± {item.deviation:.1g}"
+    return "0 (bound)" if item.deviation == 0 else f"{item.value:.3g}±{item.deviation:.1g}"
 
 
 def link_table(found: Identification) -> Table:

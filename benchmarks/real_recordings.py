@@ -1,0 +1,155 @@
+"""Held-out error of limo's models on recordings of real arms, beside published-style baselines.
+
+The folder with the recordings is named by LIMO_DATA, or is ../shared/data. Each error is the root
+mean square difference between predicted and measured torque, both low-passed forward and backward
+at 8 Hz (Butterworth, order 4). The baseline: all base parameters and per joint viscous friction,
+tanh(v / 0.01), offset and armature, by least squares.
+
+    python benchmarks/real_recordings.py [--hybrid]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
+from limo_driver.differentiation import smooth
+from limo_driver.model import RobotModel
+from limo_driver.recording import Recording
+from limo_driver.types import FloatArray
+
+BANDWIDTH = 8.0  # [Hz]
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[1] / ".." / "shared" / "data"))
+BAR = 1.05  # of the baseline, each joint
+
+Predict = Callable[[Recording], FloatArray]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot, what to fit to, what to test on, and the baseline's error there."""
+
+    name: str
+    urdf: Path
+    train: list[Recording]
+    test: Recording
+    baseline: FloatArray  # (n,) [N m]
+
+
+def cases() -> Iterator[Case]:
+    """Load the robots whose recordings are there."""
+    lwr = [Recording.load(DATA / f"kuka_lwr4/measurements_{run}.parquet") for run in (1, 2, 3)]
+    yield Case(
+        "KUKA LWR4+, fit on runs 2 and 3, test on run 1",
+        DATA / "kuka_lwr4/kuka_lwr4.urdf",
+        lwr[1:],
+        lwr[0],
+        np.array([0.34, 0.62, 0.29, 0.48, 0.23, 0.18, 0.19]),
+    )
+    panda = at_rate(Recording.load(DATA / "panda/exciting_trajectory.parquet"), 500.0)
+    split = 2 * len(panda) // 3
+    yield Case(
+        "Franka Panda at 500 Hz, fit on the first two thirds, test on the last",
+        panda_urdf(),
+        [panda[:split]],
+        panda[split:],
+        np.array([0.16, 0.25, 0.17, 0.19, 0.07, 0.04, 0.05]),
+    )
+    yield Case(
+        "UR10e, fit on unloaded_14harm, test on unloaded_15harm",
+        DATA / "ur10e/ur10e.urdf",
+        [Recording.load(DATA / "ur10e/unloaded_14harm.parquet")],
+        Recording.load(DATA / "ur10e/unloaded_15harm.parquet"),
+        np.array([2.9, 4.2, 1.4, 0.49, 0.80, 0.62]),
+    )
+
+
+def panda_urdf() -> Path:
+    """Return the Panda of the package example-robot-data."""
+    import pinocchio
+
+    root = Path(pinocchio.__file__).parents[4]
+    return root / "share/example-robot-data/robots/panda_description/urdf/panda.urdf"
+
+
+def at_rate(recording: Recording, rate: float) -> Recording:
+    """Return the recording at even times, linearly between its samples."""
+    t = np.arange(recording.time[0], recording.time[-1], 1.0 / rate)
+
+    def at(values: FloatArray) -> FloatArray:
+        return np.stack([np.interp(t, recording.time, column) for column in values.T], axis=1)
+
+    return Recording.from_arrays(t, at(recording.position), at(recording.torque))
+
+
+def heldout_rmse(predict: Predict, recording: Recording) -> FloatArray:
+    """Return the error of each joint, with the prediction filtered as the measurement is."""
+    predicted = smooth(recording.time, predict(recording), BANDWIDTH, recording.segments)
+    error = predicted - recording.filtered_torque(BANDWIDTH)
+    return np.sqrt(np.mean(error**2, axis=0))
+
+
+def models(case: Case) -> Iterator[tuple[str, Predict]]:
+    """Fit each model to the case's training recordings."""
+    for name, terms, rows in (
+        (
+            "base, baseline's terms and weights",
+            JointTerms((0.01,)),
+            Rows(BANDWIDTH, False, "torque"),
+        ),
+        (
+            "base, sign width fitted, weights by torque",
+            JointTerms(),
+            Rows(BANDWIDTH, False, "torque"),
+        ),
+        ("base, sign width fitted, weights by error", JointTerms(), Rows(BANDWIDTH)),
+    ):
+        yield name, RigidBodyModel(case.urdf, terms, rows).fit(case.train).predict
+    found = identify(RobotModel.load(case.urdf), case.train, rows=Rows(BANDWIDTH))
+    simulation = found.simulation
+    yield (
+        "sim.yaml of limo identify (bodies that exist)",
+        lambda recording: simulation.predict(recording.motion(BANDWIDTH)),
+    )
+
+
+def hybrid(case: Case) -> Iterator[tuple[str, Predict]]:
+    """Train the hybrid on the residual of the identified simulation."""
+    from estimators.hybrid import HybridModel
+
+    simulation = identify(RobotModel.load(case.urdf), case.train, rows=Rows(BANDWIDTH)).simulation
+    yield "hybrid", HybridModel(simulation).fit(case.train).predict
+
+
+def main() -> None:
+    """Print each model's error beside the baseline's."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hybrid", action="store_true", help="also train the hybrid (slow)")
+    with_hybrid = parser.parse_args().hybrid
+    if not DATA.is_dir():
+        parser.error(f"no recordings in {DATA}; name their folder in LIMO_DATA")
+    for case in cases():
+        print(f"\n{case.name}: RMSE [N m], then its ratio to the baseline")
+        print(f"  {'baseline':46}" + "".join(f"{value:7.2f}" for value in case.baseline))
+        fitted = list(models(case)) + (list(hybrid(case)) if with_hybrid else [])
+        for name, predict in fitted:
+            rmse = heldout_rmse(predict, case.test)
+            ratio = rmse / case.baseline
+            print(f"  {name:46}" + "".join(f"{value:7.3f}" for value in rmse))
+            print(
+                f"  {'':46}"
+                + "".join(f"{value:7.2f}" for value in ratio)
+                + f"   mean {np.exp(np.log(ratio).mean()):.2f}, worst {ratio.max():.2f} (bar {BAR})"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,263 @@
+"""Rigid-body identification: regressor, base parameters, consistent bodies, the estimator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
+from estimators.rigid_body.base_parameters import find_base_parameters
+from estimators.rigid_body.consistent import inertial_of, pseudo_inertia, thickened
+from estimators.rigid_body.normal_equations import accumulate
+from estimators.rigid_body.regressor import Chain, parameters_of
+from limo_driver.errors import ConfigError, NotFittedError, RecordingError, ShapeError
+from limo_driver.model import Inertial, RobotModel
+from limo_driver.physics import (
+    Armature,
+    CoulombFriction,
+    Simulation,
+    TorqueOffset,
+    ViscousFriction,
+)
+from limo_driver.recording import Recording
+from limo_driver.types import Motion
+
+RATE = 100.0
+NOISE = 0.02  # [N m]
+PAPER = JointTerms((0.01,), offset=False, armature=False)
+
+PLANAR = """<robot name="two_links">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
+  <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.4 0 0" rpy="0.3 0 0"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
+</robot>"""
+
+
+@pytest.fixture(scope="module")
+def iiwa():
+    return RobotModel.load("iiwa14")
+
+
+@pytest.fixture(scope="module")
+def planar(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "two_links.urdf"
+    path.write_text(PLANAR)
+    return RobotModel.load(path)
+
+
+def sinusoids(n, T, seed, largest=0.5):
+    random = np.random.default_rng(seed)
+    t = np.arange(T) / RATE
+    position, velocity, acceleration = (np.zeros((T, n)) for _ in range(3))
+    for _ in range(4):
+        w = 2 * np.pi * random.uniform(0.05, largest, n)
+        angle = w * t[:, None] + random.uniform(0, 6.28, n)
+        position += 0.4 * np.sin(angle)
+        velocity += 0.4 * w * np.cos(angle)
+        acceleration -= 0.4 * w**2 * np.sin(angle)
+    return Motion(t, position, velocity, acceleration)
+
+
+def record(simulation, T=6000, seed=0, noise=NOISE):
+    motion = sinusoids(simulation.model.n, T, seed)
+    torque = simulation.predict(motion)
+    torque = torque + noise * np.random.default_rng(seed + 100).standard_normal(torque.shape)
+    return Recording.from_arrays(motion.time, motion.position, torque)
+
+
+FRICTION = tuple(
+    effect
+    for j in range(1, 8)
+    for effect in (
+        CoulombFriction(joint=j, tau_c=0.5 + 0.2 * j, v_eps=0.01),
+        ViscousFriction(joint=j, f_v=4.0 - 0.4 * j),
+    )
+)
+
+
+@pytest.mark.parametrize("robot", ["iiwa", "planar"])
+def test_regressor_agrees_with_pinocchio(robot, request):
+    model = request.getfixturevalue(robot)
+    random = np.random.default_rng(0)
+    q, dq, ddq = random.uniform(-3, 3, (3, 50, model.n))
+    Y = Chain.of(model).regressor(Motion(np.arange(50.0), q, dq, ddq))
+    data = model.pin_model.createData()
+    for t in range(50):
+        expected = pin.computeJointTorqueRegressor(model.pin_model, data, q[t], dq[t], ddq[t])
+        np.testing.assert_allclose(Y[:, t], expected, atol=1e-10)
+
+
+def test_regressor_times_parameters_is_the_torque(iiwa):
+    motion = sinusoids(7, 40, 1)
+    pi = np.concatenate([parameters_of(iiwa.inertials[link]) for link in iiwa.link_names])
+    torque = (Chain.of(iiwa).regressor(motion) @ pi).T
+    expected = iiwa.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+    np.testing.assert_allclose(torque, expected, atol=1e-10)
+
+
+def test_iiwa_has_57_base_parameters_with_friction(iiwa):
+    assert find_base_parameters(iiwa, PAPER).rank == 57
+    assert find_base_parameters(iiwa, JointTerms(armature=False)).rank == 57 + 7
+    # joint 1's and 2's drives turn about axes on which a link's inertia does the same
+    assert find_base_parameters(iiwa, JointTerms()).rank == 57 + 7 + 5
+
+
+def test_base_parameters_predict_what_full_parameters_do(iiwa):
+    base = find_base_parameters(iiwa, PAPER)
+    random = np.random.default_rng(4)
+    full = random.standard_normal(70 + 14)
+    difference = full - base.expand(base.reduce(full))
+    Y = Chain.of(iiwa).regressor(sinusoids(7, 30, 2))
+    assert np.abs(Y @ difference[:70]).max() < 1e-9 * np.abs(Y).max()
+    np.testing.assert_allclose(difference[70:], 0, atol=1e-9)
+
+
+def test_estimator_reaches_the_noise_on_other_motion():
+    simulation = Simulation("iiwa14", FRICTION)
+    model = RigidBodyModel("iiwa14", PAPER).fit([record(simulation)])
+    held_out = record(simulation, T=2000, seed=5)
+    error = model.predict(held_out) - simulation.predict(held_out.motion(10.0))
+    inside = ~held_out.edges(10.0)
+    assert np.sqrt(np.mean(error[inside] ** 2, axis=0)).max() < 0.5 * NOISE
+
+
+def test_step_by_step_equals_predict():
+    simulation = Simulation("iiwa14", FRICTION)
+    model = RigidBodyModel("iiwa14", PAPER).fit([record(simulation, T=1500)])
+    motion = sinusoids(7, 20, 9)
+    state = model.init()
+    for t, expected in enumerate(model.torque(motion)):
+        torque, state = model.step(state, motion.sample(t))
+        np.testing.assert_allclose(torque, expected, atol=1e-12)
+
+
+def test_estimator_says_what_is_missing():
+    model = RigidBodyModel("iiwa14")
+    with pytest.raises(NotFittedError, match="RigidBodyModel is not fitted"):
+        model.torque(sinusoids(7, 5, 0))
+    simulation = Simulation("iiwa14", FRICTION)
+    model.fit([record(simulation, T=1000)])
+    with pytest.raises(ShapeError):
+        model.torque(sinusoids(6, 5, 0))
+
+
+def test_friction_offset_and_sign_width_are_found():
+    offsets = tuple(TorqueOffset(joint=j, offset=0.1 * j - 0.4) for j in range(1, 8))
+    found = identify(
+        RobotModel.load("iiwa14"), [record(Simulation("iiwa14", (*FRICTION, *offsets)))]
+    )
+    assert found.terms.chosen == (0.01,) * 7
+    true = {(e.name, e.joint): e for e in (*FRICTION, *offsets)}
+    for item in found.estimates:
+        if item.effect == "armature":
+            continue
+        expected = getattr(true[item.effect, item.joint], item.parameter)
+        assert abs(item.value - expected) < 5 * item.deviation + 0.02, item
+    assert not [item for item in found.estimates if item.effect == "armature"]
+    np.testing.assert_allclose(found.rmse_consistent, found.fit.rmse, rtol=0.05)
+
+
+def test_moved_masses_are_found_as_bodies_that_exist(iiwa):
+    true = {
+        link: Inertial(1.15 * body.mass, tuple(0.9 * np.array(body.com)), body.inertia)
+        for link, body in iiwa.inertials.items()
+    }
+    simulation = Simulation("iiwa14", FRICTION, inertials=true)
+    found = identify(iiwa, [record(simulation)], PAPER)
+    held_out = sinusoids(7, 1000, 8)
+    error = found.simulation.predict(held_out) - simulation.predict(held_out)
+    nominal = Simulation("iiwa14", FRICTION).predict(held_out) - simulation.predict(held_out)
+    assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(nominal**2))
+    assert all(body.is_consistent() for body in found.simulation.inertials.values())
+
+
+def test_what_the_motion_does_not_reveal_stays_at_the_description(iiwa):
+    found = identify(iiwa, [record(Simulation("iiwa14", FRICTION))], PAPER)
+    first = found.links[0]  # of link 1 only the inertia about the joint shows in torque
+    assert first.mass == pytest.approx(first.mass_nominal, rel=0.01)
+    assert first.com_shift < 2e-3
+
+
+def test_drives_are_told_from_links_by_the_description(iiwa):
+    drives = (Armature(joint=1, inertia=3.0), Armature(joint=3, inertia=1.0))
+    found = identify(iiwa, [record(Simulation("iiwa14", (*FRICTION, *drives)))])
+    values = {item.joint: item.value for item in found.estimates if item.effect == "armature"}
+    assert values == pytest.approx({1: 3.0, 3: 1.0}, rel=0.05)
+
+
+def test_a_still_joint_keeps_its_inertia_and_is_told(iiwa):
+    simulation = Simulation("iiwa14", FRICTION)
+    motion = sinusoids(7, 3000, 0)
+    position = motion.position.copy()
+    position[:, 6] = 0.3
+    still = Recording.from_arrays(motion.time, position, np.zeros_like(position)).motion(10.0)
+    torque = simulation.predict(still)
+    found = identify(iiwa, [Recording.from_arrays(motion.time, position, torque)], PAPER)
+    assert found.fit.excited < 57
+    assert any("of 57 base parameters" in text for text in found.warnings)
+    assert found.links[6].mass == pytest.approx(1.2, rel=0.2)
+
+
+def test_friction_never_drives_the_joint(iiwa):
+    simulation = Simulation("iiwa14", FRICTION[2:])  # joint 1 has none
+    found = identify(iiwa, [record(simulation, T=2000)], PAPER)
+    assert min(item.value for item in found.estimates) >= 0
+    assert found.simulation.without_effects().effects == ()
+
+
+def test_rows_at_rest_can_be_left_out():
+    simulation = Simulation("iiwa14", FRICTION)
+    moving = record(simulation, T=3000)
+    held = np.repeat(moving.position[-1:], 1500, axis=0)
+    position = np.concatenate([moving.position, held])
+    stuck = np.full((1500, 7), 30.0)  # anything the motors please
+    torque = np.concatenate([moving.torque, stuck])
+    time = np.arange(4500) / RATE
+    time[3000:] += 1.0  # a gap, so that nothing passes from one to the other
+    recording = Recording.from_arrays(time, position, torque)
+    model = RobotModel.load("iiwa14")
+    misled = accumulate(model, PAPER, [recording], Rows())
+    right = accumulate(model, PAPER, [recording], Rows(moving_only=True))
+    assert misled.count.min() > 4300
+    assert right.count.max() < 3000
+    fitted = identify(model, [recording], PAPER, Rows(moving_only=True))
+    assert fitted.fit.rmse.max() < NOISE
+
+
+def test_normal_equations_do_not_depend_on_the_blocks(iiwa, monkeypatch):
+    recording = record(Simulation("iiwa14", FRICTION), T=3000)
+    whole = accumulate(iiwa, PAPER, [recording], Rows())
+    monkeypatch.setattr("estimators.rigid_body.normal_equations.BLOCK", 700)
+    pieces = accumulate(iiwa, PAPER, [recording], Rows())
+    np.testing.assert_allclose(pieces.gram, whole.gram, rtol=1e-4, atol=1e-4 * whole.gram.max())
+    np.testing.assert_array_equal(pieces.count, whole.count)
+
+
+def test_thickened_points_and_rods_exist():
+    for mass, inertia in ((0.0, (0,) * 6), (1.0, (0,) * 6), (2.0, (0, 0, 0, 0.1, 0, 0.1))):
+        body = inertial_of(thickened(parameters_of(Inertial(mass, (0.1, 0, 0.2), inertia))))
+        assert body.is_consistent()
+    good = parameters_of(Inertial(2.0, (0.1, 0, 0.2), (0.02, 0, 0, 0.03, 0, 0.025)))
+    np.testing.assert_allclose(thickened(good), good, rtol=1e-9)
+    assert np.linalg.eigvalsh(pseudo_inertia(good))[0] > 0
+
+
+def test_bad_requests_are_refused(iiwa):
+    with pytest.raises(ConfigError, match="weighting 'speed' is not one of error, torque"):
+        Rows(weighting="speed")
+    with pytest.raises(ConfigError, match="sign widths"):
+        JointTerms((0.0,))
+    six = Recording(np.arange(100) / RATE, np.zeros((100, 6)), np.zeros((100, 6)))
+    with pytest.raises(RecordingError, match="has 6 joints"):
+        identify(iiwa, [six])
+    rest = Recording(np.arange(100) / RATE, np.zeros((100, 7)), np.ones((100, 7)))
+    with pytest.raises(RecordingError, match="no row is left"):
+        identify(iiwa, [rest], PAPER, Rows(moving_only=True))

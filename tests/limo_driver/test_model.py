@@ -1,0 +1,109 @@
+"""The robot model agrees with MuJoCo, which reads the same URDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.model import Inertial, RobotModel
+
+AGREE = 1e-6
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load("iiwa14")
+
+
+@pytest.fixture(scope="module")
+def mujoco_model(model):
+    options = (
+        '<mujoco><compiler fusestatic="false" balanceinertia="false"/>'
+        '<option><flag constraint="disable"/></option></mujoco>'
+    )
+    urdf = Path(model.urdf).read_text()
+    start = urdf.index(">", urdf.index("<robot")) + 1
+    return mujoco.MjModel.from_xml_string(urdf[:start] + options + urdf[start:])
+
+
+@pytest.fixture(scope="module")
+def poses(model):
+    random = np.random.default_rng(3)
+    return random.uniform(model.limits.position_min, model.limits.position_max, (20, model.n))
+
+
+def test_flange_pose_agrees_with_mujoco(model, mujoco_model, poses):
+    data = mujoco.MjData(mujoco_model)
+    for q in poses:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(mujoco_model, data)
+        flange = data.body("flange")
+        pose = model.flange_pose(q)
+        np.testing.assert_allclose(pose[:3, 3], flange.xpos, atol=AGREE)
+        np.testing.assert_allclose(pose[:3, :3], flange.xmat.reshape(3, 3), atol=AGREE)
+
+
+def test_mass_matrix_agrees_with_mujoco(model, mujoco_model, poses):
+    data = mujoco.MjData(mujoco_model)
+    for q in poses:
+        data.qpos[:] = q
+        mujoco.mj_forward(mujoco_model, data)
+        M = np.zeros((model.n, model.n))
+        mujoco.mj_fullM(mujoco_model, data, M)
+        np.testing.assert_allclose(model.mass_matrix(q), M, atol=AGREE)
+
+
+def test_gravity_torque_agrees_with_mujoco(model, mujoco_model, poses):
+    data = mujoco.MjData(mujoco_model)
+    for q in poses:
+        data.qpos[:] = q
+        mujoco.mj_forward(mujoco_model, data)
+        np.testing.assert_allclose(model.gravity_torque(q)[0], data.qfrc_bias, atol=AGREE)
+
+
+def test_inverse_dynamics_agrees_with_mujoco(model, mujoco_model, poses):
+    data = mujoco.MjData(mujoco_model)
+    dq, ddq = 0.5 * poses[::-1], 2.0 * poses[::2].repeat(2, axis=0)
+    torque = model.inverse_dynamics(poses, dq, ddq)
+    for q, v, a, tau in zip(poses, dq, ddq, torque, strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        mujoco.mj_inverse(mujoco_model, data)
+        np.testing.assert_allclose(tau, data.qfrc_inverse, atol=AGREE)
+
+
+def test_limits_are_those_of_the_data_sheet(model):
+    np.testing.assert_allclose(
+        np.degrees(model.limits.position_max), [170, 120, 170, 120, 170, 120, 175]
+    )
+    np.testing.assert_allclose(np.degrees(model.limits.velocity), [85, 85, 100, 75, 130, 135, 135])
+    np.testing.assert_array_equal(model.limits.torque, [320, 320, 176, 176, 110, 40, 40])
+
+
+def test_heavier_link_needs_more_torque(model):
+    nominal = model.inertials["link7"]
+    heavier = model.with_inertials(
+        {"link7": Inertial(nominal.mass + 1.0, nominal.com, nominal.inertia)}
+    )
+    stretched = np.array([[0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    more = heavier.gravity_torque(stretched) - model.gravity_torque(stretched)
+    reach = 0.42 + 0.4 + 0.081 + nominal.com[2]
+    assert abs(more[0, 1]) == pytest.approx(9.81 * reach, rel=1e-6)
+
+
+def test_unknown_robot_and_link_and_impossible_body_are_named(model):
+    with pytest.raises(ConfigError, match=r"'iiwa15' is neither built in \(iiwa14\) nor"):
+        RobotModel.load("iiwa15")
+    body = model.inertials["link1"]
+    with pytest.raises(ConfigError, match="no moving link 'link9'"):
+        model.with_inertials({"link9": body})
+    with pytest.raises(ConfigError, match="no rigid body has the mass -1 kg"):
+        model.with_inertials({"link1": Inertial(-1.0, body.com, body.inertia)})
+
+
+def test_shapes_are_checked(model):
+    with pytest.raises(ShapeError, match=r"velocity has shape \(2, 6\), expected \(T, 7\)"):
+        model.inverse_dynamics(np.zeros((2, 7)), np.zeros((2, 6)), np.zeros((2, 7)))

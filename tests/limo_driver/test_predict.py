@@ -1,0 +1,102 @@
+"""`limo predict` on recordings with and without rows that cannot be used."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from limo_driver.cli import main
+from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
+from limo_driver.recording import Recording
+
+RATE = 100.0
+SIMULATION = Simulation(
+    "iiwa14",
+    (
+        CoulombFriction(joint=2, tau_c=1.5, v_eps=0.01),
+        PreslidingHysteresis(joint=4, stiffness=(50.0, 20.0), width=(0.01, 0.05)),
+    ),
+)
+
+
+def motion_of(t):
+    angle = 2 * np.pi * np.linspace(0.2, 0.5, 7) * t[:, None]
+    return 0.6 * np.sin(angle)
+
+
+@pytest.fixture
+def predict(tmp_path, monkeypatch, capsys):
+    """Run `limo predict` in this process; returns exit status, stdout and stderr."""
+    SIMULATION.save(tmp_path / "sim.yaml")
+
+    def run(path, *more):
+        files = ("--sim", tmp_path / "sim.yaml", "--out", tmp_path / "torque.parquet")
+        monkeypatch.setattr(sys, "argv", ["limo", "predict", *map(str, (path, *files, *more))])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code or 0, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def recording(tmp_path):
+    t = np.arange(400) / RATE
+    position = motion_of(t)
+    torque = np.zeros_like(position)
+    torque[40, 2] = np.nan
+    path = tmp_path / "run.parquet"
+    Recording(t, position, torque).save(path)
+    return path
+
+
+def test_one_row_for_each_row_and_nan_where_left_out(tmp_path, recording, predict):
+    status, _, notes = predict(recording)
+    assert status == 0, notes
+    assert "1 rows left out: a value is missing or not finite" in notes
+    out = tmp_path / "torque.parquet"
+    table = pq.read_table(out)
+    assert table.column_names == ["time", *(f"torque_{j}" for j in range(1, 8))]
+    torque = np.stack([table[f"torque_{j}"].to_numpy() for j in range(1, 8)], 1)
+    assert torque.shape == (400, 7)
+    assert np.flatnonzero(np.isnan(torque).any(axis=1)).tolist() == [40]
+    measured = Recording.load(recording)
+    expected = SIMULATION.predict(measured.motion(10.0))
+    np.testing.assert_allclose(torque[measured.rows], expected, atol=1e-9)
+
+
+def test_json_counts_the_rows(recording, predict):
+    _, printed, _ = predict(recording, "--json")
+    assert json.loads(printed)["rows"] == {
+        "used": 399,
+        "left_out": {"a value is missing or not finite": 1},
+    }
+
+
+def test_memory_starts_anew_after_a_gap():
+    from limo_driver.cli.predict import predict_segments
+
+    t = np.r_[np.arange(0, 3, 0.01), np.arange(5, 8, 0.01)]
+    position = motion_of(t)
+    both = Recording.from_arrays(t, position, np.zeros_like(position))
+    torque = predict_segments(SIMULATION, both, 10.0)
+    np.testing.assert_allclose(torque[300:], predict_segments(SIMULATION, both[300:], 10.0))
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"), [(6, "has 6 joints, but iiwa14 has 7"), (0, "no such file")]
+)
+def test_bad_input_is_one_line_and_status_2(tmp_path, predict, columns, message):
+    path = tmp_path / "bad.parquet"
+    if columns:
+        t = np.arange(400) / RATE
+        Recording(t, motion_of(t)[:, :columns], np.ones((400, columns))).save(path)
+    status, _, notes = predict(path)
+    assert status == 2
+    assert message in notes
+    assert notes.count("\n") == 1
+    assert not (tmp_path / "torque.parquet").exists()

@@ -1,0 +1,236 @@
+"""Recordings: what is read, what is left out and why, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.model import RobotModel
+from limo_driver.recording import Recording
+
+RATE = 100.0
+
+
+def make_columns(T=400, n=3):
+    t = np.arange(T) / RATE
+    angle = 2 * np.pi * 0.7 * t[:, None] + np.arange(n)
+    columns = {"time": t}
+    for j in range(n):
+        columns[f"position_{j + 1}"] = np.sin(angle[:, j])
+        columns[f"torque_{j + 1}"] = 5 * np.cos(angle[:, j]) + j
+    return columns
+
+
+def write(columns, path):
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def reasons(recording):
+    return {item.reason: item.rows for item in recording.left_out}
+
+
+def test_parquet_round_trip_keeps_every_value(tmp_path):
+    columns = make_columns() | {f"temperature_{j}": np.full(400, 30.0 + j) for j in (1, 2, 3)}
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert (len(recording), recording.n, recording.rows_total) == (400, 3, 400)
+    assert recording.rate == pytest.approx(RATE)
+    assert recording.duration == pytest.approx(3.99)
+    assert recording.left_out == ()
+    recording.save(tmp_path / "b.parquet")
+    again = Recording.load(tmp_path / "b.parquet")
+    for name in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
+    np.testing.assert_array_equal(again.extras["temperature"][0], [31, 32, 33])
+
+
+def test_csv_reads_as_parquet_does(tmp_path):
+    columns = make_columns()
+    pa.csv.write_csv(pa.table(columns), tmp_path / "a.csv")
+    recording = Recording.load(tmp_path / "a.csv")
+    np.testing.assert_array_equal(recording.position[:, 2], columns["position_3"])
+
+
+def test_more_than_nine_joints_stay_in_order(tmp_path):
+    columns = make_columns(n=12)
+    recording = Recording.load(write(dict(sorted(columns.items())), tmp_path / "a.parquet"))
+    np.testing.assert_array_equal(recording.position[:, 9], columns["position_10"])
+
+
+def test_arrays_are_read_only():
+    recording = Recording(np.arange(50) / RATE, np.zeros((50, 2)), np.zeros((50, 2)))
+    with pytest.raises(ValueError, match="read-only"):
+        recording.position[0] = 1.0
+
+
+def test_wrong_shapes_are_refused():
+    with pytest.raises(ShapeError, match=r"torque has shape \(50, 3\), expected \(50, 2\)"):
+        Recording(np.arange(50) / RATE, np.zeros((50, 2)), np.zeros((50, 3)))
+
+
+def test_nan_and_corrupt_rows_are_left_out_by_name(tmp_path):
+    columns = make_columns()
+    columns["torque_2"][17] = np.nan
+    columns["position_1"][100] = 1e17
+    columns["time"][200] = columns["time"][199]
+    columns["position_3"][300] += 0.9
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert reasons(recording) == {
+        "a value is missing or not finite": (17,),
+        "a value is impossible": (100,),
+        "the time repeats that of the row before": (200,),
+        "a spike that no motion makes": (300,),
+    }
+    assert len(recording) == 396
+    assert not set(recording.rows) & {17, 100, 200, 300}
+
+
+def test_one_wild_time_costs_one_row(tmp_path):
+    for wild in (1e9, -1e9, 2.5):
+        columns = make_columns()
+        columns["time"][150] = wild
+        recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+        assert [row for item in recording.left_out for row in item.rows] == [150]
+
+
+def test_gap_splits_the_recording_and_is_told(tmp_path):
+    columns = make_columns()
+    keep = np.r_[0:150, 220:400]
+    columns = {name: values[keep] for name, values in columns.items()}
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert recording.segments == (slice(0, 150), slice(150, 330))
+    assert any("1 gap; the longest, 0.71 s, after 1.49 s" in text for text in recording.warnings)
+
+
+def test_few_rows_between_gaps_are_left_out(tmp_path):
+    columns = make_columns()
+    keep = np.r_[0:150, 200:204, 260:400]
+    columns = {name: values[keep] for name, values in columns.items()}
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert reasons(recording) == {"fewer than 10 rows between gaps": (150, 151, 152, 153)}
+
+
+def test_still_and_stuck_joints_are_told_but_kept(tmp_path):
+    columns = make_columns()
+    columns["position_1"][:] = 0.4
+    columns["position_2"][100:125] = columns["position_2"][100]
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert len(recording) == 400
+    assert any(text.startswith("joint 1 never moves") for text in recording.warnings)
+    assert any("position_2 is stuck for 0.2" in text for text in recording.warnings)
+
+
+def refuse(change, message, tmp_path, T=400):
+    columns = make_columns(T)
+    path = write(change(columns) or columns, tmp_path / "bad.parquet")
+    with pytest.raises(RecordingError, match=message) as caught:
+        Recording.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: {k: v for k, v in c.items() if k != "time"}, "lacks time;"),
+        (lambda c: {k: v for k, v in c.items() if k != "torque_2"}, "lacks torque_2;"),
+        (lambda c: {k: v for k, v in c.items() if "position" not in k}, "lacks position_1, pos"),
+        (lambda c: c | {"time": c["time"] * 1e3}, "sampled at 0.1 Hz.*is the time in seconds"),
+        (lambda c: c | {"time": c["time"] % 2.0}, "runs backwards at row 200"),
+        (lambda c: c | {"position_2": np.degrees(c["position_2"])}, "degrees"),
+        (lambda c: c | {"torque_1": c["torque_1"] * 1e3}, "torque_1 is beyond ±1000.*N mm"),
+        (lambda c: c | {"torque_1": np.full(400, np.nan)}, "has 0 usable rows of 400"),
+        (lambda c: c | {"torque_1": [str(v) for v in c["torque_1"]]}, "torque_1 holds string"),
+        (lambda c: {k: v[:15] for k, v in c.items()}, "has 15 usable rows of 15"),
+        (lambda c: {k: v[:30] for k, v in c.items()}, "lasts 0.29 s, expected at least 0.5 s"),
+    ],
+)
+def test_unusable_files_are_refused_with_a_reason(change, message, tmp_path):
+    refuse(change, message, tmp_path)
+
+
+def test_small_angles_in_degrees_show_against_the_velocity(tmp_path):
+    def in_degrees(columns):
+        for j in (1, 2, 3):
+            columns[f"velocity_{j}"] = np.gradient(columns[f"position_{j}"], 1 / RATE) / 10
+            columns[f"position_{j}"] = np.degrees(columns[f"position_{j}"] / 10)
+
+    refuse(in_degrees, r"57\.3 times as fast as the velocities", tmp_path)
+
+
+def test_files_that_are_no_recording(tmp_path):
+    with pytest.raises(RecordingError, match="no such file"):
+        Recording.load(tmp_path / "none.parquet")
+    (tmp_path / "text.parquet").write_text("hello")
+    with pytest.raises(RecordingError, match="cannot be read as Parquet"):
+        Recording.load(tmp_path / "text.parquet")
+    (tmp_path / "empty.csv").write_text("")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        Recording.load(tmp_path / "empty.csv")
+
+
+def test_unfinished_log_is_read_and_told(tmp_path, monkeypatch):
+    from limo_driver import recorder
+
+    (tmp_path / "run.parquet.partial").write_bytes(b"log")
+    monkeypatch.setattr(recorder, "read_log", lambda _: pa.table(make_columns()))
+    recording = Recording.load(tmp_path / "run.parquet")
+    assert len(recording) == 400
+    assert recording.warnings == (
+        "run.parquet was never finished; read what run.parquet.partial holds",
+    )
+
+
+def test_slices_and_masks_select_samples():
+    columns = make_columns()
+    stacked = [
+        np.stack([columns[f"{q}_{j}"] for j in (1, 2, 3)], 1) for q in ("position", "torque")
+    ]
+    recording = Recording.from_arrays(columns["time"], *stacked)
+    part = recording[100:200]
+    assert len(part) == 100
+    assert part.rows[0] == 100
+    mask = np.ones(400, dtype=bool)
+    mask[50:120] = False
+    assert recording[mask].segments == (slice(0, 50), slice(50, 330))
+
+
+def test_recording_of_another_robot_is_refused(tmp_path):
+    model = RobotModel.load("iiwa14")
+    recording = Recording.load(write(make_columns(n=6), tmp_path / "six.parquet"))
+    with pytest.raises(RecordingError, match="has 6 joints, but iiwa14 has 7"):
+        recording.check_robot(model)
+    columns = make_columns(n=7)
+    columns["position_4"] *= 4.0
+    recording = Recording.load(write(columns, tmp_path / "far.parquet"))
+    with pytest.raises(RecordingError, match=r"position_4 spans -4 to 4 rad, but joint 4"):
+        recording.check_robot(model)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    rows=st.sets(st.integers(0, 399), max_size=8),
+    value=st.sampled_from([np.nan, np.inf, -1e300, 1e5]),
+    column=st.sampled_from(["time", "position_2", "torque_3"]),
+)
+def test_whatever_is_corrupt_exactly_those_rows_go(rows, value, column):
+    columns = make_columns()
+    columns[column][list(rows)] = value
+    position, torque = (
+        np.stack([columns[f"{q}_{j}"] for j in (1, 2, 3)], 1) for q in ("position", "torque")
+    )
+    recording = Recording.from_arrays(columns["time"], position, torque)
+    left_out = {row for item in recording.left_out for row in item.rows}
+    assert rows <= left_out
+    assert len(recording) + len(left_out) == recording.rows_total == 400
+    assert (np.diff(recording.time) > 0).all()
+    kept = set(range(400)) - left_out
+    between = {r for r in left_out - rows if 0 < r < 399}
+    assert kept | between | rows | {0, 399} >= set(range(400))
+    assert len(between) <= 9 * len(rows)

@@ -1,0 +1,108 @@
+"""The same commands on recordings of real arms, where those are at hand."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from estimators.rigid_body import RigidBodyModel, Rows, identify
+from estimators.rigid_body.terms import JointTerms
+from limo_driver.model import RobotModel
+from limo_driver.recording import Recording
+
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+BANDWIDTH = 8.0  # [Hz], of the published baselines
+
+pytestmark = pytest.mark.skipif(
+    not DATA.is_dir(),
+    reason=f"no real recordings in {DATA}; name their folder in LIMO_DATA",
+)
+
+
+def load(name):
+    return Recording.load(DATA / name)
+
+
+def heldout_rmse(model, recording):
+    from limo_driver.differentiation import smooth
+
+    torque = model.predict(recording)
+    predicted = smooth(recording.time, torque, BANDWIDTH, recording.segments)
+    error = recording.filtered_torque(BANDWIDTH) - predicted
+    return np.sqrt(np.mean(error**2, axis=0))
+
+
+def test_corrupt_rows_of_the_ur10e_are_named_and_left_out():
+    path = DATA / "ur10e" / "loaded_15harm_corrupt_rows.parquet"
+    table = pq.read_table(path)
+    values = np.stack([table[name].to_numpy() for name in table.column_names if name != "time"], 1)
+    wild = np.flatnonzero((np.abs(values) > 1e3).any(axis=1)).tolist()
+    recording = Recording.load(path)
+    reasons = {item.reason: item.rows for item in recording.left_out}
+    assert set(wild) <= set(reasons["a value is impossible"])
+    # their neighbours carry a time of -3048 s, and the first row is then alone
+    assert sorted(row for rows in reasons.values() for row in rows) == list(range(10))
+    assert len(recording) == table.num_rows - 10
+    assert np.abs(recording.position).max() < 4
+
+
+@pytest.mark.parametrize(
+    ("name", "rate", "joints"),
+    [
+        ("kuka_lwr4/measurements_1.parquet", 200, 7),
+        ("panda/exciting_trajectory.parquet", 1000, 7),
+        ("ur10e/unloaded_point_to_point.parquet", 100, 6),
+    ],
+)
+def test_clean_recordings_are_read_whole(name, rate, joints):
+    recording = load(name)
+    assert (recording.n, recording.left_out) == (joints, ())
+    assert recording.rate == pytest.approx(rate, rel=0.01)
+    assert len(recording.segments) == 1
+
+
+def test_still_joints_of_the_ur10e_are_told():
+    warnings = load("ur10e/unloaded_joint_1_alone.parquet").warnings
+    assert [text.split(" (")[0] for text in warnings] == [
+        f"joint {j} never moves" for j in (2, 3, 4, 5, 6)
+    ]
+
+
+def test_derivatives_agree_with_what_the_arm_reports():
+    recording = load("ur10e/unloaded_14harm.parquet")
+    velocity = recording.motion(BANDWIDTH).velocity
+    error = np.sqrt(np.mean((velocity - recording.velocity)[100:-100] ** 2, axis=0))
+    assert (error / recording.velocity.std(axis=0)).max() < 0.02
+
+
+def test_ur10e_reaches_the_published_baseline():
+    model = RigidBodyModel(DATA / "ur10e/ur10e.urdf", JointTerms((0.01,)), Rows(BANDWIDTH))
+    model.fit([load("ur10e/unloaded_14harm.parquet")])
+    baseline = np.array([2.9, 4.2, 1.4, 0.49, 0.80, 0.62])  # [N m]
+    rmse = heldout_rmse(model, load("ur10e/unloaded_15harm.parquet"))
+    assert (rmse / baseline).max() < 1.05
+
+
+def test_ur10e_becomes_a_simulation_of_bodies_that_exist():
+    model = RobotModel.load(DATA / "ur10e/ur10e.urdf")
+    train, test = load("ur10e/unloaded_14harm.parquet"), load("ur10e/unloaded_15harm.parquet")
+    found = identify(model, [train], rows=Rows(BANDWIDTH))
+    assert all(body.is_consistent() for body in found.simulation.inertials.values())
+    torque = found.simulation.predict(test.motion(BANDWIDTH))
+    error = test.filtered_torque(BANDWIDTH) - torque
+    baseline = np.array([2.9, 4.2, 1.4, 0.49, 0.80, 0.62])  # [N m]
+    assert (np.sqrt(np.mean(error**2, axis=0)) / baseline).max() < 1.1
+
+
+def test_lwr4_with_the_weights_of_the_baseline_reaches_it():
+    model = RigidBodyModel(
+        DATA / "kuka_lwr4/kuka_lwr4.urdf", JointTerms(), Rows(BANDWIDTH, weighting="torque")
+    )
+    model.fit([load(f"kuka_lwr4/measurements_{run}.parquet") for run in (2, 3)])
+    baseline = np.array([0.34, 0.62, 0.29, 0.48, 0.23, 0.18, 0.19])  # [N m]
+    rmse = heldout_rmse(model, load("kuka_lwr4/measurements_1.parquet"))
+    assert (rmse / baseline).max() < 1.055  # the baseline is rounded to two digits
