@@ -104,17 +104,10 @@ class Trajectory(Motion):
             h, c = self._quintics(np.arange(first, min(first + _BLOCK, stop - 1)))
             for u in np.linspace(0.0, 1.0, 9):
                 np.maximum(largest[0], np.abs(_polynomial(c, u, 1) / h).max(axis=0), out=largest[0])
-            a, b, d = 60 * c[5], 24 * c[4], 6 * c[3]  # jerk of u: a u^2 + b u + d
-            with np.errstate(divide="ignore", invalid="ignore"):
-                vertex = -b / (2 * a)
-                spread = np.sqrt(b**2 - 4 * a * d) / (2 * a)
-            for order, points in (
-                (3, (0.0, 1.0, vertex)),
-                (2, (0.0, 1.0, vertex - spread, vertex + spread)),
-            ):
-                for point in points:
-                    inside = np.clip(np.nan_to_num(point), 0.0, 1.0)
-                    value = np.abs(_polynomial(c, inside, order) / h**order).max(axis=0)
+            vertex, roots = _extremes(60 * c[5], 24 * c[4], 6 * c[3])
+            for order, points in ((3, (0.0, 1.0, vertex)), (2, (0.0, 1.0, *roots))):
+                for u in points:
+                    value = np.abs(_polynomial(c, u, order) / h**order).max(axis=0)
                     np.maximum(largest[order - 1], value, out=largest[order - 1])
         return Peaks(*largest)
 
@@ -190,3 +183,14 @@ def _polynomial(c: list[FloatArray], u: FloatArray | float, order: int) -> Float
     for k in range(degree - 1, order - 1, -1):
         value = value * u + c[k] * float(perm(k, order))
     return value
+
+
+def _extremes(
+    a: FloatArray, b: FloatArray, c: FloatArray
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    """Return vertex and roots of a u^2 + b u + c, moved into [0, 1]; 0 where there is none."""
+    with np.errstate(all="ignore"):
+        q = -0.5 * (b + np.copysign(np.sqrt(b**2 - 4 * a * c), b))  # no cancellation
+        found = (-b / (2 * a), q / a, c / q)
+    vertex, first, second = (np.clip(np.nan_to_num(u), 0.0, 1.0) for u in found)
+    return vertex, (first, second)

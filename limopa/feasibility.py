@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from limopa.request import Surroundings, Workspace
 
 ALWAYS = 0.95  # share of random configurations; a pair that overlaps in more does by construction
+ROUNDING = 1e-9  # [rad]
+_WAY_OUT = "self-collision checks can be switched off (--no-self-collision)"
 PROBES = 1000  # random configurations that show which pairs do
 
 
@@ -90,7 +92,7 @@ class Feasibility:
         gap, lowest = self._clearances(position)
         need = self.surroundings.clearance
         floor = self.surroundings.table_height + need
-        outside = (position < self.lower) | (position > self.upper)
+        outside = (position < self.lower - ROUNDING) | (position > self.upper + ROUNDING)
         return Verdict(
             {
                 Condition.JOINT_LIMITS: np.any(outside, axis=1),
@@ -153,10 +155,10 @@ class Feasibility:
         try:
             bodies = model.capsules()
         except ConfigError as error:
-            raise ConfigError(f"{error}; or plan without self-collision checks") from None
+            raise ConfigError(f"{str(error).rstrip('.')}; {_WAY_OUT}") from None
         if not any(body.joint > 0 for body in bodies):
             raise ConfigError(
-                "has no collision shapes on its moving links; plan without self-collision checks",
+                f"has no collision shapes on its moving links; {_WAY_OUT}",
                 path=model.urdf,
             )
         return bodies
@@ -174,9 +176,8 @@ class Feasibility:
         probes = np.random.default_rng(0).uniform(self.lower, self.upper, (PROBES, len(self.lower)))
         touching = (self._clearances(probes)[0] < 0.0).mean(axis=0)
         always = touching > ALWAYS
-        self.overlapping_pairs = tuple(
-            (self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[always]
-        )
+        links = [(self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[always]]
+        self.overlapping_pairs = tuple(dict.fromkeys(links))  # a link may have several capsules
         self._pairs = np.ascontiguousarray(self._pairs[~always])
 
     def _reaches(self) -> FloatArray:

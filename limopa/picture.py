@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 EXPLORING_COLOUR, REACHING_COLOUR = "#c1272d", "#9aa0a6"
 JOINT_COLOURS = ("#0b559f", "#d9730d", "#2e7d32", "#c1272d", "#6a3d9a", "#8c564b", "#00838f")
+SATURATION = 10.0  # [deg] of rotation since a reversal, beyond which the paper clips it
 DRAWN = 40_000  # samples drawn of a whole motion: enough for print, and an SVG stays small
 STYLE: dict[Any, Any] = {
     "font.size": 8,
@@ -28,6 +29,8 @@ STYLE: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.linewidth": 0.6,
+    "grid.color": "#e3e5e8",
+    "grid.linewidth": 0.5,
     "legend.frameon": False,
     "legend.fontsize": 7,
     "lines.linewidth": 0.8,
@@ -61,6 +64,8 @@ def draw(plan: Plan, model: RobotModel, path: Path | str) -> None:
 
 def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN401  # matplotlib
     """Draw the flange's path, as in the upper left of the paper's figure of the training motion."""
+    from matplotlib.ticker import MaxNLocator
+
     flange = KinematicChain.of(model).flange_position(plan.trajectory.position)
     for segment in plan.trajectory.segments:
         rows = slice(max(segment.start - 1, 0), segment.stop, 1 if len(flange) < DRAWN else 8)
@@ -74,8 +79,11 @@ def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN
     axes.set_xlabel("x [m]", labelpad=-4)
     axes.set_ylabel("y [m]", labelpad=-4)
     axes.set_zlabel("z [m]", labelpad=-4)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_pane_color((1.0, 1.0, 1.0))
     axes.tick_params(pad=-2, labelsize=7)
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", adjustable="box")
     axes.view_init(elev=24, azim=-50)
     axes.legend(loc="upper left", bbox_to_anchor=(-0.25, 0.98))
 
@@ -132,7 +140,15 @@ def _draw_velocities(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa:
         if rows.size:
             share = 100 * np.abs(motion.velocity[rows]) / model.limits.velocity
             weights = np.full(share.size, 100 / share.size)
-            axes.hist(share.ravel(), bins, weights=weights, color=colour, alpha=0.75, label=kind)
+            axes.hist(
+                share.ravel(),
+                bins,
+                weights=weights,
+                color=colour,
+                histtype="step",
+                linewidth=1.2,
+                label=kind,
+            )
     axes.set_yscale("log")
     axes.set_title("Joint velocity")
     axes.set_xlabel("share of the joint's limit [%]")
@@ -159,9 +175,10 @@ def _draw_rotations(axes: Any, plan: Plan) -> None:  # noqa: ANN401
     )
     for j, box in zip(present, parts["boxes"], strict=True):
         box.set(facecolor=_colour(j), alpha=0.6, linewidth=0.5)
-    axes.set_title("Rotation between two reversals, exploring")
+    axes.set_title("Rotation between two reversals, exploring; dotted: history clipped")
     axes.set_xlabel("joint")
     axes.set_ylabel("rotation [deg]")
+    axes.axhline(SATURATION, color="black", linewidth=0.6, linestyle=":")
     axes.set_ylim(bottom=0)
 
 

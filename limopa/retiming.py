@@ -137,9 +137,9 @@ def _profile(
 
 
 def _evaluate(
-    profile: Any,
+    profile: Any,  # noqa: ANN401  # ruckig has no stubs
     time: FloatArray,
-    length: float,  # noqa: ANN401  # ruckig has no stubs
+    length: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate the seven constant-jerk phases of a profile at all times at once."""
     starts = np.concatenate([[0.0], np.cumsum(profile.t)[:-1]])
