@@ -41,10 +41,14 @@ class Features:
     Stop operators z ← clip(z + Δq, -w, w) remember more than the last reversal: one for each width
     w gives the state of any presliding friction that is a sum of Maxwell-slip elements.
 
+    Directions tanh(dq / v) resolve the neighbourhood of a reversal, where dry friction changes
+    sign, at several speeds v: normalised velocity does not, since fast reaches set its scale.
+
     Args:
         n: Number of joints.
         own_joint: Show the network of a joint its own joint only.
         stop_widths: Widths w of the stop operators [rad].
+        direction_speeds: Speeds v of the directions [rad/s].
         reversal: Rotation back that counts as a reversal [rad].
         saturation: Largest rotational history [rad].
 
@@ -56,6 +60,7 @@ class Features:
     n: int
     own_joint: bool = False
     stop_widths: tuple[float, ...] = ()
+    direction_speeds: tuple[float, ...] = ()
     reversal: float = REVERSAL
     saturation: float = SATURATION
     _widths: FloatArray = field(init=False, repr=False, compare=False)
@@ -72,7 +77,8 @@ class Features:
             ("acceleration", "rad/s^2"),
             ("rotation_since_reversal", "rad"),
             ("rigid_body_torque", "N m"),
-            *((f"stop_{width:.3g}_rad", "rad") for width in self.stop_widths),
+            *((f"stop_{width:.3g}rad", "rad") for width in self.stop_widths),
+            *((f"direction_{speed:.3g}rad/s", "1") for speed in self.direction_speeds),
         ]
         return tuple(
             Feature(f"{name}_{j + 1}", unit) for name, unit in quantities for j in range(self.n)
@@ -109,16 +115,19 @@ class Features:
         history = _history(after, motion.position, self.reversal, self.saturation, self._widths)
         columns = [motion.position, motion.velocity, motion.acceleration]
         columns += [history[0], rigid_body_torque, *history[1:]]
+        columns += [np.tanh(motion.velocity / speed) for speed in self.direction_speeds]
         return np.concatenate(columns, axis=1), after
 
 
 # Widths of the stop operators: half a reversal threshold of LIMO motion up to the paper's 10°.
 _WIDTHS: Final = tuple(float(f"{w:.3g}") for w in np.geomspace(3e-4, SATURATION, 9))
 
-FEATURE_SETS: Final[dict[str, tuple[bool, tuple[float, ...]]]] = {
-    "all-joints": (False, ()),  # the paper's
-    "own-joint": (True, ()),
-    "own-joint-stops": (True, _WIDTHS),
+_SPEEDS: Final = (0.003, 0.01, 0.03, 0.1)  # [rad/s], from creep to the slower half of LIMO motion
+
+FEATURE_SETS: Final[dict[str, tuple[bool, tuple[float, ...], tuple[float, ...]]]] = {
+    "all-joints": (False, (), ()),  # the paper's: every network sees every joint
+    "own-joint": (True, (), ()),  # the paper's five, of the network's own joint
+    "friction": (True, _WIDTHS, _SPEEDS),  # these, and what dry friction depends on
 }
 
 
@@ -130,8 +139,8 @@ def feature_set(name: str, n: int) -> Features:
     """
     if name not in FEATURE_SETS:
         raise ConfigError(f"no feature set is called {name!r}; known: {', '.join(FEATURE_SETS)}")
-    own_joint, widths = FEATURE_SETS[name]
-    return Features(n, own_joint, widths)
+    own_joint, widths, speeds = FEATURE_SETS[name]
+    return Features(n, own_joint, widths, speeds)
 
 
 @njit(cache=True)

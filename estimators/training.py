@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import copy
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Final
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from estimators.features import feature_set
-from estimators.hybrid import FittedNetwork
+from estimators.hybrid import FittedNetwork, HybridModel
 from estimators.neural import NETWORKS
-from estimators.training_data import prepare
+from estimators.training_data import HELD_OUT, TRAINING, prepare
 from limo_driver.errors import ConfigError, DivergedError
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ class TrainingSettings:
     """How to train; the defaults are the paper's unless said."""
 
     model: str = "mlp7"  # mlp7 or lstm-fcl
-    features: str = "all-joints"  # all-joints, own-joint or own-joint-stops
+    features: str = "all-joints"  # all-joints, own-joint or friction
     epochs: int = 100
     seed: int = 0
     bandwidth: float = 10.0  # of the filters on motion and torque [Hz]
@@ -110,15 +112,57 @@ def train(
         module = _build(settings, features)
         passes = _passes(settings, data, random)
         history = _descend(module, passes, settings, on_epoch)
-    return FittedNetwork(
+    fitted = FittedNetwork(
         features,
         NETWORKS[settings.model](module.columns.numpy(), module.weights()),
         data.input_scaling,
         data.output_scaling,
         data.rate,
         settings.bandwidth,
-        {"settings": asdict(settings), "epochs": [asdict(epoch) for epoch in history]},
     )
+    record = {
+        "settings": asdict(settings),
+        "recordings": [_provenance(recording) for recording in recordings],
+        "rmse": _rmse(simulation, fitted, recordings, data),
+        "epochs": [asdict(epoch) for epoch in history],
+    }
+    return replace(fitted, record=record)
+
+
+def _provenance(recording: Recording) -> dict[str, Any]:
+    path = Path(recording.source)
+    readable = bool(recording.source) and path.is_file()
+    return {
+        "file": path.name,
+        "sha256": sha256(path.read_bytes()).hexdigest() if readable else None,
+        "samples": len(recording),
+        "left_out": sum(len(item.rows) for item in recording.left_out),
+    }
+
+
+def _rmse(
+    simulation: Simulation,
+    fitted: FittedNetwork,
+    recordings: Sequence[Recording],
+    data: TrainingData,
+) -> dict[str, dict[str, list[float]]]:
+    """Return RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all."""
+    model = HybridModel(simulation)
+    model.fitted_ = fitted
+    parts = [model.parts(recording) for recording in recordings]
+    torque = np.concatenate([r.filtered_torque(fitted.bandwidth) for r in recordings])
+    predicted = {
+        "rigid_body": np.concatenate([part.rigid_body for part in parts]),
+        "hybrid": np.concatenate([part.hybrid for part in parts]),
+    }
+    rows = {"training": data.use == TRAINING, "held_out": data.use == HELD_OUT}
+    return {
+        where: {
+            name: np.sqrt(np.mean((torque - values)[use] ** 2, axis=0)).tolist()
+            for name, values in predicted.items()
+        }
+        for where, use in rows.items()
+    }
 
 
 @contextmanager
@@ -164,9 +208,7 @@ def _descend(
     optimizer = torch.optim.AdamW(
         module.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
     )
-    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(
-        optimizer, factor=0.5, patience=_PATIENCE
-    )
+    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.5, patience=_PATIENCE)
     best, weights = np.inf, copy.deepcopy(module.state_dict())
     history: list[Epoch] = []
     for number in range(1, settings.epochs + 1):

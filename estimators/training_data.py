@@ -39,7 +39,6 @@ class TrainingData:
     output_scaling: Scaling
     stride: int  # rows from one network sample to the next
     rate: float  # of the network samples [Hz]
-    recording_use: tuple[NDArray[np.int8], ...]  # `use`, for each recording
 
 
 def prepare(
@@ -92,7 +91,6 @@ def prepare(
         *scalings,
         stride,
         recordings[0].rate / stride,
-        tuple(uses),
     )
 
 

@@ -55,7 +55,9 @@ class Passes(ABC):
         self.targets = torch.from_numpy(data.targets)
 
     @abstractmethod
-    def epoch(self, module: torch.nn.Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
+    def epoch(
+        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
+    ) -> tuple[float, float]:
         """Train for one pass; return training and held-out loss."""
 
     def _phase(self) -> int:
@@ -70,7 +72,9 @@ class RowPasses(Passes):
         super().__init__(data, batch, random)
         self.held_out = torch.from_numpy(np.flatnonzero(data.use == HELD_OUT)[:: data.stride])
 
-    def epoch(self, module: torch.nn.Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
+    def epoch(
+        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
+    ) -> tuple[float, float]:
         """Train on shuffled rows, then evaluate the held-out ones."""
         rows = np.flatnonzero(self.data.use == TRAINING)[self._phase() :: self.data.stride]
         order = torch.from_numpy(self.random.permutation(rows))
@@ -114,7 +118,9 @@ class SequencePasses(Passes):
         carried = min(CARRIED, longest // (length * _FEWEST_CHUNKS))
         self.chunk = max(1, carried) * length
 
-    def epoch(self, module: torch.nn.Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
+    def epoch(
+        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
+    ) -> tuple[float, float]:
         """Train on shuffled chunks; the held-out loss comes from the same scan."""
         starts = torch.from_numpy(self.random.permutation(self._starts()))
         training, held_out = _Mean(), _Mean()

@@ -1,0 +1,159 @@
+"""Evaluate a hybrid on motion it has not seen, beside the rigid body and the noise floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from scipy.signal import welch
+
+from limo_driver.differentiation import ORDER
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.hybrid import HybridModel, TorqueParts
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray, Motion
+
+_NOISE_FROM: Final = 0.6  # of the Nyquist frequency; above, a torque is taken to be noise
+_STOP_BAND: Final = 1.5  # [bandwidth], where the filter passes less than 4 % of the amplitude
+_SEGMENT: Final = 2.0  # [s] of a spectrum
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one predictor, of each joint."""
+
+    rmse: FloatArray  # (n,) [N m]
+
+    @property
+    def mse(self) -> FloatArray:
+        """Mean squared error, (n,) [(N m)²]."""
+        return self.rmse**2
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Torques measured and predicted over a recording, and their errors.
+
+    The measured torque went through the same zero-phase low-pass as in training. Rows near the end
+    of a stretch, whose derivatives are unsure, are not scored.
+    """
+
+    recording: Recording
+    motion: Motion
+    measured: FloatArray  # (T, n) [N m], filtered
+    parts: TorqueParts
+    scored: NDArray[np.bool_]  # (T,)
+    bandwidth: float  # [Hz]
+    joint_names: tuple[str, ...]
+    noise_floor: FloatArray  # (n,) [N m], estimate of the noise left in `measured`
+
+    @property
+    def rigid_body(self) -> Errors:
+        """Errors of the simulation alone."""
+        return self._errors(self.parts.rigid_body)
+
+    @property
+    def contribution(self) -> FloatArray:
+        """RMS of the torque that the network adds, (n,) [N m]; its errors are those of the hybrid."""
+        return np.sqrt(np.mean(self.parts.network[self.scored] ** 2, axis=0))
+
+    @property
+    def hybrid(self) -> Errors:
+        """Errors of the hybrid."""
+        return self._errors(self.parts.hybrid)
+
+    @property
+    def mse_ratio(self) -> FloatArray:
+        """MSE of the rigid body over that of the hybrid, (n,)."""
+        return self.rigid_body.mse / self.hybrid.mse
+
+    @property
+    def mean_mse_ratio(self) -> float:
+        """The same with both MSE averaged over the joints first, as in the paper's table."""
+        return float(self.rigid_body.mse.mean() / self.hybrid.mse.mean())
+
+    def _errors(self, predicted: FloatArray) -> Errors:
+        residual = (self.measured - predicted)[self.scored]
+        return Errors(np.sqrt(np.mean(residual**2, axis=0)))
+
+    def as_values(self) -> dict[str, Any]:
+        """Return the figures as JSON values."""
+        per_joint = {
+            "rmse_rigid_body": self.rigid_body.rmse,
+            "rms_network": self.contribution,
+            "rmse_hybrid": self.hybrid.rmse,
+            "mse_rigid_body": self.rigid_body.mse,
+            "mse_hybrid": self.hybrid.mse,
+            "mse_ratio": self.mse_ratio,
+            "noise_floor": self.noise_floor,
+        }
+        return {
+            "schema": 1,
+            "recording": self.recording.source,
+            "bandwidth": self.bandwidth,
+            "samples": int(self.scored.sum()),
+            "joints": list(self.joint_names),
+            **{
+                name: [float(v) if np.isfinite(v) else None for v in values]
+                for name, values in per_joint.items()
+            },
+            "mean_mse_rigid_body": float(self.rigid_body.mse.mean()),
+            "mean_mse_hybrid": float(self.hybrid.mse.mean()),
+            "mean_mse_ratio": self.mean_mse_ratio,
+        }
+
+
+def evaluate(model: HybridModel, recording: Recording) -> Evaluation:
+    """Predict a recording and compare with its filtered torque.
+
+    Raises:
+        NotFittedError: The model is not trained.
+        ModelStoreError: The recording has another sampling rate than the model can take.
+        RecordingError: The recording is of another robot, or too short.
+    """
+    bandwidth = model.fitted.bandwidth
+    recording.check_robot(model.simulation.model)
+    scored = ~recording.edges(bandwidth)
+    if not scored.any():
+        raise RecordingError(
+            f"is too short to evaluate: the filter of {bandwidth:g} Hz needs more than "
+            f"{1 / bandwidth:.2g} s without a gap",
+            path=recording.source or None,
+        )
+    return Evaluation(
+        recording,
+        recording.motion(bandwidth),
+        recording.filtered_torque(bandwidth),
+        model.parts(recording),
+        scored,
+        bandwidth,
+        model.simulation.model.joint_names,
+        noise_floor(recording, bandwidth),
+    )
+
+
+def noise_floor(recording: Recording, bandwidth: float) -> FloatArray:
+    """Estimate the noise that the low-pass leaves in the measured torque, (n,) [N m].
+
+    The level of the torque's spectrum above 0.6 of the Nyquist frequency is taken for the level of
+    white noise, and multiplied with the equivalent width of the filter. It is a floor: noise that
+    grows towards low frequencies is not seen. NaN where the filter reaches up to there.
+    """
+    rate = recording.rate
+    lowest = _NOISE_FROM * rate / 2
+    longest = max(recording.segments, key=lambda rows: rows.stop - rows.start)
+    torque = recording.torque[longest]
+    window = min(len(torque), int(_SEGMENT * rate))
+    frequency, density = welch(torque, rate, nperseg=window, axis=0)
+    above = frequency > lowest
+    if not above.any() or lowest < _STOP_BAND * bandwidth:
+        return np.full(recording.n, np.nan)
+    amplitude = 1.0 / (1.0 + (frequency / bandwidth) ** (2 * ORDER))  # run forward and backward
+    width = float(np.trapezoid(amplitude**2, frequency))
+    return np.sqrt(np.median(density[above], axis=0) * width)
+

@@ -1,0 +1,135 @@
+"""Pictures of an evaluation: torque over time, and torque over position, where hysteresis shows."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from matplotlib.axes import Axes
+
+    from estimators.evaluation import Evaluation
+    from limo_driver.types import FloatArray
+
+# Okabe and Ito's palette, told apart by any colour vision; lines differ in weight as well.
+_STYLES: Final = {
+    "measured": {"color": "0.65", "linewidth": 2.4, "zorder": 1},
+    "rigid body": {"color": "#D55E00", "linewidth": 1.1, "zorder": 2},
+    "hybrid": {"color": "#0072B2", "linewidth": 1.1, "zorder": 3, "linestyle": (0, (4, 1.2))},
+}
+_WINDOW: Final = 8.0  # [s] shown
+_COLUMNS: Final = 4
+_POINTS: Final = 4000  # of a line, at most
+_DOTS_PER_INCH: Final = 150
+
+
+def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
+    """Draw torque over time, one row for each joint, over `window` seconds of lively motion."""
+    rows = _window(evaluation, window)
+    n = evaluation.measured.shape[1]
+    figure = Figure(figsize=(10.0, 1.25 * n + 1.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+    time = evaluation.recording.time[rows]
+    for j, ax in enumerate(axes):
+        for name, torque in _lines(evaluation):
+            ax.plot(time, torque[rows, j], label=name, **_STYLES[name])
+        ax.set_ylabel(f"$\\tau_{{{j + 1}}}$ [N m]")
+        ax.margins(x=0)
+        ax.text(
+            1.005,
+            0.5,
+            _figures(evaluation, j),
+            transform=ax.transAxes,
+            fontsize="x-small",
+            va="center",
+        )
+    axes[-1].set_xlabel("time [s]")
+    _finish(figure, axes, evaluation, "Torque over time")
+    return figure
+
+
+def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
+    """Draw torque over position, one panel for each joint: the hysteresis loops.
+
+    What all predictions share, the smooth torque of the rigid body without friction, would bury the
+    loops of a loaded joint. So each panel shows what is left after a straight line through the
+    measured torque over position.
+    """
+    rows = _window(evaluation, window)
+    n = evaluation.measured.shape[1]
+    columns = min(_COLUMNS, n)
+    figure = Figure(figsize=(3.1 * columns, 2.7 * -(-n // columns) + 0.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(-(-n // columns), columns, squeeze=False).ravel()
+    for j, ax in enumerate(axes[:n]):
+        position = evaluation.motion.position[rows, j]
+        line = np.polynomial.Polynomial.fit(position, evaluation.measured[rows, j], 1)
+        for name, torque in _lines(evaluation):
+            ax.plot(
+                np.rad2deg(position), torque[rows, j] - line(position), label=name, **_STYLES[name]
+            )
+        ax.set_title(f"{evaluation.joint_names[j]}  {_figures(evaluation, j)}", fontsize="x-small")
+        ax.set_xlabel(f"$q_{{{j + 1}}}$ [°]")
+        ax.set_ylabel(f"$\\tau_{{{j + 1}}}$ − line [N m]")
+    for ax in axes[n:]:
+        ax.set_visible(False)
+    _finish(figure, axes[:n], evaluation, "Torque over position, less a straight line")
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as PNG."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    return buffer.getvalue()
+
+
+def _lines(evaluation: Evaluation) -> Iterator[tuple[str, FloatArray]]:
+    yield "measured", evaluation.measured
+    yield "rigid body", evaluation.parts.rigid_body
+    yield "hybrid", evaluation.parts.hybrid
+
+
+def _figures(evaluation: Evaluation, j: int) -> str:
+    rigid_body, hybrid = evaluation.rigid_body.rmse[j], evaluation.hybrid.rmse[j]
+    return f"RMSE {rigid_body:.3f} → {hybrid:.3f} N m"
+
+
+def _window(evaluation: Evaluation, window: float) -> slice:
+    """Return the rows of the window in which the joints, together, reverse most often."""
+    rate = evaluation.recording.rate
+    length = max(2, int(window * rate))
+    reversals = np.abs(np.diff(np.sign(evaluation.motion.velocity), axis=0)).sum(axis=1)
+    moving = np.abs(evaluation.motion.velocity[1:]).max(axis=1) > _MOVING
+    counts = np.cumsum(np.concatenate([[0.0], reversals * moving * evaluation.scored[1:]]))
+    best, most = slice(0, 2), -1.0
+    for rows in evaluation.recording.segments:
+        starts = np.arange(rows.start, max(rows.start + 1, rows.stop - length), int(rate) or 1)
+        ends = np.minimum(starts + length, rows.stop) - 1
+        found = counts[ends] - counts[starts]
+        if found.max() > most:
+            most, start = float(found.max()), int(starts[found.argmax()])
+            best = slice(start, min(start + length, rows.stop))
+    return slice(best.start, best.stop, max(1, (best.stop - best.start) // _POINTS))
+
+
+_MOVING: Final = 0.01  # [rad/s]; slower, a sign change of the velocity may be noise
+
+
+def _finish(figure: Figure, axes: FloatArray | list[Axes], evaluation: Evaluation, title: str) -> None:
+    for ax in axes:
+        ax.grid(visible=True, linewidth=0.4, alpha=0.5)
+        ax.tick_params(labelsize="x-small")
+        ax.spines[["top", "right"]].set_visible(False)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
+    figure.suptitle(
+        f"{title} ({evaluation.bandwidth:g} Hz zero-phase low-pass)", x=0.01, ha="left", fontsize=11
+    )

@@ -1,0 +1,112 @@
+"""`limo evaluate`: a hybrid against its rigid body on motion that it has not seen."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from estimators.evaluation import Evaluation
+
+
+def command(
+    recording: Annotated[Path, typer.Argument(help="Recording that was not trained on.")],
+    model: Annotated[Path, typer.Option(help="Model folder of `limo train`.")],
+    sim: Annotated[
+        Path | None, typer.Option(help="The simulation it was trained on, to be sure of it.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for evaluation.json, torque.png and loops.png.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+) -> None:
+    """Compare measured torque with rigid body and hybrid: a table, and pictures with --out.
+
+    The measured torque goes through the zero-phase filter that was used in training. The noise
+    floor is what sensor noise, judged by the spectrum above, leaves after that filter.
+
+    [bold]Example[/bold]
+
+        limo evaluate test.parquet --model model/ --sim sim.yaml --out evaluation/
+    """
+    import json
+
+    from rich.console import Console
+
+    from estimators.evaluation import evaluate
+    from estimators.model_store import check_simulation, load
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+
+    hybrid = load(model)
+    if sim is not None:
+        check_simulation(hybrid, Simulation.load(sim))
+    measured = Recording.load(recording)
+    evaluation = evaluate(hybrid, measured)
+    values = json.dumps(evaluation.as_values())
+    if out is not None:
+        write(evaluation, out)
+    if as_json:
+        Console().print_json(values)
+        return
+    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    for item in measured.left_out:
+        notes.print(f"{recording}: {len(item.rows)} rows left out: {item.reason}", markup=False)
+    Console(highlight=False).print(table(evaluation))
+
+
+def write(evaluation: Evaluation, folder: Path) -> None:
+    """Write evaluation.json, torque.png and loops.png.
+
+    Raises:
+        ConfigError: The folder cannot be written.
+    """
+    import json
+
+    from estimators.pictures import loop_figure, png, torque_figure
+    from limo_driver.errors import ConfigError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "evaluation.json").write_text(json.dumps(evaluation.as_values(), indent=1) + "\n")
+        (folder / "torque.png").write_bytes(png(torque_figure(evaluation)))
+        (folder / "loops.png").write_bytes(png(loop_figure(evaluation)))
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror or error}", path=folder) from None
+
+
+def table(evaluation: Evaluation) -> Table:
+    """Return the figures per joint and on average."""
+    from rich.table import Table
+
+    values = evaluation.as_values()
+    result = Table(
+        title=f"{evaluation.recording.source}: against torque filtered at "
+        f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
+        caption="network: RMS of the torque it adds; ratio: MSE of rigid body over MSE of hybrid",
+    )
+    headings = ("joint", "rigid body RMSE [N m]", "network RMS [N m]", "hybrid RMSE [N m]")
+    for heading in (*headings, "noise floor [N m]", "rigid body MSE", "hybrid MSE", "ratio"):
+        result.add_column(heading, justify="right")
+    keys = ("rmse_rigid_body", "rms_network", "rmse_hybrid", "noise_floor")
+    for j, name in enumerate(evaluation.joint_names):
+        result.add_row(
+            name,
+            *("unknown" if values[key][j] is None else f"{values[key][j]:.4f}" for key in keys),
+            f"{values['mse_rigid_body'][j]:.3g}",
+            f"{values['mse_hybrid'][j]:.3g}",
+            f"{values['mse_ratio'][j]:.1f}",
+        )
+    result.add_section()
+    result.add_row(
+        "average",
+        *[""] * 4,
+        f"{values['mean_mse_rigid_body']:.3g}",
+        f"{values['mean_mse_hybrid']:.3g}",
+        f"{values['mean_mse_ratio']:.1f}",
+    )
+    return result
