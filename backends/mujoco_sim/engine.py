@@ -51,8 +51,8 @@ ENCODER = 7  # last reading [rad]
 ENCODER_VELOCITY = 8  # filtered [rad/s]
 MEMORY_ROWS = 9
 
-# Rows of what effects without a native form add in a cycle, (3, n).
-ADDED_TORQUE, ADDED_DAMPING, ADDED_WIND_UP = 0, 1, 2
+# Rows of what effects without a native form add in a cycle, (4, n).
+ADDED_TORQUE, ADDED_DAMPING, ADDED_WIND_UP, ADDED_STATIC_WIND_UP = 0, 1, 2, 3
 
 # Rows of the log of a cycle, (7, n).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_TORQUE = 0, 1, 2
@@ -113,7 +113,7 @@ def advance(
         mode: Control mode in force in these cycles.
         targets: Position set-point of each cycle, (T, n) [rad].
         command: Other rows of the command, (4, n).
-        added: What effects without a native form add, (3, n).
+        added: What effects without a native form add, (4, n).
         noise: Noise of the torque sensor, (T, n) [N m].
         log: Written: what was measured and what was true in each cycle, (T, 7, n).
 
@@ -264,7 +264,7 @@ def _wind_up(
     n = rate.size
     motor = np.empty(n)
     for j in range(n):
-        static = _deflection(plant, j, arrays.bias[j]) + added[ADDED_WIND_UP, j]
+        static = _deflection(plant, j, arrays.bias[j]) + added[ADDED_STATIC_WIND_UP, j]
         rate[j] = (static - memory[STATIC_WIND_UP, j]) / servo.period
         memory[STATIC_WIND_UP, j] = static
         wind_up = _deflection(plant, j, memory[LOAD, j]) + added[ADDED_WIND_UP, j]
@@ -305,7 +305,7 @@ def _servo(
     for j in range(n):
         own = arrays.inertia[arrays.row_start[j] + arrays.row_size[j] - 1]
         nominal = inertial[j] - plant.armature[j] * wanted[j] + arrays.bias[j]
-        wind_up = _deflection(plant, j, nominal) + added[ADDED_WIND_UP, j]
+        wind_up = _deflection(plant, j, nominal) + added[ADDED_STATIC_WIND_UP, j]
         error = ahead[j] - arrays.position[j] - wind_up
         stiffness = own * servo.bandwidth**2
         integral = memory[INTEGRAL, j] + stiffness * servo.integral_rate * h * error

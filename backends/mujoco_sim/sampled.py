@@ -31,7 +31,7 @@ class SampledEffects:
 
     def __init__(self, effects: Sequence[Effect], n: int) -> None:
         self.effects = tuple(effects)
-        self.added = np.zeros((3, n))  # see engine.ADDED_TORQUE and following
+        self.added = np.zeros((4, n))  # see engine.ADDED_TORQUE and following
         self.acceleration = np.zeros(n)  # of the last cycle [rad/s²]
         self._states = [effect.initial_state() for effect in self.effects]
 
@@ -39,13 +39,27 @@ class SampledEffects:
         return bool(self.effects)
 
     def sample(self, arrays: engine.Arrays, load: FloatArray) -> None:
-        """Evaluate all effects for the coming step."""
+        """Evaluate all effects for the coming step.
+
+        A displacement is also evaluated under the static load, for the servo: one that followed
+        acceleration would close a loop within the step.
+        """
         position = arrays.position + self.added[engine.ADDED_WIND_UP]
+        velocity, acceleration = arrays.velocity, self.acceleration
         self.added[:] = 0.0
         for index, effect in enumerate(self.effects):
-            motion = _sample(effect, position, arrays.velocity, self.acceleration, load)
-            value, self._states[index] = effect.advance(self._states[index], motion)
-            self._add(effect, float(value[0]), motion)
+            state = self._states[index]
+            motion = _sample(effect, position, velocity, acceleration, load)
+            value, self._states[index] = effect.advance(state, motion)
+            j = effect.joint - 1
+            if isinstance(effect, MotionEffect):
+                static = _sample(effect, position, velocity, acceleration, arrays.bias)
+                self.added[engine.ADDED_WIND_UP, j] += value[0]
+                self.added[engine.ADDED_STATIC_WIND_UP, j] += effect.advance(state, static)[0][0]
+            elif isinstance(effect, VelocityFriction):
+                self.added[engine.ADDED_DAMPING, j] += secant(effect, motion.velocity)[0]
+            else:
+                self.added[engine.ADDED_TORQUE, j] += value[0]
 
     def settle(self, position: FloatArray, load: FloatArray) -> None:
         """Evaluate displacements at rest, without touching any memory."""
@@ -54,7 +68,9 @@ class SampledEffects:
         for effect, state in zip(self.effects, self._states, strict=True):
             if isinstance(effect, MotionEffect):
                 motion = _sample(effect, position, rest, rest, load)
-                self._add(effect, float(effect.advance(state, motion)[0][0]), motion)
+                value = effect.advance(state, motion)[0][0]
+                self.added[engine.ADDED_WIND_UP, effect.joint - 1] += value
+                self.added[engine.ADDED_STATIC_WIND_UP, effect.joint - 1] += value
 
     def save(self) -> object:
         """Return a copy of all memories."""
@@ -66,15 +82,6 @@ class SampledEffects:
         self.added[:] = added
         self.acceleration = acceleration.copy()
         self._states = [state.copy() for state in states]
-
-    def _add(self, effect: Effect, value: float, motion: JointMotion) -> None:
-        j = effect.joint - 1
-        if isinstance(effect, MotionEffect):
-            self.added[engine.ADDED_WIND_UP, j] += value
-        elif isinstance(effect, VelocityFriction):
-            self.added[engine.ADDED_DAMPING, j] += float(secant(effect, motion.velocity)[0])
-        else:
-            self.added[engine.ADDED_TORQUE, j] += value
 
 
 def _sample(

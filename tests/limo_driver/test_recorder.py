@@ -1,0 +1,168 @@
+"""A recording survives whatever happens to the process that makes it."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from limo_driver.errors import RecordingError
+from limo_driver.recorder import Recorder, partial_path, read_header, read_log
+from limo_driver.types import JointState
+
+WRITER = """
+import sys, time
+import numpy as np
+from limo_driver.recorder import Recorder
+from limo_driver.types import JointState
+
+recorder = Recorder(sys.argv[1], 2, {"robot": "two"})
+began = time.monotonic()
+for k in range(10**9):
+    values = np.full(2, float(k))
+    recorder.append(JointState(k * 1e-3, values, values, values, k), values)
+    if k % 10 == 0:
+        print(k, flush=True)
+    time.sleep(max(0.0, began + k * 1e-3 - time.monotonic()))
+"""
+
+
+def state(k, stale=False):
+    values = np.array([k, -k], dtype=float)
+    return JointState(k * 1e-3, values, 2 * values, 3 * values, k, stale=stale)
+
+
+def record(path, count):
+    with Recorder(path, 2, {"robot": "two"}) as recorder:
+        for k in range(count):
+            recorder.append(state(k), np.array([k + 0.5, k - 0.5]))
+    return recorder
+
+
+def test_recording_has_the_columns_of_the_format(tmp_path):
+    path = tmp_path / "run.parquet"
+    recorder = record(path, 1000)
+    table = pq.read_table(path)
+    names = [
+        f"{q}_{j}" for q in ("position", "velocity", "torque", "target_position") for j in (1, 2)
+    ]
+    assert table.column_names == ["time", *names]
+    assert recorder.samples == table.num_rows == 1000
+    assert np.array_equal(table["time"].to_numpy(), np.arange(1000) * 1e-3)
+    assert np.array_equal(table["torque_2"].to_numpy(), -3.0 * np.arange(1000))
+    assert np.array_equal(table["target_position_1"].to_numpy(), np.arange(1000) + 0.5)
+    assert read_header(table) == {"robot": "two"}
+    assert list(tmp_path.iterdir()) == [path]  # nothing else is left
+
+
+def test_finished_log_reads_the_same(tmp_path):
+    record(tmp_path / "run.parquet", 10)
+    assert read_log(tmp_path / "run.parquet").equals(pq.read_table(tmp_path / "run.parquet"))
+
+
+def test_stale_states_are_not_recorded(tmp_path):
+    with Recorder(tmp_path / "run.parquet", 2, {}) as recorder:
+        recorder.append(state(0))
+        recorder.append(state(0, stale=True))
+        recorder.append(state(2))
+    assert pq.read_table(tmp_path / "run.parquet")["time"].to_pylist() == [0.0, 0.002]
+
+
+def test_states_without_target_have_none(tmp_path):
+    with Recorder(tmp_path / "run.parquet", 2, {}) as recorder:
+        recorder.append(state(0))
+    assert pq.read_table(tmp_path / "run.parquet")["target_position_1"].to_pylist() == [None]
+
+
+def test_error_in_the_session_keeps_the_recording(tmp_path):
+    def session():
+        with Recorder(tmp_path / "run.parquet", 2, {}) as recorder:
+            recorder.append(state(0))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        session()
+    assert pq.read_table(tmp_path / "run.parquet").num_rows == 1
+
+
+def test_close_is_idempotent(tmp_path):
+    recorder = record(tmp_path / "run.parquet", 3)
+    recorder.close()
+    assert read_log(tmp_path / "run.parquet").num_rows == 3
+
+
+@pytest.mark.parametrize("after", [0.6, 1.3])
+def test_killed_process_loses_at_most_the_last_second(tmp_path, after):
+    path = tmp_path / "run.parquet"
+    child = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
+    )
+    child.stdout.readline()  # it has begun
+    time.sleep(after)
+    os.kill(child.pid, signal.SIGKILL)
+    written = [int(line) for line in child.stdout.read().split()]
+    child.stdout.close()
+    assert child.wait() == -signal.SIGKILL
+    assert not path.exists()
+    table = read_log(partial_path(path))
+    assert read_header(table) == {"robot": "two"}
+    kept = table["time"].to_numpy()
+    assert np.array_equal(table["position_1"].to_numpy(), np.arange(len(kept)))
+    assert len(kept) > 0
+    assert written[-1] * 1e-3 - kept[-1] <= 1.0
+
+
+def test_log_cut_anywhere_reads_up_to_its_last_complete_batch(tmp_path):
+    path = tmp_path / "run.parquet"
+    recorder = Recorder(path, 2, {"robot": "two"})
+    sizes = []
+    for k in range(30):
+        recorder.append(state(k))
+        recorder._flush()
+        sizes.append(partial_path(path).stat().st_size)
+    whole = partial_path(path).read_bytes()
+    recorder.close()
+    cut = tmp_path / "cut.parquet.partial"
+    for length in range(sizes[0], len(whole), 97):
+        cut.write_bytes(whole[:length])
+        complete = sum(size <= length for size in sizes)
+        assert read_log(cut).num_rows == complete
+
+
+@pytest.mark.parametrize("content", [b"", b"time,position_1\n0,0\n", b"\x00" * 64])
+def test_file_that_is_no_log_is_refused(tmp_path, content):
+    path = tmp_path / "other.partial"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"other\.partial: is no log of limo's"):
+        read_log(path)
+
+
+def test_missing_file_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match="No such file"):
+        read_log(tmp_path / "none.parquet")
+
+
+def test_folder_that_does_not_exist_is_named(tmp_path):
+    with pytest.raises(RecordingError, match=r"nowhere.run\.parquet: cannot be written"):
+        Recorder(tmp_path / "nowhere" / "run.parquet", 2, {})
+
+
+def test_full_disk_is_reported_and_not_forgotten(tmp_path):
+    recorder = Recorder(tmp_path / "run.parquet", 2, {})
+
+    def full():
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    recorder._sync = full
+    recorder.append(state(0))
+    recorder._thread.join(timeout=5)
+    with pytest.raises(RecordingError, match="No space left"):
+        recorder.append(state(1))
+    with pytest.raises(RecordingError, match=r"what was written is in .*run\.parquet\.partial"):
+        recorder.close()
+    recorder._file.close()
