@@ -47,6 +47,7 @@ class Evaluation:
     motion: Motion
     measured: FloatArray  # (T, n) [N m], filtered
     parts: TorqueParts
+    frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics
     scored: NDArray[np.bool_]  # (T,)
     bandwidth: float  # [Hz]
     joint_names: tuple[str, ...]
@@ -59,7 +60,7 @@ class Evaluation:
 
     @property
     def contribution(self) -> FloatArray:
-        """RMS of the torque that the network adds, (n,) [N m]; its errors are those of the hybrid."""
+        """RMS of the torque that the network adds, (n,) [N m]."""
         return np.sqrt(np.mean(self.parts.network[self.scored] ** 2, axis=0))
 
     @property
@@ -125,11 +126,13 @@ def evaluate(model: HybridModel, recording: Recording) -> Evaluation:
             f"{1 / bandwidth:.2g} s without a gap",
             path=recording.source or None,
         )
+    motion = recording.motion(bandwidth)
     return Evaluation(
         recording,
-        recording.motion(bandwidth),
+        motion,
         recording.filtered_torque(bandwidth),
         model.parts(recording),
+        model.simulation.without_effects().predict(motion),
         scored,
         bandwidth,
         model.simulation.model.joint_names,
@@ -156,4 +159,3 @@ def noise_floor(recording: Recording, bandwidth: float) -> FloatArray:
     amplitude = 1.0 / (1.0 + (frequency / bandwidth) ** (2 * ORDER))  # run forward and backward
     width = float(np.trapezoid(amplitude**2, frequency))
     return np.sqrt(np.median(density[above], axis=0) * width)
-

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any, Self
 
+    from numpy.typing import NDArray
+
     from estimators.features import Features
     from estimators.neural import Network
     from estimators.training import TrainingSettings
@@ -29,16 +31,16 @@ _ROWS: Final = 100_000  # evaluated at once, to bound memory
 class Scaling:
     """Normalisation inside the model: x_norm = (x - mean) / std."""
 
-    mean: FloatArray
-    std: FloatArray
+    mean: FloatArray  # (d,)
+    std: FloatArray  # (d,), above 0
 
     @classmethod
-    def of(cls, values: FloatArray) -> Scaling:
+    def of(cls, values: NDArray[np.floating]) -> Scaling:
         """Return mean and standard deviation of (T, d); a constant column gets std 1."""
         std = values.std(axis=0, dtype=np.float64)
         return cls(values.mean(axis=0, dtype=np.float64), np.where(std > 0, std, 1.0))
 
-    def normalise(self, values: FloatArray) -> FloatArray:
+    def normalise(self, values: NDArray[np.floating]) -> FloatArray:
         """Return (T, d) without unit."""
         return (values - self.mean) / self.std
 
@@ -173,7 +175,7 @@ class HybridModel:
         fitted = self.fitted
         fitted.stride(recording.rate)
         motion = recording.motion(fitted.bandwidth)
-        rigid_body, network = np.empty((2, *motion.position.shape))
+        rigid_body, network = np.empty(motion.position.shape), np.empty(motion.position.shape)
         for rows in recording.segments:
             parts = self.predict_motion(motion[rows], recording.rate)
             rigid_body[rows], network[rows] = parts.rigid_body, parts.network

@@ -1,7 +1,7 @@
 """Model folders: weights as safetensors, a JSON manifest and the simulation; no code, no pickles.
 
 model/
-├── manifest.json        inputs in order with unit and normalisation, rate, bandwidth, robot, training
+├── manifest.json        inputs in order, units, normalisation, rate, bandwidth, robot, training
 ├── model.safetensors    weights
 └── sim.yaml             gives tau_RBD
 """

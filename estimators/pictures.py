@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from matplotlib.axes import Axes
 
@@ -23,10 +23,11 @@ _STYLES: Final = {
     "rigid body": {"color": "#D55E00", "linewidth": 1.1, "zorder": 2},
     "hybrid": {"color": "#0072B2", "linewidth": 1.1, "zorder": 3, "linestyle": (0, (4, 1.2))},
 }
-_WINDOW: Final = 8.0  # [s] shown
+_WINDOW: Final = 6.0  # [s] shown
 _COLUMNS: Final = 4
 _POINTS: Final = 4000  # of a line, at most
 _DOTS_PER_INCH: Final = 150
+_MOVING: Final = 0.01  # [rad/s]; slower, a sign change of the velocity may be noise
 
 
 def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
@@ -58,9 +59,8 @@ def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
 def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     """Draw torque over position, one panel for each joint: the hysteresis loops.
 
-    What all predictions share, the smooth torque of the rigid body without friction, would bury the
-    loops of a loaded joint. So each panel shows what is left after a straight line through the
-    measured torque over position.
+    Gravity and inertia would bury the loops of a loaded joint. So the torque of the rigid body
+    without friction is taken from all three lines: what is left is the joint's own.
     """
     rows = _window(evaluation, window)
     n = evaluation.measured.shape[1]
@@ -70,17 +70,17 @@ def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     axes = figure.subplots(-(-n // columns), columns, squeeze=False).ravel()
     for j, ax in enumerate(axes[:n]):
         position = evaluation.motion.position[rows, j]
-        line = np.polynomial.Polynomial.fit(position, evaluation.measured[rows, j], 1)
         for name, torque in _lines(evaluation):
-            ax.plot(
-                np.rad2deg(position), torque[rows, j] - line(position), label=name, **_STYLES[name]
-            )
+            own = torque[rows, j] - evaluation.frictionless[rows, j]
+            ax.plot(np.rad2deg(position), own, label=name, **_STYLES[name])
         ax.set_title(f"{evaluation.joint_names[j]}  {_figures(evaluation, j)}", fontsize="x-small")
         ax.set_xlabel(f"$q_{{{j + 1}}}$ [°]")
-        ax.set_ylabel(f"$\\tau_{{{j + 1}}}$ − line [N m]")
+        ax.set_ylabel(f"friction, joint {j + 1} [N m]")
     for ax in axes[n:]:
         ax.set_visible(False)
-    _finish(figure, axes[:n], evaluation, "Torque over position, less a straight line")
+    _finish(
+        figure, axes[:n], evaluation, "Friction (torque less gravity and inertia) over position"
+    )
     return figure
 
 
@@ -120,10 +120,7 @@ def _window(evaluation: Evaluation, window: float) -> slice:
     return slice(best.start, best.stop, max(1, (best.stop - best.start) // _POINTS))
 
 
-_MOVING: Final = 0.01  # [rad/s]; slower, a sign change of the velocity may be noise
-
-
-def _finish(figure: Figure, axes: FloatArray | list[Axes], evaluation: Evaluation, title: str) -> None:
+def _finish(figure: Figure, axes: Sequence[Axes], evaluation: Evaluation, title: str) -> None:
     for ax in axes:
         ax.grid(visible=True, linewidth=0.4, alpha=0.5)
         ax.tick_params(labelsize="x-small")
@@ -131,5 +128,5 @@ def _finish(figure: Figure, axes: FloatArray | list[Axes], evaluation: Evaluatio
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
     figure.suptitle(
-        f"{title} ({evaluation.bandwidth:g} Hz zero-phase low-pass)", x=0.01, ha="left", fontsize=11
+        f"{title} ({evaluation.bandwidth:g} Hz zero-phase low-pass)", x=0.01, ha="left", fontsize=10
     )

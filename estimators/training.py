@@ -18,7 +18,7 @@ from estimators.training_data import HELD_OUT, TRAINING, prepare
 from limo_driver.errors import ConfigError, DivergedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Generator, Sequence
 
     from estimators.features import Features
     from estimators.neural.modules import Module
@@ -114,7 +114,7 @@ def train(
         history = _descend(module, passes, settings, on_epoch)
     fitted = FittedNetwork(
         features,
-        NETWORKS[settings.model](module.columns.numpy(), module.weights()),
+        NETWORKS[settings.model](module.columns_of_parts(), module.weights()),
         data.input_scaling,
         data.output_scaling,
         data.rate,
@@ -166,7 +166,7 @@ def _rmse(
 
 
 @contextmanager
-def _reproducible(seed: int) -> Iterator[None]:
+def _reproducible(seed: int) -> Generator[None]:
     """Seed PyTorch and keep it on one thread, which is faster here; restore both after."""
     import torch
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from estimators.hybrid import Scaling
 from limo_driver.errors import RecordingError
-from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from estimators.features import Features
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
 
 LEFT_OUT, TRAINING, HELD_OUT = 0, 1, 2
 _LONGEST_BLOCK: Final = 10.0  # [s] of held-out motion at a stretch: about a LIMO pose

@@ -27,6 +27,10 @@ class Module(nn.Module):
         self.output_weight = _xavier(self.parts, hidden, outputs)
         self.output_bias = nn.Parameter(torch.zeros(self.parts, outputs))
 
+    def columns_of_parts(self) -> NDArray[np.int64]:
+        """Return the inputs that each part sees, (G, f)."""
+        return self.get_buffer("columns").numpy()
+
     def weights(self) -> dict[str, FloatArray]:
         """Return the weights by the names that `Network` expects."""
         return {

@@ -81,17 +81,27 @@ def write(evaluation: Evaluation, folder: Path) -> None:
 
 def table(evaluation: Evaluation) -> Table:
     """Return the figures per joint and on average."""
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     values = evaluation.as_values()
     result = Table(
+        box=SIMPLE_HEAD,
         title=f"{evaluation.recording.source}: against torque filtered at "
         f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
-        caption="network: RMS of the torque it adds; ratio: MSE of rigid body over MSE of hybrid",
+        caption="RMS(E) in N m, MSE in (N m)²; network: the torque that it adds",
     )
-    headings = ("joint", "rigid body RMSE [N m]", "network RMS [N m]", "hybrid RMSE [N m]")
-    for heading in (*headings, "noise floor [N m]", "rigid body MSE", "hybrid MSE", "ratio"):
-        result.add_column(heading, justify="right")
+    for heading in (
+        "joint",
+        "rigid\nbody\nRMSE",
+        "network\n\nRMS",
+        "hybrid\n\nRMSE",
+        "noise\nfloor\nRMS",
+        "rigid\nbody\nMSE",
+        "hybrid\n\nMSE",
+        "ratio\n\nof MSE",
+    ):
+        result.add_column(heading, justify="right", no_wrap=True)
     keys = ("rmse_rigid_body", "rms_network", "rmse_hybrid", "noise_floor")
     for j, name in enumerate(evaluation.joint_names):
         result.add_row(

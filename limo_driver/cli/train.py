@@ -34,7 +34,8 @@ def command(  # one argument for each option
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
     ] = 10.0,
     rate: Annotated[
-        float, typer.Option(help="Rate of the network's samples [Hz]; recordings are thinned to it.")
+        float,
+        typer.Option(help="Rate of the network's samples [Hz]; faster recordings are thinned."),
     ] = 200.0,
     sequence_length: Annotated[
         int, typer.Option(help="Samples that an LSTM is differentiated through.")
