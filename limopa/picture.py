@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.trajectory import Segment
     from limopa.planner import Plan
+    from limopa.request import Workspace
 
 EXPLORING_COLOUR, REACHING_COLOUR = "#c1272d", "#9aa0a6"
 JOINT_COLOURS = ("#0b559f", "#d9730d", "#2e7d32", "#c1272d", "#6a3d9a", "#8c564b", "#00838f")
@@ -72,6 +73,7 @@ def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN
         colour = EXPLORING_COLOUR if segment.kind == EXPLORING else REACHING_COLOUR
         width = 0.8 if segment.kind == EXPLORING else 0.5
         axes.plot(*flange[rows].T, color=colour, linewidth=width)
+    _draw_workspace(axes, plan.request.workspace)
     axes.plot([], [], color=EXPLORING_COLOUR, label=EXPLORING)
     axes.plot([], [], color=REACHING_COLOUR, label=REACHING)
     axes.scatter([0], [0], [0], color="black", s=14, marker="s", label="base")
@@ -86,6 +88,20 @@ def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN
     axes.set_aspect("equal", adjustable="box")
     axes.view_init(elev=24, azim=-50)
     axes.legend(loc="upper left", bbox_to_anchor=(-0.25, 0.98))
+
+
+def _draw_workspace(axes: Any, workspace: Workspace) -> None:  # noqa: ANN401
+    """Draw where the sphere of the effective workspace meets the base's planes, in its bounds."""
+    angle = np.linspace(0, 2 * np.pi, 361)
+    circle = workspace.radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle])
+    for turned in range(3):
+        arc = np.roll(circle, turned, axis=0).T + np.array(workspace.centre)
+        outside = (arc < np.array(workspace.lower) - 1e-9) | (
+            arc > np.array(workspace.upper) + 1e-9
+        )
+        arc[outside.any(axis=1)] = np.nan
+        label = "effective workspace" if turned == 0 else None
+        axes.plot(*arc.T, color="black", linewidth=0.7, linestyle=":", label=label)
 
 
 def _draw_exploring(axes: Any, plan: Plan) -> None:  # noqa: ANN401
@@ -175,7 +191,7 @@ def _draw_rotations(axes: Any, plan: Plan) -> None:  # noqa: ANN401
     )
     for j, box in zip(present, parts["boxes"], strict=True):
         box.set(facecolor=_colour(j), alpha=0.6, linewidth=0.5)
-    axes.set_title("Rotation between two reversals, exploring; dotted: history clipped")
+    axes.set_title("Rotation between reversals, exploring; dotted: 10 deg")
     axes.set_xlabel("joint")
     axes.set_ylabel("rotation [deg]")
     axes.axhline(SATURATION, color="black", linewidth=0.6, linestyle=":")

@@ -104,8 +104,8 @@ class PlanRequest:
     reaching: Reaching = field(default_factory=Reaching)
     exploring: Exploring = field(default_factory=Exploring)
     candidates: int = 200_000  # random configurations tried in vain before giving up
-    exploring_tries: int = 100  # draws of one exploring phase before its scaffold is replaced
-    repairs: int = 100  # replaced or added scaffolds in a row before giving up
+    exploring_tries: int = 50  # draws of one exploring phase before its scaffold is replaced
+    repairs: int = 50  # replaced or added scaffolds in a row before giving up
 
     def __post_init__(self) -> None:
         _require(self.scaffolds >= 1, "number of scaffolds", self.scaffolds, "1 or more")
