@@ -201,15 +201,19 @@ class _Gate:
         """Mark single values far from the median of their neighbours, against what is usual."""
         bad = np.zeros(self.rows.size, dtype=bool)
         for quantity, floor in _SPIKE_FLOOR.items():
-            values = getattr(self.columns, quantity)[self.rows]
-            deviation = np.zeros_like(values)
-            for rows in contiguous(self.time):
-                near = median_filter(values[rows], size=(_SPIKE_WINDOW, 1), mode="nearest")
-                deviation[rows] = np.abs(values[rows] - near)
-            if self.rows.size:
-                usual = np.percentile(deviation, 99, axis=0)
-                bad |= (deviation > np.maximum(_SPIKE_FACTOR * usual, floor)).any(axis=1)
+            for values in getattr(self.columns, quantity)[self.rows].T:
+                bad |= self._far_from_neighbours(values, floor)
         return bad
+
+    def _far_from_neighbours(self, values: FloatArray, floor: float) -> Mask:
+        half = _SPIKE_WINDOW // 2
+        if np.abs(np.diff(values)).max(initial=0.0) * half < floor:  # no value can be farther
+            return np.zeros(values.size, dtype=bool)
+        deviation = np.zeros_like(values)
+        for rows in contiguous(self.time):
+            near = median_filter(values[rows], size=_SPIKE_WINDOW, mode="nearest")
+            deviation[rows] = np.abs(values[rows] - near)
+        return deviation > max(_SPIKE_FACTOR * float(np.percentile(deviation, 99)), floor)
 
     def check_amount(self) -> None:
         total = self.columns.time.size

@@ -11,7 +11,7 @@ links", IJRR 1986.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numba import njit
@@ -91,7 +91,7 @@ def parameters_of(inertial: Inertial) -> FloatArray:
     return np.array([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract", "nsz"})
 def fill_regressor(
     rotation: FloatArray,
     translation: FloatArray,
@@ -111,34 +111,77 @@ def fill_regressor(
     """
     n = axis.shape[0]
     z, r = np.zeros((n, 3)), np.zeros((n, 3))
-    R, S = np.zeros((3, 3)), np.zeros((3, 3))
-    w, dw, a = np.zeros(3), np.zeros(3), np.zeros(3)
+    R, zero = np.zeros((3, 3)), np.zeros(3)
     for t in range(position.shape[0]):
-        w[:], dw[:] = 0.0, 0.0
-        a[:] = -gravity
+        w, dw = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        a = (-gravity[0], -gravity[1], -gravity[2])
         for i in range(n):
-            _rotation(rotation[i], axis[i], position[t, i], R)
-            _move(R, translation[i], axis[i], velocity[t, i], acceleration[t, i], w, dw, a)
+            p = _vector(translation[i])
+            u = _vector(axis[i])
+            _rotation(rotation[i], u, position[t, i], R)
+            a = _to_child(R, _add(a, _add(_cross(dw, p), _cross(w, _cross(w, p)))))
+            w, dw = _to_child(R, w), _to_child(R, dw)
+            v = velocity[t, i]
+            dw = _add(dw, _add(_times(u, acceleration[t, i]), _times(_cross(w, u), v)))
+            w = _add(w, _times(u, v))
             for j in range(i):
-                r[j] += translation[i]
-                _to_child(R, r[j])
-                _to_child(R, z[j])
-            z[i], r[i] = axis[i], 0.0
-            _angular_matrix(w, dw, S)
+                _store(r[j], _to_child(R, _add(_vector(r[j]), p)))
+                _store(z[j], _to_child(R, _vector(z[j])))
+            _store(z[i], u)
+            r[i] = zero
             for j in range(i + 1):
-                _row(z[j], r[j], w, dw, a, S, Y[j, t, PER_LINK * i : PER_LINK * (i + 1)])
+                row = Y[j, t, PER_LINK * i : PER_LINK * (i + 1)]
+                _fill_row(_vector(z[j]), _vector(r[j]), w, dw, a, row)
 
 
-@njit(cache=True, inline="always")
-def _cross(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
+_Vector: TypeAlias = tuple[float, float, float]
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _vector(x: FloatArray) -> _Vector:
+    return x[0], x[1], x[2]
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _store(x: FloatArray, values: _Vector) -> None:
+    x[0], x[1], x[2] = values
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _add(x: _Vector, y: _Vector) -> _Vector:
+    return x[0] + y[0], x[1] + y[1], x[2] + y[2]
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _times(x: _Vector, factor: float) -> _Vector:
+    return x[0] * factor, x[1] * factor, x[2] * factor
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _dot(x: _Vector, y: _Vector) -> float:
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _cross(x: _Vector, y: _Vector) -> _Vector:
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@njit(cache=True)
-def _rotation(fixed: FloatArray, axis: FloatArray, angle: float, R: FloatArray) -> None:
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _to_child(R: FloatArray, x: _Vector) -> _Vector:
+    """Express x in the child's frame."""
+    return (
+        R[0, 0] * x[0] + R[1, 0] * x[1] + R[2, 0] * x[2],
+        R[0, 1] * x[0] + R[1, 1] * x[1] + R[2, 1] * x[2],
+        R[0, 2] * x[0] + R[1, 2] * x[1] + R[2, 2] * x[2],
+    )
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray) -> None:
     """Write fixed · Rot(axis, angle), child to parent, into R."""
     c, s = np.cos(angle), np.sin(angle)
-    x, y, z = axis[0], axis[1], axis[2]
+    x, y, z = axis
     k = 1.0 - c
     for row in range(3):
         f0, f1, f2 = fixed[row, 0], fixed[row, 1], fixed[row, 2]
@@ -147,80 +190,22 @@ def _rotation(fixed: FloatArray, axis: FloatArray, angle: float, R: FloatArray) 
         R[row, 2] = f0 * (x * z * k + y * s) + f1 * (y * z * k - x * s) + f2 * (c + z * z * k)
 
 
-@njit(cache=True, inline="always")
-def _to_child(R: FloatArray, x: FloatArray) -> None:
-    """Express x in the child's frame, in place."""
-    x0 = R[0, 0] * x[0] + R[1, 0] * x[1] + R[2, 0] * x[2]
-    x1 = R[0, 1] * x[0] + R[1, 1] * x[1] + R[2, 1] * x[2]
-    x[2] = R[0, 2] * x[0] + R[1, 2] * x[1] + R[2, 2] * x[2]
-    x[0], x[1] = x0, x1
+@njit(cache=True, fastmath={"contract", "nsz"})
+def _fill_row(z: _Vector, r: _Vector, w: _Vector, dw: _Vector, a: _Vector, y: FloatArray) -> None:
+    """Write what the ten parameters of a link add to the torque about axis z at distance r.
 
-
-@njit(cache=True)
-def _move(
-    R: FloatArray,
-    offset: FloatArray,
-    axis: FloatArray,
-    velocity: float,
-    acceleration: float,
-    w: FloatArray,
-    dw: FloatArray,
-    a: FloatArray,
-) -> None:
-    """Take w, dw and a from the parent's frame to the child's, in place."""
-    wp0, wp1, wp2 = _cross(w, offset)
-    dp0, dp1, dp2 = _cross(dw, offset)
-    a[0] += dp0 + w[1] * wp2 - w[2] * wp1
-    a[1] += dp1 + w[2] * wp0 - w[0] * wp2
-    a[2] += dp2 + w[0] * wp1 - w[1] * wp0
-    _to_child(R, a)
-    _to_child(R, w)
-    _to_child(R, dw)
-    g0, g1, g2 = _cross(w, axis)
-    dw[0] += axis[0] * acceleration + g0 * velocity
-    dw[1] += axis[1] * acceleration + g1 * velocity
-    dw[2] += axis[2] * acceleration + g2 * velocity
-    for k in range(3):
-        w[k] += axis[k] * velocity
-
-
-@njit(cache=True)
-def _angular_matrix(w: FloatArray, dw: FloatArray, S: FloatArray) -> None:
-    """Write [dw]× + [w]× [w]× into S: the acceleration of a point at c is a + S c."""
-    ww = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    for k in range(3):
-        for m in range(3):
-            S[k, m] = w[k] * w[m]
-        S[k, k] -= ww
-    S[0, 1] -= dw[2]
-    S[0, 2] += dw[1]
-    S[1, 0] += dw[2]
-    S[1, 2] -= dw[0]
-    S[2, 0] -= dw[1]
-    S[2, 1] += dw[0]
-
-
-@njit(cache=True)
-def _row(
-    z: FloatArray,
-    r: FloatArray,
-    w: FloatArray,
-    dw: FloatArray,
-    a: FloatArray,
-    S: FloatArray,
-    y: FloatArray,
-) -> None:
-    """Write what the ten parameters of a link add to the torque about axis z at distance r."""
-    l0, l1, l2 = _cross(z, r)
-    h0, h1, h2 = _cross(a, z)
-    u0, u1, u2 = _cross(z, w)
-    y[0] = l0 * a[0] + l1 * a[1] + l2 * a[2]
-    y[1] = l0 * S[0, 0] + l1 * S[1, 0] + l2 * S[2, 0] + h0
-    y[2] = l0 * S[0, 1] + l1 * S[1, 1] + l2 * S[2, 1] + h1
-    y[3] = l0 * S[0, 2] + l1 * S[1, 2] + l2 * S[2, 2] + h2
-    y[4] = z[0] * dw[0] + u0 * w[0]
-    y[5] = z[0] * dw[1] + z[1] * dw[0] + u0 * w[1] + u1 * w[0]
-    y[6] = z[1] * dw[1] + u1 * w[1]
-    y[7] = z[0] * dw[2] + z[2] * dw[0] + u0 * w[2] + u2 * w[0]
-    y[8] = z[1] * dw[2] + z[2] * dw[1] + u1 * w[2] + u2 * w[1]
-    y[9] = z[2] * dw[2] + u2 * w[2]
+    Its mass at c accelerates by a + dw × c + w × (w × c); in z · (c × a) + (z × r) · (…) every
+    factor of c is a triple product, and the inertia's moment is I dw + w × I w.
+    """
+    arm = _cross(z, r)
+    turn = _cross(z, w)
+    swing = _dot(arm, w)
+    h = _add(_cross(a, z), _add(_cross(arm, dw), _add(_times(w, swing), _times(arm, -_dot(w, w)))))
+    y[0] = _dot(arm, a)
+    y[1], y[2], y[3] = h
+    y[4] = z[0] * dw[0] + turn[0] * w[0]
+    y[5] = z[0] * dw[1] + z[1] * dw[0] + turn[0] * w[1] + turn[1] * w[0]
+    y[6] = z[1] * dw[1] + turn[1] * w[1]
+    y[7] = z[0] * dw[2] + z[2] * dw[0] + turn[0] * w[2] + turn[2] * w[0]
+    y[8] = z[1] * dw[2] + z[2] * dw[1] + turn[1] * w[2] + turn[2] * w[1]
+    y[9] = z[2] * dw[2] + turn[2] * w[2]
