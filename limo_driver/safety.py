@@ -20,19 +20,17 @@ import numpy as np
 
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
 from limo_driver.setpoints import (
-    LIMIT_NAMES,
     first_runaway,
     first_unreadable,
     limit_path,
     limit_positions,
     limit_torques,
+    names_of,
     slow_down,
 )
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
 
 START_TOLERANCE = 0.02  # [rad], distance of the first command from the measured pose
@@ -150,14 +148,13 @@ class SafetyContract:
         check_readable(PositionCommand(position=targets[unreadable]), self.spec.n)
         self._take(PositionCommand(position=targets[0]))
         memory, now = self._memory, self._memory.now
-        hit = np.zeros(len(LIMIT_NAMES), dtype=np.bool_)
-        path, speed = limit_path(
-            targets, now.goal, now.position, now.velocity, self.spec.limits, self.spec.period, hit
+        path, speed, hit = limit_path(
+            targets, now.goal, now.position, now.velocity, self.spec.limits, self.spec.period
         )
         memory.command = PositionCommand(position=targets[-1])
         memory.after = _Setpoint(path[-1], speed[-1], now.torque, memory.command.position)
         memory.command_time += (len(targets) - 1) * self.spec.period
-        return path, _names(hit)
+        return path, names_of(hit)
 
     def stand_in(self) -> JointCommand | None:
         """Return what to send in a cycle for which no command came; None while idle."""
@@ -252,22 +249,19 @@ class SafetyContract:
         now, limits, period = self._memory.now, self.spec.limits, self.spec.period
         position, velocity, torque, goal = now.position, now.velocity, now.torque, now.goal
         changed: dict[str, FloatArray] = {}
-        hit = np.zeros(len(LIMIT_NAMES), dtype=np.bool_)
+        hit = 0
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
             goal = command.position
-            position, velocity = limit_positions(
-                goal, now.goal, position, velocity, limits, period, hit
+            position, velocity, hit = limit_positions(
+                goal, now.goal, position, velocity, limits, period
             )
             changed["position"] = position
         if isinstance(command, (TorqueCommand, ImpedanceCommand)):
-            torque = limit_torques(command.torque, torque, limits, period, hit)
+            torque, met = limit_torques(command.torque, torque, limits, period)
+            hit |= met
             changed["torque"] = torque
         self._memory.after = _Setpoint(position, velocity, torque, goal)
-        return replace(command, limited_by=_names(hit), **changed) if hit.any() else command
-
-
-def _names(hit: NDArray[np.bool_]) -> tuple[str, ...]:
-    return tuple(name for name, was in zip(LIMIT_NAMES, hit, strict=True) if was)
+        return replace(command, limited_by=names_of(hit), **changed) if hit else command
 
 
 def check_readable(command: JointCommand, n: int) -> None:

@@ -9,13 +9,16 @@ import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from limo_driver.types import FloatArray, JointLimits
 
 LIMIT_NAMES = ("position", "velocity", "acceleration", "torque", "torque_rate")
-_POSITION, _VELOCITY, _ACCELERATION, _TORQUE, _TORQUE_RATE = range(5)
+_POSITION, _VELOCITY, _ACCELERATION, _TORQUE, _TORQUE_RATE = 1, 2, 4, 8, 16  # bits of a hit
 _ROUNDING = 1e-6  # relative; a set-point this close to a limit keeps it
+
+
+def names_of(hit: int) -> tuple[str, ...]:
+    """Return the names of the limits whose bits are set."""
+    return tuple(name for k, name in enumerate(LIMIT_NAMES) if hit >> k & 1)
 
 
 def limit_positions(
@@ -25,8 +28,7 @@ def limit_positions(
     velocity: FloatArray,
     limits: JointLimits,
     period: float,
-    hit: NDArray[np.bool_],
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, int]:
     """Return the next set-point towards `target` and its velocity.
 
     A target that moves within the limits is met exactly. Any other is followed as the limits
@@ -40,10 +42,13 @@ def limit_positions(
         velocity: Its velocity, (n,) [rad/s].
         limits: Limits of the joints.
         period: Cycle [s].
-        hit: Set true for each limit that changed the target, in the order of `LIMIT_NAMES`.
+
+    Returns:
+        The set-point (n,) [rad], its velocity (n,) [rad/s], and the limits that changed the target,
+        as bits in the order of `LIMIT_NAMES`.
     """
-    path, speeds = limit_path(target[None], goal, position, velocity, limits, period, hit)
-    return path[0], speeds[0]
+    path, speeds, hit = limit_path(target[None], goal, position, velocity, limits, period)
+    return path[0], speeds[0], hit
 
 
 def limit_path(
@@ -53,11 +58,10 @@ def limit_path(
     velocity: FloatArray,
     limits: JointLimits,
     period: float,
-    hit: NDArray[np.bool_],
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, int]:
     """Apply `limit_positions` to one target after the other; (T, n) set-points and velocities."""
     after = np.empty((2, *targets.shape))
-    _limit_path(
+    hit = _limit_path(
         targets,
         goal,
         position,
@@ -67,10 +71,9 @@ def limit_path(
         limits.velocity,
         limits.acceleration,
         period,
-        hit,
         after,
     )
-    return after[0], after[1]
+    return after[0], after[1], hit
 
 
 def limit_torques(
@@ -78,15 +81,13 @@ def limit_torques(
     torque: FloatArray,
     limits: JointLimits,
     period: float,
-    hit: NDArray[np.bool_],
-) -> FloatArray:
-    """Return the next torque towards `target`, (n,) [N m], within torque and torque rate."""
+) -> tuple[FloatArray, int]:
+    """Return the next torque towards `target`, (n,) [N m], and the limits met, as bits."""
     within = np.minimum(np.maximum(target, -limits.torque), limits.torque)
     step = limits.torque_rate * period
     reached = np.minimum(np.maximum(within, torque - step), torque + step)
-    hit[_TORQUE] |= bool(np.any(within != target))
-    hit[_TORQUE_RATE] |= bool(np.any(reached != within))
-    return reached
+    hit = _TORQUE * bool(np.any(within != target))
+    return reached, hit | _TORQUE_RATE * bool(np.any(reached != within))
 
 
 def slow_down(
@@ -133,26 +134,36 @@ def _limit_path(
     fastest: FloatArray,
     acceleration: FloatArray,
     period: float,
-    hit: NDArray[np.bool_],
     after: FloatArray,
-) -> None:
-    """Write the set-points and their velocities into `after`, (2, T, n)."""
+) -> int:
+    """Write the set-points and their velocities into `after`, (2, T, n); return the limits met."""
+    hit = 0
     for j in range(goal.size):
         q, v, last = position[j], velocity[j], min(max(goal[j], lower[j]), upper[j])
         change = acceleration[j] * period  # of velocity in one cycle
+        far = (fastest[j] + change) ** 2 * period / change  # more than twice what braking takes
         for t in range(targets.shape[0]):
             aim = min(max(targets[t, j], lower[j]), upper[j])
-            hit[_POSITION] |= aim != targets[t, j]
-            high = min(fastest[j], _braking(upper[j] - q, change, period))
-            low = -min(fastest[j], _braking(q - lower[j], change, period))
+            if aim != targets[t, j]:
+                hit |= _POSITION
+            if upper[j] - q > far:  # most often: no end of the range is near
+                high = fastest[j]
+            else:
+                high = min(fastest[j], _braking(upper[j] - q, change, period))
+            if q - lower[j] > far:
+                low = -fastest[j]
+            else:
+                low = -min(fastest[j], _braking(q - lower[j], change, period))
             drift, last = (aim - last) / period, aim
             direct = (aim - q) / period
             if _in_reach(direct, v, drift, low, high, change):
                 q, v = aim, direct
             else:
-                v = _follow(direct, v, drift, low, high, fastest[j], change, period, hit)
+                v, met = _follow(direct, v, drift, low, high, fastest[j], change, period)
+                hit |= met
                 q += v * period
             after[0, t, j], after[1, t, j] = q, v
+    return hit
 
 
 @njit(cache=True)
@@ -178,19 +189,22 @@ def _follow(
     fastest: float,
     change: float,
     period: float,
-    hit: NDArray[np.bool_],
-) -> float:
-    """Return the velocity [rad/s] that catches up with a target out of reach."""
+) -> tuple[float, int]:
+    """Return the velocity [rad/s] that catches up with a target out of reach, and limits met."""
     drift = min(max(drift, -fastest), fastest)
     behind = direct - drift  # [rad/s], to be caught up within one cycle
     catch_up = min(_braking(abs(behind) * period, change, period), abs(behind))
     wanted = drift + math.copysign(catch_up, behind)
     within = min(max(wanted, low), high)
     reached = min(max(within, velocity - change), velocity + change)
-    hit[_POSITION] |= within != min(max(wanted, -fastest), fastest)
-    hit[_VELOCITY] |= abs(direct) > fastest
-    hit[_ACCELERATION] |= reached != within or abs(wanted - direct) > change
-    return reached
+    hit = 0
+    if within != min(max(wanted, -fastest), fastest):
+        hit |= _POSITION
+    if abs(direct) > fastest:
+        hit |= _VELOCITY
+    if reached != within or abs(wanted - direct) > change:
+        hit |= _ACCELERATION
+    return reached, hit
 
 
 @njit(cache=True)

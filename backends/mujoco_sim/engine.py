@@ -234,17 +234,21 @@ def _advance(
         for j in range(n):
             acceleration[j] = (arrays.velocity[j] - velocity[j]) / servo.period
         _multiply(arrays, acceleration, inertial)
+        _sense(
+            arrays,
+            plant,
+            memory,
+            added,
+            position,
+            acceleration,
+            inertial,
+            torque,
+            damping,
+            log[t],
+        )
+        _measure(servo, memory, noise[t], log[t])
         for j in range(n):
-            a, drive = acceleration[j], torque[j] - damping[j] * arrays.velocity[j]
-            load = inertial[j] - plant.armature[j] * a + arrays.bias[j]
-            sensed = drive - plant.motor_inertia[j] * a + plant.offset[j]
-            true = position[j] + _deflection(plant, j, load) + added[ADDED_WIND_UP, j]
-            memory[LOAD, j] = load
-            log[t, TRUE_POSITION, j] = true
             log[t, TRUE_VELOCITY, j] = 0.5 * (velocity[j] + arrays.velocity[j]) + rate[j]
-            log[t, TRUE_ACCELERATION, j] = a
-            log[t, TRUE_TORQUE, j] = sensed
-            _measure(servo, memory, j, true, sensed + noise[t, j], log[t])
     return math.isfinite(arrays.velocity.sum() + arrays.position.sum())
 
 
@@ -264,10 +268,16 @@ def _wind_up(
     n = rate.size
     motor = np.empty(n)
     for j in range(n):
-        static = _deflection(plant, j, arrays.bias[j]) + added[ADDED_STATIC_WIND_UP, j]
+        static = (
+            _deflection(plant.compliance[j], plant.cubic[j], arrays.bias[j])
+            + added[ADDED_STATIC_WIND_UP, j]
+        )
         rate[j] = (static - memory[STATIC_WIND_UP, j]) / servo.period
         memory[STATIC_WIND_UP, j] = static
-        wind_up = _deflection(plant, j, memory[LOAD, j]) + added[ADDED_WIND_UP, j]
+        wind_up = (
+            _deflection(plant.compliance[j], plant.cubic[j], memory[LOAD, j])
+            + added[ADDED_WIND_UP, j]
+        )
         motor[j] = arrays.velocity[j] + (wind_up - memory[WIND_UP, j]) / servo.period
         memory[WIND_UP, j] = wind_up
     for e in range(plant.element_joint.size):
@@ -305,7 +315,10 @@ def _servo(
     for j in range(n):
         own = arrays.inertia[arrays.row_start[j] + arrays.row_size[j] - 1]
         nominal = inertial[j] - plant.armature[j] * wanted[j] + arrays.bias[j]
-        wind_up = _deflection(plant, j, nominal) + added[ADDED_STATIC_WIND_UP, j]
+        wind_up = (
+            _deflection(plant.compliance[j], plant.cubic[j], nominal)
+            + added[ADDED_STATIC_WIND_UP, j]
+        )
         error = ahead[j] - arrays.position[j] - wind_up
         stiffness = own * servo.bandwidth**2
         integral = memory[INTEGRAL, j] + stiffness * servo.integral_rate * h * error
@@ -371,30 +384,53 @@ def _friction(
         j = plant.friction_joint[f]
         expected = 2.0 * velocity[j] - memory[LAST_VELOCITY, j] + rate[j]
         friction[j] += friction_damping(
-            plant.friction_law[f], plant.friction_parameters[f], expected
+            plant.friction_law[f],
+            plant.friction_parameters[f, 0],
+            plant.friction_parameters[f, 1],
+            plant.friction_parameters[f, 2],
+            expected,
         )
 
 
 @njit(cache=True)
-def _measure(
-    servo: Servo,
+def _sense(
+    arrays: Arrays,
+    plant: Plant,
     memory: FloatArray,
-    j: int,
-    position: float,
-    torque: float,
+    added: FloatArray,
+    position: FloatArray,
+    acceleration: FloatArray,
+    inertial: FloatArray,
+    torque: FloatArray,
+    damping: FloatArray,
     log: FloatArray,
 ) -> None:
+    """Log what is true at the encoders and at the torque sensors, after the step."""
+    for j in range(position.size):
+        a, drive = acceleration[j], torque[j] - damping[j] * arrays.velocity[j]
+        load = inertial[j] - plant.armature[j] * a + arrays.bias[j]
+        wind_up = _deflection(plant.compliance[j], plant.cubic[j], load) + added[ADDED_WIND_UP, j]
+        memory[LOAD, j] = load
+        log[TRUE_POSITION, j] = position[j] + wind_up
+        log[TRUE_ACCELERATION, j] = a
+        log[TRUE_TORQUE, j] = drive - plant.motor_inertia[j] * a + plant.offset[j]
+
+
+@njit(cache=True)
+def _measure(servo: Servo, memory: FloatArray, noise: FloatArray, log: FloatArray) -> None:
     """Read encoder and torque sensor; the velocity is the encoder's, differenced and low-passed."""
-    reading = _quantised(position, servo.encoder_resolution[j])
-    difference = (reading - memory[ENCODER, j]) / servo.period
-    memory[ENCODER, j] = reading
-    filtered = memory[ENCODER_VELOCITY, j]
-    filtered += servo.velocity_gain * (difference - filtered)
-    # A decay into the denormal numbers would slow the whole loop down.
-    memory[ENCODER_VELOCITY, j] = filtered if abs(filtered) > _SMALLEST else 0.0
-    log[MEASURED_POSITION, j] = reading
-    log[MEASURED_VELOCITY, j] = memory[ENCODER_VELOCITY, j]
-    log[MEASURED_TORQUE, j] = _quantised(torque, servo.torque_resolution[j])
+    for j in range(noise.size):
+        reading = _quantised(log[TRUE_POSITION, j], servo.encoder_resolution[j])
+        difference = (reading - memory[ENCODER, j]) / servo.period
+        filtered = memory[ENCODER_VELOCITY, j]
+        filtered += servo.velocity_gain * (difference - filtered)
+        # A decay into the denormal numbers would slow the whole loop down.
+        memory[ENCODER_VELOCITY, j] = filtered if abs(filtered) > _SMALLEST else 0.0
+        memory[ENCODER, j] = reading
+        log[MEASURED_POSITION, j] = reading
+        log[MEASURED_VELOCITY, j] = memory[ENCODER_VELOCITY, j]
+        torque = log[TRUE_TORQUE, j] + noise[j]
+        log[MEASURED_TORQUE, j] = _quantised(torque, servo.torque_resolution[j])
 
 
 @njit(cache=True)
@@ -403,8 +439,8 @@ def _quantised(value: float, resolution: float) -> float:
 
 
 @njit(cache=True)
-def _deflection(plant: Plant, j: int, load: float) -> float:
-    return load * (plant.compliance[j] + plant.cubic[j] * load * load)
+def _deflection(compliance: float, cubic: float, load: float) -> float:
+    return load * (compliance + cubic * load * load)
 
 
 @njit(cache=True)

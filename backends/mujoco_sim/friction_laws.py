@@ -6,32 +6,30 @@ They are held equal to the effects' own `torque` by a test.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from numba import njit
 
 from limo_driver.physics.friction import SIGN_WIDTH
-
-if TYPE_CHECKING:
-    from limo_driver.types import FloatArray
 
 COULOMB, VISCOUS, STRIBECK = 0, 1, 2  # rows of parameters: (tau_c, v_eps), (f_v,), (tau_s, v_s, δ)
 SMALL_VELOCITY = 1e-9  # [rad/s]
 
 
 @njit(cache=True)
-def friction_torque(law: int, parameters: FloatArray, velocity: float) -> float:
-    """Return the friction torque [N m] of one law at `velocity` [rad/s]."""
+def friction_torque(law: int, p0: float, p1: float, p2: float, velocity: float) -> float:
+    """Return the friction torque [N m] of one law, with its parameters, at `velocity` [rad/s]."""
     if law == COULOMB:
-        return parameters[0] * math.tanh(velocity / parameters[1])
+        return p0 * math.tanh(velocity / p1)
     if law == VISCOUS:
-        return parameters[0] * velocity
-    fade = math.exp(-(abs(velocity / parameters[1]) ** parameters[2]))
-    return parameters[0] * fade * math.tanh(velocity / SIGN_WIDTH)
+        return p0 * velocity
+    fade = math.exp(-(abs(velocity / p1) ** p2))
+    return p0 * fade * math.tanh(velocity / SIGN_WIDTH)
 
 
 @njit(cache=True)
-def friction_damping(law: int, parameters: FloatArray, velocity: float) -> float:
+def friction_damping(law: int, p0: float, p1: float, p2: float, velocity: float) -> float:
     """Return the secant torque / velocity [N m s/rad]; its limit at rest."""
+    if law == VISCOUS:
+        return p0
     v = SMALL_VELOCITY if abs(velocity) < SMALL_VELOCITY else velocity
-    return friction_torque(law, parameters, v) / v
+    return friction_torque(law, p0, p1, p2, v) / v

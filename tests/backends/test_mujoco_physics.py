@@ -54,8 +54,8 @@ def iiwa(*effects, **options):
 def test_compiled_frictions_equal_the_catalogue(effect, v):
     (_, law, parameters), *_ = draft_of([effect], 7).frictions
     expected = effect.torque(np.array([v]))[0]
-    assert friction_torque(law, np.array(parameters), v) == pytest.approx(expected, abs=1e-12)
-    damping = friction_damping(law, np.array(parameters), v)
+    assert friction_torque(law, *parameters, v) == pytest.approx(expected, abs=1e-12)
+    damping = friction_damping(law, *parameters, v)
     assert damping >= 0
     if abs(v) > 1e-8:
         assert damping * v == pytest.approx(expected, abs=1e-12)
