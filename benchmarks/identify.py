@@ -92,17 +92,16 @@ def main() -> None:
         seconds, spent = time.perf_counter() - start, time.process_time() - spent
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
         print(f"\n{name}: {found.base.rank} base parameters, condition {found.fit.condition:.3g}")
-        print(
-            f"  time         {seconds:6.2f} s    bar {BAR_TIME:g} s; {spent:.2f} s of processor time"
-        )
+        print(f"  time         {seconds:6.2f} s    bar {BAR_TIME:g} s")
+        print(f"  processor    {spent:6.2f} s")
         print(f"  peak memory  {peak:6.2f} GB   bar {BAR_MEMORY:g} GB, of the whole process")
         print(f"  RMSE         {found.fit.rmse.min():.4f} to {found.fit.rmse.max():.4f} N m")
         regressor = time_of_regressor(model, recording)
         loop = time_of_pinocchio(model, recording)
         print(
-            f"  regressor alone {regressor:.2f} s; a loop over pinocchio.computeJointTorqueRegressor "
-            f"{loop:.2f} s: {loop / regressor:.1f} times;\n  the whole identification takes "
-            f"{seconds / loop:.2f} of that loop (both timed on {PINOCCHIO_SAMPLES} samples)"
+            f"  the regressor alone {regressor:.2f} s, pinocchio.computeJointTorqueRegressor in a "
+            f"loop {loop:.2f} s: {loop / regressor:.1f} times\n  (each from {PINOCCHIO_SAMPLES} "
+            f"samples); the whole identification takes {seconds / loop:.2f} of that loop"
         )
 
 

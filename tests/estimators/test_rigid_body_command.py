@@ -1,0 +1,88 @@
+"""`limo identify` from file to file."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from limo_driver.cli import main
+from limo_driver.physics import CoulombFriction, Simulation
+from limo_driver.recording import Recording
+from limo_driver.types import Motion
+
+TRUE = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=0.3 * j) for j in range(1, 8)))
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    t = np.arange(3000) / 100.0
+    w = 2 * np.pi * np.array([0.31, 0.23, 0.37, 0.29, 0.41, 0.43, 0.47])
+    angle = w * t[:, None] + np.arange(7)
+    slow = 0.3 * angle
+    motion = Motion(
+        t,
+        0.7 * np.sin(angle) + 0.5 * np.sin(slow),
+        0.7 * w * np.cos(angle) + 0.15 * w * np.cos(slow),
+        -0.7 * w**2 * np.sin(angle) - 0.045 * w**2 * np.sin(slow),
+    )
+    noise = 0.01 * np.random.default_rng(0).standard_normal((3000, 7))
+    torque = TRUE.predict(motion) + noise
+    torque[700, 3] = np.nan
+    path = tmp_path_factory.mktemp("run") / "run.parquet"
+    Recording(t, motion.position, torque).save(path)
+    return path
+
+
+@pytest.fixture
+def identify(tmp_path, monkeypatch, capsys):
+    def run(path, *more):
+        arguments = (path, "--robot", "iiwa14", "--out", tmp_path / "sim.yaml", *more)
+        monkeypatch.setattr(sys, "argv", ["limo", "identify", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code or 0, *capsys.readouterr())
+
+    return run
+
+
+def test_writes_a_simulation_that_holds_what_is_true(tmp_path, recording, identify):
+    status, printed, notes = identify(recording, "--no-offset", "--no-armature")
+    assert status == 0, notes
+    assert "57 of 57 base parameters" in printed
+    assert "1 rows left out: a value is missing or not finite" in notes
+    found = Simulation.load(tmp_path / "sim.yaml")
+    coulomb = {e.joint: e.tau_c for e in found.effects if isinstance(e, CoulombFriction)}
+    assert coulomb == pytest.approx({j: 0.3 * j for j in range(1, 8)}, abs=0.03)
+
+
+def test_json_holds_the_findings(recording, identify):
+    status, printed, _ = identify(recording, "--json", "--no-armature", "--bandwidth", "8")
+    assert status == 0
+    found = json.loads(printed)
+    assert found["base_parameters"] == 64
+    assert found["bandwidth"] == 8
+    assert found["rows"][0]["used"] == 2999
+    assert max(found["rmse"]["base_parameters"]) < 0.02
+    assert {item["effect"] for item in found["joint_terms"]} == {
+        "viscous_friction",
+        "coulomb_friction",
+        "torque_offset",
+    }
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("--robot", "robot9"), "'robot9' is neither built in"),
+        (("--bandwidth", "70"), "a bandwidth of 70 Hz does not suit"),
+        (("--weighting", "mood"), "weighting 'mood'"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(tmp_path, recording, identify, more, message):
+    status, _, notes = identify(recording, *more)
+    assert status == 2
+    assert message in notes
+    assert not (tmp_path / "sim.yaml").exists()
