@@ -24,7 +24,7 @@ def command(  # one argument for each option
     ] = 10.0,
     sign_width: Annotated[
         float | None,
-        typer.Option(help="Width of Coulomb friction's sign [rad/s]; fitted if not given."),
+        typer.Option(help="Width of Coulomb friction's sign, rad/s; fitted if not given."),
     ] = None,
     offset: Annotated[bool, typer.Option(help="Model an offset of each torque sensor.")] = True,
     armature: Annotated[
