@@ -1,0 +1,165 @@
+"""See the whole way of the data once: plan, run, identify, learn, evaluate; `make demo`.
+
+Runs the commands that a user would type, one after the other, and writes OUT/index.html.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import html
+import json
+import os
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+
+HERE = Path(os.path.relpath(Path(__file__).parent))
+TRUTH = HERE / "iiwa14_hysteretic.yaml"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command of the demo and what it was for."""
+
+    purpose: str
+    command: str
+    seconds: float
+
+
+def commands(out: Path, scaffolds: int, epochs: int) -> list[tuple[str, str]]:
+    """Return the purpose and the text of each command, in order."""
+    return [
+        (
+            "Plan locally isotropic motion: small reversals around poses all over the workspace",
+            f"plan --robot iiwa14 --scaffolds {scaffolds} --seed 1 --out {out}/train.traj.parquet "
+            f"--picture {out}/plan.png",
+        ),
+        (
+            "Plan a second motion, which nothing will be fitted to",
+            f"plan --robot iiwa14 --scaffolds 4 --seed 2 --out {out}/test.traj.parquet",
+        ),
+        (
+            "Run the first on an iiwa 14 with friction, hysteresis and elastic joints, and record",
+            f"run --backend mujoco --trajectory {out}/train.traj.parquet --sim {TRUTH} "
+            f"--record {out}/train.parquet",
+        ),
+        (
+            "Run the second, with other sensor noise",
+            f"run --backend mujoco --trajectory {out}/test.traj.parquet --sim {TRUTH} "
+            f"--record {out}/test.parquet --seed 2",
+        ),
+        (
+            "Identify a rigid body with Coulomb and viscous friction from the first recording",
+            f"identify {out}/train.parquet --robot iiwa14 --out {out}/sim.yaml",
+        ),
+        (
+            "Train a network on what the rigid body leaves unexplained",
+            f"train {out}/train.parquet --sim {out}/sim.yaml --model mlp7 --features friction "
+            f"--epochs {epochs} --out {out}/model",
+        ),
+        (
+            "Evaluate rigid body and hybrid on the second motion",
+            f"evaluate {out}/test.parquet --model {out}/model --sim {out}/sim.yaml "
+            f"--out {out}/evaluation",
+        ),
+    ]
+
+
+def run(purpose: str, command: str) -> Step:
+    """Run one limo command in a process of its own, as a shell would; stop where it fails."""
+    print(f"\n# {purpose}\n$ limo {command}", flush=True)
+    start = time.perf_counter()
+    main_of_limo = "from limo_driver.cli import main; main()"
+    subprocess.run([sys.executable, "-c", main_of_limo, *shlex.split(command)], check=True)
+    return Step(purpose, f"limo {command}", time.perf_counter() - start)
+
+
+def picture(path: Path, caption: str) -> str:
+    """Return an HTML figure with the PNG inside."""
+    data = base64.b64encode(path.read_bytes()).decode()
+    return (
+        f'<figure><img src="data:image/png;base64,{data}" alt="{html.escape(caption)}">'
+        f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+    )
+
+
+def table(evaluation: dict) -> str:
+    """Return the errors per joint as an HTML table."""
+    columns = ("rmse_rigid_body", "rmse_hybrid", "noise_floor")
+    rows = [
+        f"<tr><td>{html.escape(joint)}</td>"
+        + "".join(f"<td>{evaluation[key][j]:.3f}</td>" for key in columns)
+        + f"<td>{evaluation['mse_ratio'][j]:.0f}</td></tr>"
+        for j, joint in enumerate(evaluation["joints"])
+    ]
+    return (
+        "<table><thead><tr><th>joint</th><th>rigid body<br>RMSE [N m]</th>"
+        "<th>hybrid<br>RMSE [N m]</th><th>noise floor<br>[N m]</th>"
+        "<th>ratio<br>of MSE</th></tr></thead><tbody>"
+        + "".join(rows)
+        + '<tr class="mean"><td>mean MSE [(N m)²]</td>'
+        + f"<td>{evaluation['mean_mse_rigid_body']:.4f}</td>"
+        + f"<td>{evaluation['mean_mse_hybrid']:.4f}</td><td></td>"
+        + f"<td>{evaluation['mean_mse_ratio']:.0f}</td></tr></tbody></table>"
+    )
+
+
+def page(steps: list[Step], out: Path) -> str:
+    """Return the demo's page."""
+    evaluation = json.loads((out / "evaluation" / "evaluation.json").read_text())
+    bandwidth = evaluation["bandwidth"]
+    rigid, hybrid = evaluation["mean_mse_rigid_body"] ** 0.5, evaluation["mean_mse_hybrid"] ** 0.5
+    return Template((HERE / "demo.html").read_text()).substitute(
+        headline=f"Torque error: {rigid:.2f} N m with a rigid body, {hybrid:.2f} N m with a hybrid",
+        lead="Root mean square over seven joints of a simulated KUKA iiwa 14 whose joints have "
+        "friction, hysteresis and elasticity, while it creeps and reverses.",
+        table=table(evaluation),
+        note="Rigid body: identified, with Coulomb and viscous friction. Measured torque and "
+        f"motion went through the same zero-phase low-pass of {bandwidth:g} Hz. Noise floor: what "
+        "the torque sensor's noise leaves after that filter; no model can be better.",
+        loops=picture(
+            out / "evaluation" / "loops.png",
+            "Friction torque over position while the joints reverse: measured, rigid body with "
+            "Coulomb friction, and hybrid.",
+        ),
+        torques=picture(
+            out / "evaluation" / "torque.png", "Joint torque over time in the same stretch."
+        ),
+        plan=picture(
+            out / "plan.png",
+            "Locally isotropic motion: reaching from pose to pose, exploring each with small "
+            "random sinusoids on every joint.",
+        ),
+        commands="\n".join(
+            f"<li>{html.escape(s.purpose)} <span>({s.seconds:.0f} s)</span>"
+            f"<pre>{html.escape(s.command)}</pre></li>"
+            for s in steps
+        ),
+        truth=html.escape(str(TRUTH)),
+    )
+
+
+def main() -> None:
+    """Run all commands and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write")
+    parser.add_argument("--scaffolds", type=int, default=8, help="poses that training explores")
+    parser.add_argument("--epochs", type=int, default=25, help="passes over the training motion")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    steps = [
+        run(purpose, command)
+        for purpose, command in commands(options.out, options.scaffolds, options.epochs)
+    ]
+    index = options.out / "index.html"
+    index.write_text(page(steps, options.out))
+    print(f"\n{sum(step.seconds for step in steps):.0f} s in all; open {index}")
+
+
+if __name__ == "__main__":
+    main()
