@@ -23,8 +23,8 @@ from limo_driver.physics import PreslidingHysteresis, Simulation
 from limo_driver.types import PositionCommand
 
 PERIOD = 1e-3
-STRETCH = 500  # cycles
-STRETCHES = 24
+STRETCH = 200  # cycles
+STRETCHES = 120
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 FREQUENCIES = np.array([0.2, 0.25, 0.3, 0.22, 0.35, 0.4, 0.45])  # [Hz]
 EXAMPLE = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"

@@ -14,14 +14,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import llvmlite.binding as llvm
 import mujoco
 import numpy as np
 from numba import njit, types
 
+from backends.mujoco_sim import layout as row
+from backends.mujoco_sim.drives import compliant, deflection, multiply, part, saturate, servo_torque
 from backends.mujoco_sim.friction_laws import friction_damping
+from backends.mujoco_sim.layout import Arrays, Servo
 from backends.mujoco_sim.realisation import Plant
 
 if TYPE_CHECKING:
@@ -34,57 +37,7 @@ llvm.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("libmuj
 _step1 = types.ExternalFunction("mj_step1", types.void(types.uintp, types.uintp))
 _step2 = types.ExternalFunction("mj_step2", types.void(types.uintp, types.uintp))
 
-POSITION, IMPEDANCE, TORQUE = 0, 1, 2  # control modes
-
-# Rows of the command, (4, n).
-TARGET, STIFFNESS, DAMPING, FEED_FORWARD = 0, 1, 2, 3
-
-# Rows of the memory, (9, n): all that the robot remembers beside MuJoCo's own state.
-LOAD = 0  # nominal rigid-body torque through the gear, last cycle [N m]
-WIND_UP = 1  # encoder minus link under that load [rad]
-STATIC_WIND_UP = 2  # the same under gravity and Coriolis torque alone [rad]
-INTEGRAL = 3  # of the position servo [N m]
-LAST_VELOCITY = 4  # [rad/s]
-LAST_TARGET = 5  # [rad]
-TARGET_VELOCITY = 6  # [rad/s]
-ENCODER = 7  # last reading [rad]
-ENCODER_VELOCITY = 8  # filtered [rad/s]
-MEMORY_ROWS = 9
-
-# Rows of what effects without a native form add in a cycle, (4, n).
-ADDED_TORQUE, ADDED_DAMPING, ADDED_WIND_UP, ADDED_STATIC_WIND_UP = 0, 1, 2, 3
-
-# Rows of the log of a cycle, (7, n).
-MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_TORQUE = 0, 1, 2
-TRUE_POSITION, TRUE_VELOCITY, TRUE_ACCELERATION, TRUE_TORQUE = 3, 4, 5, 6
-LOG_ROWS = 7
 _SMALLEST = 1e-30  # [rad/s]
-
-
-class Arrays(NamedTuple):
-    """MuJoCo's own arrays of an arm of n joints."""
-
-    position: FloatArray  # (n,) of the links [rad]
-    velocity: FloatArray  # (n,) [rad/s]
-    control: FloatArray  # (n + E,) dampers, then slipping springs
-    bias: FloatArray  # (n,) gravity and Coriolis torque [N m]
-    applied: FloatArray  # (n,) torque of the drives [N m]
-    inertia: FloatArray  # lower triangle of M(q), row by row [kg m²]
-    row_size: NDArray[np.int32]  # (n,)
-    row_start: NDArray[np.int32]  # (n,)
-    column: NDArray[np.int32]
-
-
-class Servo(NamedTuple):
-    """The drives and sensors of the arm."""
-
-    period: float  # [s]
-    bandwidth: float  # of the position servo [rad/s]
-    integral_rate: float  # [1/s]
-    torque_limit: FloatArray  # (n,) at which a drive saturates [N m]
-    velocity_gain: float  # of the encoder's velocity filter, 0 to 1
-    encoder_resolution: FloatArray  # (n,) [rad]
-    torque_resolution: FloatArray  # (n,) [N m]
 
 
 def advance(
@@ -126,7 +79,7 @@ def advance(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, no_cfunc_wrapper=True)
 def _advance_fields(
     model: int,
     data: int,
@@ -195,7 +148,7 @@ def _advance_fields(
     )
 
 
-@njit(cache=True)
+@part
 def _advance(
     model: int,
     data: int,
@@ -217,23 +170,25 @@ def _advance(
     inertial, acceleration = np.empty(n), np.empty(n)
     for t in range(targets.shape[0]):
         _step1(model, data)
-        position[:] = arrays.position
-        velocity[:] = arrays.velocity
+        for j in range(n):  # an array assignment would compile its error messages for seconds
+            position[j], velocity[j] = arrays.position[j], arrays.velocity[j]
         _wind_up(arrays, plant, servo, memory, added, rate)
-        if mode == POSITION:
-            _servo(arrays, plant, servo, memory, added, targets[t], rate, torque, damping, inertial)
+        if mode == row.POSITION:
+            servo_torque(
+                arrays, plant, servo, memory, added, targets[t], rate, torque, damping, inertial
+            )
         else:
-            _compliant(arrays, memory, mode, targets[t], command, rate, torque, damping)
-        _saturate(servo, velocity, torque, damping)
+            compliant(arrays, memory, mode, targets[t], command, rate, torque, damping)
+        saturate(servo, velocity, torque, damping)
         _friction(plant, memory, added, velocity, rate, friction)
         for j in range(n):
             arrays.control[j] = friction[j] + damping[j]
-            arrays.applied[j] = torque[j] - friction[j] * rate[j] - added[ADDED_TORQUE, j]
-            memory[LAST_VELOCITY, j] = velocity[j]
+            arrays.applied[j] = torque[j] - friction[j] * rate[j] - added[row.ADDED_TORQUE, j]
+            memory[row.LAST_VELOCITY, j] = velocity[j]
         _step2(model, data)
         for j in range(n):
             acceleration[j] = (arrays.velocity[j] - velocity[j]) / servo.period
-        _multiply(arrays, acceleration, inertial)
+        multiply(arrays, acceleration, inertial)
         _sense(
             arrays,
             plant,
@@ -248,11 +203,14 @@ def _advance(
         )
         _measure(servo, memory, noise[t], log[t])
         for j in range(n):
-            log[t, TRUE_VELOCITY, j] = 0.5 * (velocity[j] + arrays.velocity[j]) + rate[j]
-    return math.isfinite(arrays.velocity.sum() + arrays.position.sum())
+            log[t, row.TRUE_VELOCITY, j] = 0.5 * (velocity[j] + arrays.velocity[j]) + rate[j]
+    total = 0.0
+    for j in range(n):
+        total += arrays.position[j] + arrays.velocity[j]
+    return math.isfinite(total)
 
 
-@njit(cache=True)
+@part
 def _wind_up(
     arrays: Arrays,
     plant: Plant,
@@ -269,103 +227,22 @@ def _wind_up(
     motor = np.empty(n)
     for j in range(n):
         static = (
-            _deflection(plant.compliance[j], plant.cubic[j], arrays.bias[j])
-            + added[ADDED_STATIC_WIND_UP, j]
+            deflection(plant.compliance[j], plant.cubic[j], arrays.bias[j])
+            + added[row.ADDED_STATIC_WIND_UP, j]
         )
-        rate[j] = (static - memory[STATIC_WIND_UP, j]) / servo.period
-        memory[STATIC_WIND_UP, j] = static
+        rate[j] = (static - memory[row.STATIC_WIND_UP, j]) / servo.period
+        memory[row.STATIC_WIND_UP, j] = static
         wind_up = (
-            _deflection(plant.compliance[j], plant.cubic[j], memory[LOAD, j])
-            + added[ADDED_WIND_UP, j]
+            deflection(plant.compliance[j], plant.cubic[j], memory[row.LOAD, j])
+            + added[row.ADDED_WIND_UP, j]
         )
-        motor[j] = arrays.velocity[j] + (wind_up - memory[WIND_UP, j]) / servo.period
-        memory[WIND_UP, j] = wind_up
+        motor[j] = arrays.velocity[j] + (wind_up - memory[row.WIND_UP, j]) / servo.period
+        memory[row.WIND_UP, j] = wind_up
     for e in range(plant.element_joint.size):
         arrays.control[n + e] = motor[plant.element_joint[e]]
 
 
-@njit(cache=True)
-def _servo(
-    arrays: Arrays,
-    plant: Plant,
-    servo: Servo,
-    memory: FloatArray,
-    added: FloatArray,
-    target: FloatArray,
-    rate: FloatArray,
-    torque: FloatArray,
-    damping: FloatArray,
-    inertial: FloatArray,
-) -> None:
-    """Position servo of the drives: feed-forward of the rigid body, and a PID on every joint.
-
-    The target answers a measurement that is one cycle old by now, so it is carried forward by one
-    cycle. Gains follow the inertia that a joint moves, for one bandwidth in all poses; the
-    damping is left to the integrator, which takes it implicitly.
-    """
-    h, n = servo.period, target.size
-    wanted, ahead, speed = np.empty(n), np.empty(n), np.empty(n)
-    for j in range(n):
-        v = (target[j] - memory[LAST_TARGET, j]) / h
-        wanted[j] = (v - memory[TARGET_VELOCITY, j]) / h
-        ahead[j] = target[j] + h * (v + h * wanted[j])
-        speed[j] = v + 2.0 * h * wanted[j]
-        memory[LAST_TARGET, j], memory[TARGET_VELOCITY, j] = target[j], v
-    _multiply(arrays, wanted, inertial)
-    for j in range(n):
-        own = arrays.inertia[arrays.row_start[j] + arrays.row_size[j] - 1]
-        nominal = inertial[j] - plant.armature[j] * wanted[j] + arrays.bias[j]
-        wind_up = (
-            _deflection(plant.compliance[j], plant.cubic[j], nominal)
-            + added[ADDED_STATIC_WIND_UP, j]
-        )
-        error = ahead[j] - arrays.position[j] - wind_up
-        stiffness = own * servo.bandwidth**2
-        integral = memory[INTEGRAL, j] + stiffness * servo.integral_rate * h * error
-        limit = servo.torque_limit[j]
-        memory[INTEGRAL, j] = min(max(integral, -limit), limit)
-        damping[j] = 2.0 * servo.bandwidth * own
-        torque[j] = (
-            arrays.bias[j]
-            + inertial[j]
-            + stiffness * error
-            + memory[INTEGRAL, j]
-            + damping[j] * (speed[j] - rate[j])
-        )
-
-
-@njit(cache=True)
-def _compliant(
-    arrays: Arrays,
-    memory: FloatArray,
-    mode: int,
-    target: FloatArray,
-    command: FloatArray,
-    rate: FloatArray,
-    torque: FloatArray,
-    damping: FloatArray,
-) -> None:
-    """Impedance and torque control, on top of the compensated gravity."""
-    for j in range(target.size):
-        torque[j] = arrays.bias[j] + command[FEED_FORWARD, j]
-        damping[j] = 0.0
-        if mode == IMPEDANCE:
-            encoder = arrays.position[j] + memory[STATIC_WIND_UP, j]
-            damping[j] = command[DAMPING, j]
-            torque[j] += command[STIFFNESS, j] * (target[j] - encoder) - damping[j] * rate[j]
-
-
-@njit(cache=True)
-def _saturate(servo: Servo, velocity: FloatArray, torque: FloatArray, damping: FloatArray) -> None:
-    """Keep the drives within their torque; a saturated drive does not damp."""
-    for j in range(torque.size):
-        limit = servo.torque_limit[j]
-        if abs(torque[j] - damping[j] * velocity[j]) > limit:
-            torque[j] = math.copysign(limit, torque[j] - damping[j] * velocity[j])
-            damping[j] = 0.0
-
-
-@njit(cache=True)
+@part
 def _friction(
     plant: Plant,
     memory: FloatArray,
@@ -379,10 +256,10 @@ def _friction(
     A damping that is never negative dissipates at any step size, however stiff the law.
     """
     for j in range(velocity.size):
-        friction[j] = added[ADDED_DAMPING, j]
+        friction[j] = added[row.ADDED_DAMPING, j]
     for f in range(plant.friction_joint.size):
         j = plant.friction_joint[f]
-        expected = 2.0 * velocity[j] - memory[LAST_VELOCITY, j] + rate[j]
+        expected = 2.0 * velocity[j] - memory[row.LAST_VELOCITY, j] + rate[j]
         friction[j] += friction_damping(
             plant.friction_law[f],
             plant.friction_parameters[f, 0],
@@ -392,7 +269,7 @@ def _friction(
         )
 
 
-@njit(cache=True)
+@part
 def _sense(
     arrays: Arrays,
     plant: Plant,
@@ -409,48 +286,32 @@ def _sense(
     for j in range(position.size):
         a, drive = acceleration[j], torque[j] - damping[j] * arrays.velocity[j]
         load = inertial[j] - plant.armature[j] * a + arrays.bias[j]
-        wind_up = _deflection(plant.compliance[j], plant.cubic[j], load) + added[ADDED_WIND_UP, j]
-        memory[LOAD, j] = load
-        log[TRUE_POSITION, j] = position[j] + wind_up
-        log[TRUE_ACCELERATION, j] = a
-        log[TRUE_TORQUE, j] = drive - plant.motor_inertia[j] * a + plant.offset[j]
+        wind_up = (
+            deflection(plant.compliance[j], plant.cubic[j], load) + added[row.ADDED_WIND_UP, j]
+        )
+        memory[row.LOAD, j] = load
+        log[row.TRUE_POSITION, j] = position[j] + wind_up
+        log[row.TRUE_ACCELERATION, j] = a
+        log[row.TRUE_TORQUE, j] = drive - plant.motor_inertia[j] * a + plant.offset[j]
 
 
-@njit(cache=True)
+@part
 def _measure(servo: Servo, memory: FloatArray, noise: FloatArray, log: FloatArray) -> None:
     """Read encoder and torque sensor; the velocity is the encoder's, differenced and low-passed."""
     for j in range(noise.size):
-        reading = _quantised(log[TRUE_POSITION, j], servo.encoder_resolution[j])
-        difference = (reading - memory[ENCODER, j]) / servo.period
-        filtered = memory[ENCODER_VELOCITY, j]
+        reading = _quantised(log[row.TRUE_POSITION, j], servo.encoder_resolution[j])
+        difference = (reading - memory[row.ENCODER, j]) / servo.period
+        filtered = memory[row.ENCODER_VELOCITY, j]
         filtered += servo.velocity_gain * (difference - filtered)
         # A decay into the denormal numbers would slow the whole loop down.
-        memory[ENCODER_VELOCITY, j] = filtered if abs(filtered) > _SMALLEST else 0.0
-        memory[ENCODER, j] = reading
-        log[MEASURED_POSITION, j] = reading
-        log[MEASURED_VELOCITY, j] = memory[ENCODER_VELOCITY, j]
-        torque = log[TRUE_TORQUE, j] + noise[j]
-        log[MEASURED_TORQUE, j] = _quantised(torque, servo.torque_resolution[j])
+        memory[row.ENCODER_VELOCITY, j] = filtered if abs(filtered) > _SMALLEST else 0.0
+        memory[row.ENCODER, j] = reading
+        log[row.MEASURED_POSITION, j] = reading
+        log[row.MEASURED_VELOCITY, j] = memory[row.ENCODER_VELOCITY, j]
+        torque = log[row.TRUE_TORQUE, j] + noise[j]
+        log[row.MEASURED_TORQUE, j] = _quantised(torque, servo.torque_resolution[j])
 
 
-@njit(cache=True)
+@part
 def _quantised(value: float, resolution: float) -> float:
     return round(value / resolution) * resolution if resolution > 0.0 else value
-
-
-@njit(cache=True)
-def _deflection(compliance: float, cubic: float, load: float) -> float:
-    return load * (compliance + cubic * load * load)
-
-
-@njit(cache=True)
-def _multiply(arrays: Arrays, vector: FloatArray, product: FloatArray) -> None:
-    """Write M(q) times `vector` into `product`."""
-    product[:] = 0.0
-    for i in range(vector.size):
-        start, size = arrays.row_start[i], arrays.row_size[i]
-        for k in range(start, start + size):
-            j = arrays.column[k]
-            product[i] += arrays.inertia[k] * vector[j]
-            if j != i:
-                product[j] += arrays.inertia[k] * vector[i]

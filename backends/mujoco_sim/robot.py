@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from backends.mujoco_sim import engine
+from backends.mujoco_sim import engine, layout
 from backends.mujoco_sim.realisation import draft_of
 from backends.mujoco_sim.sampled import SampledEffects
 from backends.mujoco_sim.scene import compile_model
@@ -107,8 +107,8 @@ class MujocoRobot(SimulatedRobot):
         self._arrays = _arrays(self._model, self._data)
         sensors = self.simulation.sensors
         self._noise = SensorNoise(sensors.for_joints("torque_noise", n), seed)
-        self._log = np.empty((1, engine.LOG_ROWS, n))
-        self._servo = engine.Servo(
+        self._log = np.empty((1, layout.LOG_ROWS, n))
+        self._servo = layout.Servo(
             period=period,
             bandwidth=SERVO_BANDWIDTH,
             integral_rate=INTEGRAL_RATE,
@@ -117,9 +117,9 @@ class MujocoRobot(SimulatedRobot):
             encoder_resolution=np.array(sensors.for_joints("encoder_resolution", n)),
             torque_resolution=np.array(sensors.for_joints("torque_resolution", n)),
         )
-        self._memory = np.zeros((engine.MEMORY_ROWS, n))
+        self._memory = np.zeros((layout.MEMORY_ROWS, n))
         self._command = np.zeros((4, n))
-        self._mode = engine.POSITION
+        self._mode = layout.POSITION
         self._fresh = False  # the next position starts a stream
         self._settle(start_position(arm, initial_position))
 
@@ -145,25 +145,25 @@ class MujocoRobot(SimulatedRobot):
             self._begin()
         self._send(PositionCommand(position=path[0]))
         first = self._cycle
-        log = np.empty((len(path), engine.LOG_ROWS, self.spec.n))
+        log = np.empty((len(path), layout.LOG_ROWS, self.spec.n))
         self._advance(path, log)
         self._cycle += len(path)
         time: FloatArray = (first + np.arange(len(path), dtype=float)) * self.spec.period
         self._close_run(float(time[-1]), log[-1])
         return SimulatedRun(
             time=time,
-            position=log[:, engine.MEASURED_POSITION],
-            velocity=log[:, engine.MEASURED_VELOCITY],
-            torque=log[:, engine.MEASURED_TORQUE],
+            position=log[:, layout.MEASURED_POSITION],
+            velocity=log[:, layout.MEASURED_VELOCITY],
+            torque=log[:, layout.MEASURED_TORQUE],
             target=path,
             limited_by=limited_by,
             true_motion=Motion(
                 time,
-                log[:, engine.TRUE_POSITION],
-                log[:, engine.TRUE_VELOCITY],
-                log[:, engine.TRUE_ACCELERATION],
+                log[:, layout.TRUE_POSITION],
+                log[:, layout.TRUE_VELOCITY],
+                log[:, layout.TRUE_ACCELERATION],
             ),
-            true_torque=log[:, engine.TRUE_TORQUE],
+            true_torque=log[:, layout.TRUE_TORQUE],
         )
 
     def _begin(self) -> None:
@@ -175,19 +175,19 @@ class MujocoRobot(SimulatedRobot):
             raise BackendError(f"the mujoco backend knows no {type(command).__name__}")
         if isinstance(command, ImpedanceCommand):
             check_stiffness(command.stiffness, self._inertia, self.spec.period)
-            self._command[engine.STIFFNESS] = command.stiffness
-            self._command[engine.DAMPING] = command.damping
+            self._command[layout.STIFFNESS] = command.stiffness
+            self._command[layout.DAMPING] = command.damping
         if isinstance(command, (ImpedanceCommand, TorqueCommand)):
-            self._command[engine.FEED_FORWARD] = command.torque
+            self._command[layout.FEED_FORWARD] = command.torque
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
-            self._command[engine.TARGET] = command.position
-        if mode == engine.POSITION and (self._fresh or mode != self._mode):
-            self._memory[engine.LAST_TARGET] = self._command[engine.TARGET]
-            self._memory[engine.TARGET_VELOCITY] = self._arrays.velocity * (mode != self._mode)
+            self._command[layout.TARGET] = command.position
+        if mode == layout.POSITION and (self._fresh or mode != self._mode):
+            self._memory[layout.LAST_TARGET] = self._command[layout.TARGET]
+            self._memory[layout.TARGET_VELOCITY] = self._arrays.velocity * (mode != self._mode)
         self._fresh, self._mode = False, mode
 
     def _cycle_once(self) -> Measurement:
-        self._advance(self._command[engine.TARGET : engine.TARGET + 1], self._log)
+        self._advance(self._command[layout.TARGET : layout.TARGET + 1], self._log)
         return self._measurement(self._cycle, self._log[0])
 
     def _advance(self, targets: FloatArray, log: FloatArray) -> None:
@@ -198,9 +198,9 @@ class MujocoRobot(SimulatedRobot):
             return
         for row in range(len(targets)):
             here = slice(row, row + 1)
-            self._sampled.sample(self._arrays, self._memory[engine.LOAD])
+            self._sampled.sample(self._arrays, self._memory[layout.LOAD])
             self._run_engine(targets[here], noise[here], log[here])
-            self._sampled.acceleration = log[row, engine.TRUE_ACCELERATION].copy()
+            self._sampled.acceleration = log[row, layout.TRUE_ACCELERATION].copy()
 
     def _run_engine(self, targets: FloatArray, noise: FloatArray, log: FloatArray) -> None:
         finite = engine.advance(
@@ -223,9 +223,9 @@ class MujocoRobot(SimulatedRobot):
     def _measurement(self, cycle: int, log: FloatArray) -> Measurement:
         return Measurement(
             time=cycle * self.spec.period,
-            position=log[engine.MEASURED_POSITION],
-            velocity=log[engine.MEASURED_VELOCITY],
-            torque=log[engine.MEASURED_TORQUE],
+            position=log[layout.MEASURED_POSITION],
+            velocity=log[layout.MEASURED_VELOCITY],
+            torque=log[layout.MEASURED_TORQUE],
             sequence=cycle,
         )
 
@@ -233,9 +233,9 @@ class MujocoRobot(SimulatedRobot):
         """Leave the books as if the last cycle had been received."""
         state = JointState(
             time,
-            log[engine.MEASURED_POSITION],
-            log[engine.MEASURED_VELOCITY],
-            log[engine.MEASURED_TORQUE],
+            log[layout.MEASURED_POSITION],
+            log[layout.MEASURED_VELOCITY],
+            log[layout.MEASURED_TORQUE],
             self._cycle - 1,
         )
         self._contract.observe(state)
@@ -251,12 +251,12 @@ class MujocoRobot(SimulatedRobot):
             load = data.qfrc_bias
             wind_up = load * (plant.compliance + plant.cubic * load**2)
             self._sampled.settle(encoder, load)
-            wind_up = wind_up + self._sampled.added[engine.ADDED_WIND_UP]
+            wind_up = wind_up + self._sampled.added[layout.ADDED_WIND_UP]
             data.qpos[:] = encoder - wind_up
-        memory[engine.LOAD] = data.qfrc_bias
-        memory[engine.WIND_UP] = memory[engine.STATIC_WIND_UP] = wind_up
-        memory[engine.LAST_TARGET] = self._command[engine.TARGET] = encoder
-        memory[engine.ENCODER] = self.simulation.sensors.measure_position(encoder)
+        memory[layout.LOAD] = data.qfrc_bias
+        memory[layout.WIND_UP] = memory[layout.STATIC_WIND_UP] = wind_up
+        memory[layout.LAST_TARGET] = self._command[layout.TARGET] = encoder
+        memory[layout.ENCODER] = self.simulation.sensors.measure_position(encoder)
 
     def _save_plant(self) -> object:
         physics = np.empty(mujoco.mj_stateSize(self._model, _STATE))
@@ -280,9 +280,9 @@ class MujocoRobot(SimulatedRobot):
 
 
 _MODES: dict[type[JointCommand], int] = {
-    PositionCommand: engine.POSITION,
-    ImpedanceCommand: engine.IMPEDANCE,
-    TorqueCommand: engine.TORQUE,
+    PositionCommand: layout.POSITION,
+    ImpedanceCommand: layout.IMPEDANCE,
+    TorqueCommand: layout.TORQUE,
 }
 
 
@@ -299,8 +299,8 @@ def _motor_inertia(
     return inertia
 
 
-def _arrays(model: mujoco.MjModel, data: mujoco.MjData) -> engine.Arrays:
-    return engine.Arrays(
+def _arrays(model: mujoco.MjModel, data: mujoco.MjData) -> layout.Arrays:
+    return layout.Arrays(
         position=data.qpos,
         velocity=data.qvel,
         control=data.ctrl,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from backends.mujoco_sim import engine
+from backends.mujoco_sim import layout
 from limo_driver.physics import MotionEffect
 from limo_driver.physics.effect import JointMotion
 from limo_driver.physics.friction import VelocityFriction, secant
@@ -31,20 +31,20 @@ class SampledEffects:
 
     def __init__(self, effects: Sequence[Effect], n: int) -> None:
         self.effects = tuple(effects)
-        self.added = np.zeros((4, n))  # see engine.ADDED_TORQUE and following
+        self.added = np.zeros((4, n))  # see layout.ADDED_TORQUE and following
         self.acceleration = np.zeros(n)  # of the last cycle [rad/s²]
         self._states = [effect.initial_state() for effect in self.effects]
 
     def __bool__(self) -> bool:
         return bool(self.effects)
 
-    def sample(self, arrays: engine.Arrays, load: FloatArray) -> None:
+    def sample(self, arrays: layout.Arrays, load: FloatArray) -> None:
         """Evaluate all effects for the coming step.
 
         A displacement is also evaluated under the static load, for the servo: one that followed
         acceleration would close a loop within the step.
         """
-        position = arrays.position + self.added[engine.ADDED_WIND_UP]
+        position = arrays.position + self.added[layout.ADDED_WIND_UP]
         velocity, acceleration = arrays.velocity, self.acceleration
         self.added[:] = 0.0
         for index, effect in enumerate(self.effects):
@@ -54,12 +54,12 @@ class SampledEffects:
             j = effect.joint - 1
             if isinstance(effect, MotionEffect):
                 static = _sample(effect, position, velocity, acceleration, arrays.bias)
-                self.added[engine.ADDED_WIND_UP, j] += value[0]
-                self.added[engine.ADDED_STATIC_WIND_UP, j] += effect.advance(state, static)[0][0]
+                self.added[layout.ADDED_WIND_UP, j] += value[0]
+                self.added[layout.ADDED_STATIC_WIND_UP, j] += effect.advance(state, static)[0][0]
             elif isinstance(effect, VelocityFriction):
-                self.added[engine.ADDED_DAMPING, j] += secant(effect, motion.velocity)[0]
+                self.added[layout.ADDED_DAMPING, j] += secant(effect, motion.velocity)[0]
             else:
-                self.added[engine.ADDED_TORQUE, j] += value[0]
+                self.added[layout.ADDED_TORQUE, j] += value[0]
 
     def settle(self, position: FloatArray, load: FloatArray) -> None:
         """Evaluate displacements at rest, without touching any memory."""
@@ -69,8 +69,8 @@ class SampledEffects:
             if isinstance(effect, MotionEffect):
                 motion = _sample(effect, position, rest, rest, load)
                 value = effect.advance(state, motion)[0][0]
-                self.added[engine.ADDED_WIND_UP, effect.joint - 1] += value
-                self.added[engine.ADDED_STATIC_WIND_UP, effect.joint - 1] += value
+                self.added[layout.ADDED_WIND_UP, effect.joint - 1] += value
+                self.added[layout.ADDED_STATIC_WIND_UP, effect.joint - 1] += value
 
     def save(self) -> object:
         """Return a copy of all memories."""

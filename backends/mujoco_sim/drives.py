@@ -1,0 +1,123 @@
+"""The drives of the simulated arm: position servo, impedance and torque control, saturation.
+
+The damping of a controller is left to the integrator, which takes it implicitly: it is stable
+however strong. All functions are called from compiled code.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from backends.mujoco_sim import layout as row
+
+if TYPE_CHECKING:
+    from backends.mujoco_sim.layout import Arrays, Servo
+    from backends.mujoco_sim.realisation import Plant
+    from limo_driver.types import FloatArray
+
+# Without wrappers for Python, which nobody calls, half the time to compile.
+part = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # pyright: ignore[reportCallIssue]
+
+
+@part
+def servo_torque(
+    arrays: Arrays,
+    plant: Plant,
+    servo: Servo,
+    memory: FloatArray,
+    added: FloatArray,
+    target: FloatArray,
+    rate: FloatArray,
+    torque: FloatArray,
+    damping: FloatArray,
+    inertial: FloatArray,
+) -> None:
+    """Position servo of the drives: feed-forward of the rigid body, and a PID on every joint.
+
+    The target answers a measurement that is one cycle old by now, so it is carried forward by one
+    cycle. Gains follow the inertia that a joint moves, for one bandwidth in all poses; the
+    damping is left to the integrator, which takes it implicitly.
+    """
+    h, n = servo.period, target.size
+    wanted, ahead, speed = np.empty(n), np.empty(n), np.empty(n)
+    for j in range(n):
+        v = (target[j] - memory[row.LAST_TARGET, j]) / h
+        wanted[j] = (v - memory[row.TARGET_VELOCITY, j]) / h
+        ahead[j] = target[j] + h * (v + h * wanted[j])
+        speed[j] = v + 2.0 * h * wanted[j]
+        memory[row.LAST_TARGET, j], memory[row.TARGET_VELOCITY, j] = target[j], v
+    multiply(arrays, wanted, inertial)
+    for j in range(n):
+        own = arrays.inertia[arrays.row_start[j] + arrays.row_size[j] - 1]
+        nominal = inertial[j] - plant.armature[j] * wanted[j] + arrays.bias[j]
+        wind_up = (
+            deflection(plant.compliance[j], plant.cubic[j], nominal)
+            + added[row.ADDED_STATIC_WIND_UP, j]
+        )
+        error = ahead[j] - arrays.position[j] - wind_up
+        stiffness = own * servo.bandwidth**2
+        integral = memory[row.INTEGRAL, j] + stiffness * servo.integral_rate * h * error
+        limit = servo.torque_limit[j]
+        memory[row.INTEGRAL, j] = min(max(integral, -limit), limit)
+        damping[j] = 2.0 * servo.bandwidth * own
+        torque[j] = (
+            arrays.bias[j]
+            + inertial[j]
+            + stiffness * error
+            + memory[row.INTEGRAL, j]
+            + damping[j] * (speed[j] - rate[j])
+        )
+
+
+@part
+def compliant(
+    arrays: Arrays,
+    memory: FloatArray,
+    mode: int,
+    target: FloatArray,
+    command: FloatArray,
+    rate: FloatArray,
+    torque: FloatArray,
+    damping: FloatArray,
+) -> None:
+    """Impedance and torque control, on top of the compensated gravity."""
+    for j in range(target.size):
+        torque[j] = arrays.bias[j] + command[row.FEED_FORWARD, j]
+        damping[j] = 0.0
+        if mode == row.IMPEDANCE:
+            encoder = arrays.position[j] + memory[row.STATIC_WIND_UP, j]
+            damping[j] = command[row.DAMPING, j]
+            torque[j] += command[row.STIFFNESS, j] * (target[j] - encoder) - damping[j] * rate[j]
+
+
+@part
+def saturate(servo: Servo, velocity: FloatArray, torque: FloatArray, damping: FloatArray) -> None:
+    """Keep the drives within their torque; a saturated drive does not damp."""
+    for j in range(torque.size):
+        limit = servo.torque_limit[j]
+        if abs(torque[j] - damping[j] * velocity[j]) > limit:
+            torque[j] = math.copysign(limit, torque[j] - damping[j] * velocity[j])
+            damping[j] = 0.0
+
+
+@part
+def deflection(compliance: float, cubic: float, load: float) -> float:
+    """Return the wind-up of a gear [rad] under `load` [N m]."""
+    return load * (compliance + cubic * load * load)
+
+
+@part
+def multiply(arrays: Arrays, vector: FloatArray, product: FloatArray) -> None:
+    """Write M(q) times `vector` into `product`."""
+    for i in range(vector.size):
+        product[i] = 0.0
+        start, size = arrays.row_start[i], arrays.row_size[i]
+        for k in range(start, start + size):
+            j = arrays.column[k]
+            product[i] += arrays.inertia[k] * vector[j]
+            if j != i:
+                product[j] += arrays.inertia[k] * vector[i]

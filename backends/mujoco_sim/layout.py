@@ -1,0 +1,66 @@
+"""How the simulated robot's arrays are laid out, shared by Python and compiled code.
+
+Compiled code is cached by the source of the engine alone: after a change here, in the drives, the
+friction laws or the tables of the plant, touch the engine.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
+
+POSITION, IMPEDANCE, TORQUE = 0, 1, 2  # control modes
+
+# Rows of the command, (4, n).
+TARGET, STIFFNESS, DAMPING, FEED_FORWARD = 0, 1, 2, 3
+
+# Rows of the memory, (9, n): all that the robot remembers beside MuJoCo's own state.
+LOAD = 0  # nominal rigid-body torque through the gear, last cycle [N m]
+WIND_UP = 1  # encoder minus link under that load [rad]
+STATIC_WIND_UP = 2  # the same under gravity and Coriolis torque alone [rad]
+INTEGRAL = 3  # of the position servo [N m]
+LAST_VELOCITY = 4  # [rad/s]
+LAST_TARGET = 5  # [rad]
+TARGET_VELOCITY = 6  # [rad/s]
+ENCODER = 7  # last reading [rad]
+ENCODER_VELOCITY = 8  # filtered [rad/s]
+MEMORY_ROWS = 9
+
+# Rows of what effects without a native form add in a cycle, (4, n).
+ADDED_TORQUE, ADDED_DAMPING, ADDED_WIND_UP, ADDED_STATIC_WIND_UP = 0, 1, 2, 3
+
+# Rows of the log of a cycle, (7, n).
+MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_TORQUE = 0, 1, 2
+TRUE_POSITION, TRUE_VELOCITY, TRUE_ACCELERATION, TRUE_TORQUE = 3, 4, 5, 6
+LOG_ROWS = 7
+
+
+class Arrays(NamedTuple):
+    """MuJoCo's own arrays of an arm of n joints."""
+
+    position: FloatArray  # (n,) of the links [rad]
+    velocity: FloatArray  # (n,) [rad/s]
+    control: FloatArray  # (n + E,) dampers, then slipping springs
+    bias: FloatArray  # (n,) gravity and Coriolis torque [N m]
+    applied: FloatArray  # (n,) torque of the drives [N m]
+    inertia: FloatArray  # lower triangle of M(q), row by row [kg m²]
+    row_size: NDArray[np.int32]  # (n,)
+    row_start: NDArray[np.int32]  # (n,)
+    column: NDArray[np.int32]
+
+
+class Servo(NamedTuple):
+    """The drives and sensors of the arm."""
+
+    period: float  # [s]
+    bandwidth: float  # of the position servo [rad/s]
+    integral_rate: float  # [1/s]
+    torque_limit: FloatArray  # (n,) at which a drive saturates [N m]
+    velocity_gain: float  # of the encoder's velocity filter, 0 to 1
+    encoder_resolution: FloatArray  # (n,) [rad]
+    torque_resolution: FloatArray  # (n,) [N m]
