@@ -14,6 +14,9 @@ from numba import njit
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray, Motion
 
 REVERSAL: Final = 2e-4  # [rad]; above the jitter of a filtered encoder, far below any LIMO motion
@@ -44,11 +47,16 @@ class Features:
     Directions tanh(dq / v) resolve the neighbourhood of a reversal, where dry friction changes
     sign, at several speeds v: normalised velocity does not, since fast reaches set its scale.
 
+    The deflection torque ID(q - compliance tau_RBD, dq, ddq) - ID(q, dq, ddq) is what the rigid
+    body needs more when all joints give way to their load, as elastic drives do. It depends on the
+    whole pose, which a network could only learn from more poses than a recording visits.
+
     Args:
         n: Number of joints.
         own_joint: Show the network of a joint its own joint only.
         stop_widths: Widths w of the stop operators [rad].
         direction_speeds: Speeds v of the directions [rad/s].
+        compliance: Of every joint, for the deflection torque [rad/(N m)]; 0 leaves it out.
         reversal: Rotation back that counts as a reversal [rad].
         saturation: Largest rotational history [rad].
 
@@ -61,6 +69,7 @@ class Features:
     own_joint: bool = False
     stop_widths: tuple[float, ...] = ()
     direction_speeds: tuple[float, ...] = ()
+    compliance: float = 0.0
     reversal: float = REVERSAL
     saturation: float = SATURATION
     _widths: FloatArray = field(init=False, repr=False, compare=False)
@@ -79,6 +88,7 @@ class Features:
             ("rigid_body_torque", "N m"),
             *((f"stop_{width:.3g}rad", "rad") for width in self.stop_widths),
             *((f"direction_{speed:.3g}rad/s", "1") for speed in self.direction_speeds),
+            *([("deflection_torque", "N m")] if self.compliance else []),
         ]
         return tuple(
             Feature(f"{name}_{j + 1}", unit) for name, unit in quantities for j in range(self.n)
@@ -99,7 +109,11 @@ class Features:
         return memory
 
     def advance(
-        self, memory: FloatArray, motion: Motion, rigid_body_torque: FloatArray
+        self,
+        memory: FloatArray,
+        motion: Motion,
+        rigid_body_torque: FloatArray,
+        model: RobotModel,
     ) -> tuple[FloatArray, FloatArray]:
         """Compute the inputs of T samples that follow `memory`.
 
@@ -107,6 +121,7 @@ class Features:
             memory: Memory after the sample before.
             motion: T samples of n joints.
             rigid_body_torque: (T, n) [N m].
+            model: The rigid body.
 
         Returns:
             The inputs, (T, number of inputs), and the memory after the last sample.
@@ -116,6 +131,8 @@ class Features:
         columns = [motion.position, motion.velocity, motion.acceleration]
         columns += [history[0], rigid_body_torque, *history[1:]]
         columns += [np.tanh(motion.velocity / speed) for speed in self.direction_speeds]
+        if self.compliance:
+            columns.append(_deflection(model, motion, self.compliance * rigid_body_torque))
         return np.concatenate(columns, axis=1), after
 
 
@@ -124,10 +141,18 @@ _WIDTHS: Final = tuple(float(f"{w:.3g}") for w in np.geomspace(3e-4, SATURATION,
 
 _SPEEDS: Final = (0.003, 0.01, 0.03, 0.1)  # [rad/s], from creep to the slower half of LIMO motion
 
-FEATURE_SETS: Final[dict[str, tuple[bool, tuple[float, ...], tuple[float, ...]]]] = {
-    "all-joints": (False, (), ()),  # the paper's: every network sees every joint
-    "own-joint": (True, (), ()),  # the paper's five, of the network's own joint
-    "friction": (True, _WIDTHS, _SPEEDS),  # these, and what dry friction depends on
+_COMPLIANCE: Final = 1e-4  # [rad/(N m)], a common size of harmonic drives; the network scales it
+
+FEATURE_SETS: Final[dict[str, Callable[[int], Features]]] = {
+    "all-joints": Features,  # the paper's: every network sees every joint
+    "own-joint": lambda n: Features(n, own_joint=True),  # the paper's five, of one joint each
+    "drive": lambda n: Features(  # these, and what friction and elasticity of a drive depend on
+        n,
+        own_joint=True,
+        stop_widths=_WIDTHS,
+        direction_speeds=_SPEEDS,
+        compliance=_COMPLIANCE,
+    ),
 }
 
 
@@ -139,8 +164,14 @@ def feature_set(name: str, n: int) -> Features:
     """
     if name not in FEATURE_SETS:
         raise ConfigError(f"no feature set is called {name!r}; known: {', '.join(FEATURE_SETS)}")
-    own_joint, widths, speeds = FEATURE_SETS[name]
-    return Features(n, own_joint, widths, speeds)
+    return FEATURE_SETS[name](n)
+
+
+def _deflection(model: RobotModel, motion: Motion, angle: FloatArray) -> FloatArray:
+    """Return the torque added by joints that give way by `angle` (T, n) [rad]; (T, n) [N m]."""
+    v, a = motion.velocity, motion.acceleration
+    straight = model.inverse_dynamics(motion.position, v, a)
+    return model.inverse_dynamics(motion.position - angle, v, a) - straight
 
 
 @njit(cache=True)

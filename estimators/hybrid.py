@@ -231,7 +231,9 @@ class HybridModel:
     def _advance(self, state: HybridState, motion: Motion) -> tuple[TorqueParts, HybridState]:
         fitted = self.fitted
         rigid_body, bodies = self.simulation.advance(state.rigid_body, motion)
-        x, history = fitted.features.advance(state.features, motion, rigid_body)
+        x, history = fitted.features.advance(
+            state.features, motion, rigid_body, self.simulation.model
+        )
         y, network = fitted.network.advance(state.network, fitted.inputs.normalise(x))
         parts = TorqueParts(rigid_body, fitted.outputs.restore(y))
         return parts, HybridState(bodies, history, network)

@@ -175,6 +175,7 @@ def _fitted(manifest: dict[str, Any], weights: bytes, n: int) -> FittedNetwork:
         bool(settings["own_joint"]),
         tuple(settings["stop_widths"]),
         tuple(settings["direction_speeds"]),
+        float(settings["compliance"]),
         float(settings["reversal"]),
         float(settings["saturation"]),
     )
@@ -193,7 +194,8 @@ def _fitted(manifest: dict[str, Any], weights: bytes, n: int) -> FittedNetwork:
 
 
 def _feature_settings(features: Features) -> dict[str, Any]:
-    names = ("own_joint", "stop_widths", "direction_speeds", "reversal", "saturation")
+    names = ("own_joint", "stop_widths", "direction_speeds", "compliance")
+    names += ("reversal", "saturation")
     return {name: getattr(features, name) for name in names}
 
 

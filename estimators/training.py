@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from limo_driver.recording import Recording
 
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
+_SCHEDULES: Final = ("cosine", "plateau")
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
 _WIDTHS: Final = {"mlp7": 100, "lstm-fcl": 16}  # hidden units for one joint
 
@@ -37,13 +38,14 @@ class TrainingSettings:
     """How to train; the defaults are the paper's unless said."""
 
     model: str = "mlp7"  # mlp7 or lstm-fcl
-    features: str = "all-joints"  # all-joints, own-joint or friction
+    features: str = "all-joints"  # all-joints, own-joint or drive
     epochs: int = 100
     seed: int = 0
     bandwidth: float = 10.0  # of the filters on motion and torque [Hz]
     rate: float = 200.0  # of the network's samples [Hz]; the paper's data have 223 Hz
     sequence_length: int = 100  # samples through which a recurrent network is differentiated
     batch: int = 50  # rows of an mlp7, sequences of an lstm-fcl
+    schedule: str = "cosine"  # of the learning rate; the paper has plateau
     learning_rate: float = 1e-3
     weight_decay: float = 0.01
     held_out: float = 0.2  # part of the motion
@@ -52,6 +54,10 @@ class TrainingSettings:
     def __post_init__(self) -> None:
         if self.model not in NETWORKS:
             raise ConfigError(f"no network is called {self.model!r}; known: {', '.join(NETWORKS)}")
+        if self.schedule not in _SCHEDULES:
+            raise ConfigError(
+                f"no schedule is called {self.schedule!r}; known: {', '.join(_SCHEDULES)}"
+            )
         for name in ("epochs", "sequence_length", "batch", "bandwidth", "rate", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0")
@@ -78,7 +84,8 @@ def train(
     """Train a network on tau_meas - tau_RBD; keep the weights that were best on held-out motion.
 
     The loss is the MSE of the normalised residual, so that every joint counts the same. AdamW
-    starts at `learning_rate`, which is halved when the training loss stops falling. A recurrent
+    starts at `learning_rate`, which falls to zero along a cosine, or is halved when the training
+    loss stops falling. A recurrent
     network answers every sample of a sequence, not only the last, and its memory is carried from
     a sequence to the next: it is trained as it is used, scanning long motion, and each sequence
     gives as many targets as it has samples.
@@ -208,12 +215,13 @@ def _descend(
     optimizer = torch.optim.AdamW(
         module.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
     )
-    schedule = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.5, patience=_PATIENCE)
+    cosine = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs)
+    plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.5, patience=_PATIENCE)
     best, weights = np.inf, copy.deepcopy(module.state_dict())
     history: list[Epoch] = []
     for number in range(1, settings.epochs + 1):
         rate = float(optimizer.param_groups[0]["lr"])
-        if rate < _SLOWEST * settings.learning_rate:
+        if settings.schedule == "plateau" and rate < _SLOWEST * settings.learning_rate:
             break
         epoch = Epoch(number, *passes.epoch(module, optimizer), rate)
         if not np.isfinite([epoch.training_loss, epoch.held_out_loss]).all():
@@ -223,7 +231,10 @@ def _descend(
             )
         history.append(epoch)
         on_epoch(epoch)
-        schedule.step(epoch.training_loss)
+        if settings.schedule == "cosine":
+            cosine.step()
+        else:
+            plateau.step(epoch.training_loss)
         if epoch.held_out_loss < best:
             best, weights = epoch.held_out_loss, copy.deepcopy(module.state_dict())
     module.load_state_dict(weights)

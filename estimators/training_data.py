@@ -120,7 +120,9 @@ def _inputs(
         for start in range(rows.start, rows.stop, _ROWS):
             piece = slice(start, min(start + _ROWS, rows.stop))
             torque[piece], bodies = simulation.advance(bodies, motion[piece])
-            inputs[piece], memory = features.advance(memory, motion[piece], torque[piece])
+            inputs[piece], memory = features.advance(
+                memory, motion[piece], torque[piece], simulation.model
+            )
     return inputs, torque
 
 

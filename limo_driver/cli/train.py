@@ -24,8 +24,8 @@ def command(  # one argument for each option
     features: Annotated[
         str,
         typer.Option(
-            help="Inputs: all-joints (the paper's), own-joint (of one joint only), friction "
-            "(own-joint, and the states of dry friction)."
+            help="Inputs: all-joints (the paper's), own-joint (a network for each joint sees that "
+            "joint only), drive (also what friction and elasticity of a drive depend on)."
         ),
     ] = "all-joints",
     epochs: Annotated[int, typer.Option(help="Passes over the recordings.")] = 100,
@@ -42,6 +42,9 @@ def command(  # one argument for each option
     ] = 100,
     batch: Annotated[int, typer.Option(help="Rows (mlp7) or sequences (lstm-fcl) of a step.")] = 50,
     hidden: Annotated[int, typer.Option(help="Hidden units of a network; 0: as the paper.")] = 0,
+    schedule: Annotated[
+        str, typer.Option(help="How the step shrinks: cosine, plateau (the paper's).")
+    ] = "cosine",
     learning_rate: Annotated[float, typer.Option(help="Initial step of AdamW.")] = 1e-3,
     weight_decay: Annotated[float, typer.Option(help="Weight decay of AdamW.")] = 0.01,
     held_out: Annotated[
@@ -59,7 +62,7 @@ def command(  # one argument for each option
 
         limo train run.parquet --sim sim.yaml --model lstm-fcl --out model/
 
-        limo train a.parquet b.parquet --sim sim.yaml --features friction --epochs 40 --out model/
+        limo train a.parquet b.parquet --sim sim.yaml --features drive --epochs 40 --out model/
     """
     import json
 
@@ -79,6 +82,7 @@ def command(  # one argument for each option
         rate=rate,
         sequence_length=sequence_length,
         batch=batch,
+        schedule=schedule,
         learning_rate=learning_rate,
         weight_decay=weight_decay,
         held_out=held_out,
