@@ -108,7 +108,7 @@ def loop_error(frequency: float, joint: int = 6) -> float:
 
 def prediction_error(simulation: Simulation) -> float:
     """Return the worst joint's RMSE of Simulation.predict on noise-free motion [N m]."""
-    with MujocoRobot(replace(simulation), initial_position=START) as robot:
+    with MujocoRobot(simulation, initial_position=START) as robot:
         robot.receive()
         run = robot.run(exploration(10000))
     error = run.true_torque - simulation.predict(run.true_motion)
@@ -125,23 +125,18 @@ def main() -> None:
     one_call, without = in_one_call(full), in_one_call(smooth)
     cycle = through_the_interface(full)
     print(f"hysteretic iiwa 14, {len(full.effects)} effects, 1 kHz, one core")
-    print(
-        f"  through the interface   {PERIOD / cycle:6.1f} x real time ({1e6 * cycle:5.1f} µs)  bar 20"
-    )
-    print(
-        f"  trajectory in one call  {PERIOD / one_call:6.1f} x real time ({1e6 * one_call:5.1f} µs)  bar 100"
-    )
-    print(f"  plain mj_step, same arm {PERIOD / plain:6.1f} x real time ({1e6 * plain:5.1f} µs)")
-    print(
-        f"  cost of the hysteresis  {one_call / without:6.2f} x a step without ({1e6 * without:5.1f} µs)  bar 1.5"
-    )
+    for name, period, bar in (
+        ("through the interface", cycle, "bar 20"),
+        ("trajectory in one call", one_call, "bar 100"),
+        ("plain mj_step, same arm", plain, "for comparison"),
+    ):
+        print(f"  {name:24}{PERIOD / period:6.1f} x real time ({1e6 * period:5.1f} µs)  {bar}")
+    print(f"  cost of the hysteresis  {one_call / without:6.2f} x a step without it  bar 1.5")
     for frequency in (0.2, 2.0):
-        print(
-            f"  loop area at {frequency:g} Hz      {100 * loop_error(frequency):+6.2f} %  bar 1 %"
-        )
-    print(
-        f"  torque against predict  {prediction_error(full):6.4f} N m RMSE, worst joint  bar 0.01"
-    )
+        error = 100 * loop_error(frequency)
+        print(f"  loop area at {frequency:3.1f} Hz     {error:+6.3f} %  bar 1 %")
+    worst = prediction_error(full)
+    print(f"  torque against predict  {worst:6.4f} N m RMSE, worst joint  bar 0.01")
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ def advance(
     )
 
 
-@njit(cache=True, no_cfunc_wrapper=True)
+@njit(cache=True)
 def _advance_fields(
     model: int,
     data: int,
