@@ -1,0 +1,87 @@
+"""Synthetic LIMO motion of two joints with hysteresis, small enough to learn in a second."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
+from limo_driver.recording import Recording
+from limo_driver.types import Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+ARM = """<?xml version="1.0"?>
+<robot name="two_joints">
+  <link name="base"/>
+  <link name="upper"><inertial><mass value="2"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="lower"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.005" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="2" effort="100"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" velocity="2" effort="100"/></joint>
+</robot>
+"""
+RATE = 100.0
+NOISE = 0.02  # [N m]
+
+
+@pytest.fixture(scope="session")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("robot") / "two_joints.urdf"
+    path.write_text(ARM)
+    return path
+
+
+@pytest.fixture(scope="session")
+def rigid(arm: Path) -> Simulation:
+    """What is known of the arm: rigid body and dry friction."""
+    return Simulation(str(arm), tuple(CoulombFriction(joint=j, tau_c=1.0) for j in (1, 2)))
+
+
+@pytest.fixture(scope="session")
+def true_arm(arm: Path) -> Simulation:
+    """The arm: its friction builds up over 6 mrad."""
+    slip = [PreslidingHysteresis(joint=j, stiffness=(200.0,), width=(0.006,)) for j in (1, 2)]
+    return Simulation(str(arm), tuple(slip))
+
+
+@pytest.fixture(scope="session")
+def record(true_arm: Simulation) -> Callable[[int, float], Recording]:
+    """Record motion of a seed and a duration [s]."""
+    return lambda seed, duration: _record(true_arm, seed, duration)
+
+
+def _record(true_arm: Simulation, seed: int, duration: float) -> Recording:
+    """Move both joints by small random sinusoids and measure with noise."""
+    random = np.random.default_rng(seed)
+    t = np.arange(int(duration * RATE)) / RATE
+    position = np.array([0.4, -0.8]) + np.zeros((t.size, 2))
+    velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
+    for _ in range(3):
+        w, phase = 2 * np.pi * random.uniform(0.1, 0.6, 2), random.uniform(0, 6.3, 2)
+        amplitude = random.uniform(0.01, 0.05, 2)
+        angle = t[:, None] * w + phase
+        position += amplitude * np.sin(angle)
+        velocity += amplitude * w * np.cos(angle)
+        acceleration -= amplitude * w**2 * np.sin(angle)
+    torque = true_arm.predict(Motion(t, position, velocity, acceleration))
+    torque += NOISE * random.standard_normal(torque.shape)
+    return Recording.from_arrays(t, position, torque, source=f"seed {seed}")
+
+
+@pytest.fixture(scope="session")
+def training_recording(record: Callable[[int, float], Recording]) -> Recording:
+    return record(1, 60.0)
+
+
+@pytest.fixture(scope="session")
+def test_recording(record: Callable[[int, float], Recording]) -> Recording:
+    return record(2, 30.0)

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from estimators.hybrid import HybridModel
+from estimators.model_store import check_simulation
+from estimators.training import TrainingSettings
+from limo_driver.errors import ModelStoreError
+from limo_driver.physics import CoulombFriction, Simulation
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from limo_driver.recording import Recording
+
+SETTINGS = TrainingSettings(
+    model="lstm-fcl", features="drive", epochs=1, sequence_length=20, hidden=4
+)
+
+
+@pytest.fixture(scope="module")
+def model(rigid: Simulation, training_recording: Recording) -> HybridModel:
+    return HybridModel(rigid, SETTINGS).fit([training_recording])
+
+
+@pytest.fixture
+def folder(model: HybridModel, tmp_path: Path) -> Path:
+    model.save(tmp_path / "model")
+    return tmp_path / "model"
+
+
+def test_a_loaded_model_predicts_the_same(
+    model: HybridModel, folder: Path, test_recording: Recording
+) -> None:
+    loaded = HybridModel.load(folder)
+    np.testing.assert_array_equal(loaded.predict(test_recording), model.predict(test_recording))
+
+
+def test_hybrid_is_the_sum_of_its_parts(model: HybridModel, test_recording: Recording) -> None:
+    parts = model.parts(test_recording)
+    np.testing.assert_allclose(
+        parts.rigid_body, model.simulation.predict(test_recording.motion(10.0)), atol=1e-12
+    )
+    np.testing.assert_allclose(model.predict(test_recording), parts.rigid_body + parts.network)
+
+
+def test_a_manifest_says_what_the_network_sees(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["inputs"][0]["name"] == "position_1"
+    assert manifest["inputs"][0]["unit"] == "rad"
+    assert {"mean", "std"} <= set(manifest["inputs"][0])
+    assert manifest["joints"] == ["shoulder", "elbow"]
+    assert (round(manifest["rate"]), manifest["bandwidth"]) == (100, 10.0)
+    assert manifest["training"]["recordings"][0]["samples"] == 6000
+    assert "torch" in manifest["packages"]
+    assert {item.name for item in folder.iterdir()} == {
+        "manifest.json",
+        "model.safetensors",
+        "sim.yaml",
+    }
+
+
+def test_predicting_needs_no_torch(folder: Path) -> None:
+    code = (
+        "import sys; from estimators.hybrid import HybridModel; import numpy as np\n"
+        "from limo_driver.types import JointSample\n"
+        f"model = HybridModel.load({str(folder)!r}); z = np.zeros(2)\n"
+        "model.step(model.init(), JointSample(0.0, z, z, z)); assert 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def edit(folder: Path, **changes: object) -> None:
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": 2}, "schema is not 1"),
+        ({"network": "gpt"}, "'gpt' is unknown; known: mlp7, lstm-fcl"),
+        ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
+        ({"inputs": []}, "inputs: number 1 is nothing"),
+        ({"outputs": [{"name": "x", "unit": "N m", "mean": 0, "std": 1}]}, "number 1 is"),
+        ({"weights": {"sha256": "0"}}, "sha256 differs"),
+        ({"features": {}}, "cannot be understood"),
+        ({"rate": None}, "cannot be understood"),
+    ],
+)
+def test_a_manifest_that_does_not_fit_is_refused(
+    folder: Path, changes: dict[str, object], message: str
+) -> None:
+    edit(folder, **changes)
+    with pytest.raises(ModelStoreError, match=message):
+        HybridModel.load(folder)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "model.safetensors", "sim.yaml"])
+def test_a_missing_file_is_named(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    with pytest.raises(ModelStoreError, match=name):
+        HybridModel.load(folder)
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(ModelStoreError, match="no such model folder"):
+        HybridModel.load(tmp_path / "nothing")
+
+
+def test_another_sampling_rate(model: HybridModel, test_recording: Recording) -> None:
+    assert model.fitted.stride(1000.0) == 10
+    with pytest.raises(ModelStoreError, match="remembers at 100 Hz, which samples at 50 Hz"):
+        model.predict(test_recording[::2])
+
+
+def test_another_simulation_is_named(model: HybridModel, rigid: Simulation) -> None:
+    check_simulation(model, rigid)
+    heavier = CoulombFriction(joint=2, tau_c=2.0)
+    with pytest.raises(
+        ModelStoreError, match=r"another simulation \(coulomb_friction of joint 2\)"
+    ):
+        check_simulation(model, replace(rigid, effects=(rigid.effects[0], heavier)))
+    with pytest.raises(ModelStoreError, match="1 effects instead of 2"):
+        check_simulation(model, replace(rigid, effects=rigid.effects[:1]))
+    with pytest.raises(ModelStoreError, match="of iiwa14"):
+        check_simulation(model, Simulation("iiwa14"))
+
+
+def test_a_simulation_read_back_from_its_file_is_the_same(model: HybridModel, folder: Path) -> None:
+    check_simulation(model, Simulation.load(folder / "sim.yaml"))

@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from estimators.features import feature_set
+from estimators.hybrid import HybridModel
+from estimators.training import Epoch, TrainingSettings, train
+from estimators.training_data import HELD_OUT, LEFT_OUT, TRAINING, prepare
+from limo_driver.errors import ConfigError, DivergedError, RecordingError
+from limo_driver.physics import Simulation
+from limo_driver.recording import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+QUICK = TrainingSettings(features="own-joint", epochs=2, rate=100.0, hidden=8)
+
+
+def mse(model: HybridModel, recording: Recording) -> tuple[float, float]:
+    """Return MSE of rigid body and hybrid [(N m)²]."""
+    parts, bandwidth = model.parts(recording), model.fitted.bandwidth
+    inside = ~recording.edges(bandwidth)
+    measured = recording.filtered_torque(bandwidth)
+    return tuple(
+        float(np.mean((measured - p)[inside] ** 2)) for p in (parts.rigid_body, parts.hybrid)
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "factor"),
+    [
+        (TrainingSettings(features="drive", epochs=25, rate=50.0, learning_rate=3e-3), 30),
+        (TrainingSettings(features="own-joint", epochs=25, rate=50.0, learning_rate=3e-3), 4),
+        (
+            TrainingSettings(
+                model="lstm-fcl",
+                features="own-joint",
+                epochs=30,
+                rate=50.0,
+                sequence_length=50,
+                batch=4,
+                hidden=8,
+                learning_rate=1e-2,
+            ),
+            4,
+        ),
+    ],
+    ids=["mlp7 drive", "mlp7", "lstm-fcl"],
+)
+def test_hybrid_beats_the_rigid_body_on_other_motion(
+    rigid: Simulation,
+    training_recording: Recording,
+    test_recording: Recording,
+    settings: TrainingSettings,
+    factor: float,
+) -> None:
+    model = HybridModel(rigid, settings).fit([training_recording])
+    rigid_body, hybrid = mse(model, test_recording)
+    assert rigid_body / hybrid > factor
+
+
+def test_recurrent_memory_does_not_drift(
+    rigid: Simulation, record: Callable[[int, float], Recording]
+) -> None:
+    """Sequences of training are 0.5 s; five minutes later the error is what it was."""
+    settings = TrainingSettings(
+        model="lstm-fcl", features="own-joint", epochs=10, sequence_length=50, batch=4, hidden=8
+    )
+    model = HybridModel(rigid, settings).fit([record(1, 40.0)])
+    long = record(3, 300.0)
+    error = long.filtered_torque(10.0) - model.predict(long)
+    early, late = error[1000:6000], error[-5000:]
+    assert np.sqrt(np.mean(late**2)) < 1.5 * np.sqrt(np.mean(early**2))
+
+
+def test_same_seed_same_weights(rigid: Simulation, training_recording: Recording) -> None:
+    for model in ("mlp7", "lstm-fcl"):
+        settings = TrainingSettings(model=model, features="own-joint", epochs=1, hidden=4, seed=3)
+        first, second = (train(rigid, [training_recording], settings).network for _ in range(2))
+        for name, weight in first.weights.items():
+            np.testing.assert_array_equal(weight, second.weights[name])
+
+
+def test_another_seed_other_weights(rigid: Simulation, training_recording: Recording) -> None:
+    networks = [
+        train(rigid, [training_recording], replace(QUICK, seed=seed)).network for seed in (0, 1)
+    ]
+    assert not np.allclose(
+        networks[0].weights["hidden_weight"], networks[1].weights["hidden_weight"]
+    )
+
+
+def test_training_leaves_the_random_state_and_threads_alone(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    import torch
+
+    before, threads = torch.random.get_rng_state(), torch.get_num_threads()
+    train(rigid, [training_recording], QUICK)
+    assert torch.equal(torch.random.get_rng_state(), before)
+    assert torch.get_num_threads() == threads
+
+
+def test_epochs_are_reported_and_recorded(rigid: Simulation, training_recording: Recording) -> None:
+    seen: list[Epoch] = []
+    fitted = train(rigid, [training_recording], QUICK, seen.append)
+    assert [epoch.number for epoch in seen] == [1, 2]
+    assert [item["held_out_loss"] for item in fitted.record["epochs"]] == [
+        epoch.held_out_loss for epoch in seen
+    ]
+    assert set(fitted.record["rmse"]) == {"training", "held_out"}
+
+
+def test_a_fifth_is_held_out_in_blocks(rigid: Simulation, training_recording: Recording) -> None:
+    data = prepare(
+        rigid,
+        [training_recording],
+        feature_set("own-joint", 2),
+        bandwidth=10.0,
+        rate=100.0,
+        held_out=0.2,
+        random=np.random.default_rng(0),
+    )
+    assert np.mean(data.use == HELD_OUT) == pytest.approx(0.2, abs=0.02)
+    starts = np.flatnonzero(np.diff((data.use == HELD_OUT).astype(int)) == 1)
+    assert len(starts) <= 4  # of 20 blocks
+    assert data.use[0] == data.use[-1] == LEFT_OUT
+    normalised = data.inputs[data.use == TRAINING]
+    np.testing.assert_allclose(normalised.mean(axis=0), 0.0, atol=1e-4)
+    np.testing.assert_allclose(normalised.std(axis=0), 1.0, atol=1e-3)
+
+
+def test_a_gap_parts_the_training_motion(rigid: Simulation, training_recording: Recording) -> None:
+    whole = training_recording
+    later = np.where(np.arange(len(whole)) < 3000, 0.0, 5.0)
+    parted = Recording.from_arrays(whole.time + later, whole.position, whole.torque)
+    data = prepare(
+        rigid,
+        [parted],
+        feature_set("own-joint", 2),
+        bandwidth=10.0,
+        rate=100.0,
+        held_out=0.2,
+        random=np.random.default_rng(0),
+    )
+    assert data.stretches == (slice(0, 3000), slice(3000, 6000))
+
+
+def test_a_recording_shorter_than_a_sequence_is_refused(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    settings = TrainingSettings(model="lstm-fcl", sequence_length=500)
+    with pytest.raises(RecordingError, match=r"300 samples at 100 Hz .* needs 500"):
+        train(rigid, [training_recording[:300]], settings)
+
+
+def test_recordings_of_different_rates_are_refused(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    slower = training_recording[::2]
+    with pytest.raises(RecordingError, match="50 Hz, but seed 1 at 100 Hz"):
+        train(rigid, [training_recording, slower], QUICK)
+
+
+def test_a_recording_of_another_robot_is_refused(training_recording: Recording) -> None:
+    with pytest.raises(RecordingError, match="2 joints"):
+        train(Simulation("iiwa14"), [training_recording], QUICK)
+
+
+def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Recording) -> None:
+    settings = TrainingSettings(features="own-joint", epochs=3, learning_rate=1e30)
+    with pytest.raises(DivergedError, match="no longer finite in epoch"):
+        train(rigid, [training_recording], settings)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-fcl"),
+        ({"schedule": "step"}, "'step'; known: cosine, plateau"),
+        ({"epochs": 0}, "epochs = 0"),
+        ({"held_out": 1.0}, "held_out = 1.0"),
+        ({"learning_rate": float("nan")}, "learning_rate = nan"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(setting: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        TrainingSettings(**setting)
