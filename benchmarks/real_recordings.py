@@ -117,7 +117,7 @@ def models(case: Case) -> Iterator[tuple[str, Predict]]:
     simulation = found.simulation
     yield (
         "sim.yaml of limo identify (bodies that exist)",
-        lambda recording: simulation.predict(recording.motion(BANDWIDTH)),
+        lambda recording: simulation.predict_recording(recording, BANDWIDTH),
     )
 
 

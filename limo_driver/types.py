@@ -163,8 +163,8 @@ class Motion:
         """Number of joints."""
         return self.position.shape[1]
 
-    def __getitem__(self, rows: slice) -> Motion:
-        """Return the samples in `rows`."""
+    def __getitem__(self, rows: slice | NDArray[np.int64]) -> Motion:
+        """Return the samples in `rows`: a slice, or increasing indices."""
         return Motion(
             self.time[rows], self.position[rows], self.velocity[rows], self.acceleration[rows]
         )

@@ -10,6 +10,9 @@ which is convex in phi. D is ½ |relative change|² near the nominal J0 and infi
 be positive definite: combinations that the data do not reveal stay at the nominal body, and no
 other constraint is needed. Parameters that cannot be negative are held at zero where they would be.
 
+As a density, exp(-D / tolerance²) is a Wishart distribution about J0. So the tolerance itself can
+be found from the data: it is the one under which they are most likely (Laplace's approximation).
+
 Source: Wensing, Kim and Slotine, "Linear matrix inequalities for physically consistent inertial
 parameter identification", RA-L 2018; Lee, Wensing and Park, "Geometric robot dynamic
 identification: a convex programming approach", T-RO 2020.
@@ -18,6 +21,7 @@ identification: a convex programming approach", T-RO 2020.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import lgamma, log, pi
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,6 +49,7 @@ class Quadratic:
 
     gram: FloatArray  # (p, p)
     product: FloatArray  # (p,)
+    spread: FloatArray  # (p, p), covariance of `product`; `gram` where the cost is a likelihood
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,7 @@ class ConsistentFit:
 
     parameters: FloatArray  # (p,)
     deviation: FloatArray  # (p,), standard deviations; 0 where held at zero
+    log_evidence: float  # log-likelihood of the data under the tolerance, plus a constant
 
 
 def fit_consistent(
@@ -84,7 +90,9 @@ def fit_consistent(
         negative = positive & ~held & (phi < 0)
         released = held & ~absent & (problem.gradient(phi) < -_RELEASE)
         if not negative.any() and not released.any():
-            return ConsistentFit(phi, problem.deviation(phi, ~held))
+            return ConsistentFit(
+                phi, problem.deviation(phi, ~held), problem.log_evidence(phi, ~absent)
+            )
         held = (held | negative) if negative.any() else (held & ~released)
     raise DivergedError("the friction parameters found no consistent set of signs")
 
@@ -99,6 +107,7 @@ class _Problem:
         self.nominal_inverse = [
             np.linalg.inv(pseudo_inertia(nominal[_of(i)])) for i in range(links)
         ]
+        self.nominal_logdet = [np.linalg.slogdet(inverse)[1] for inverse in self.nominal_inverse]
         self.ridge = np.zeros(nominal.size)
         self.ridge[PER_LINK * self.links :] = _WEAKEST_PRIOR
 
@@ -110,7 +119,7 @@ class _Problem:
             sign, logdet = np.linalg.slogdet(J)
             if sign <= 0 or np.linalg.eigvalsh(J)[0] <= 0:
                 return np.inf
-            cost += self.precision * (np.sum(inverse * J) - logdet)
+            cost += self.precision * (np.sum(inverse * J) - logdet - self.nominal_logdet[i] - 4)
         return float(cost)
 
     def gradient(self, phi: FloatArray) -> FloatArray:
@@ -132,8 +141,25 @@ class _Problem:
         """Return the standard deviation of each parameter (p,) at the minimum."""
         deviation = np.zeros(phi.size)
         H, scale = self._scaled(phi, free)
-        deviation[free] = scale * np.sqrt(np.diag(np.linalg.inv(H)))
+        inverse = np.linalg.inv(H)
+        prior = self.hessian(phi) - self.data.gram
+        spread = (self.data.spread + prior)[np.ix_(free, free)] * np.outer(scale, scale)
+        deviation[free] = scale * np.sqrt(np.sum((inverse @ spread) * inverse, axis=1))
         return deviation
+
+    def log_evidence(self, phi: FloatArray, present: NDArray[np.bool_]) -> float:
+        """Integrate likelihood and prior over the parameters by Laplace's approximation.
+
+        The prior of one link has the normaliser exp(4 a) a^(-4 b) Γ₄(b), with a = 1 / tolerance²
+        and b = a + 5/2. Parameters held at zero count with the curvature they have there, so that
+        the evidence does not jump when one is released.
+        """
+        a = self.precision
+        b = a + 2.5
+        log_gamma = 3 * log(pi) + sum(lgamma(b - k / 2) for k in range(4))
+        normaliser = 4 * a - 4 * b * log(a) + log_gamma
+        H = self.hessian(phi)[np.ix_(present, present)]
+        return -self.value(phi) - self.links * normaliser - 0.5 * float(np.linalg.slogdet(H)[1])
 
     def _scaled(self, phi: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
         """Return the Hessian with a diagonal of ones, and the scale that made it so."""

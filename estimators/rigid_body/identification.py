@@ -24,11 +24,13 @@ from limo_driver.physics import Simulation
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
-INERTIA_TOLERANCE = 0.3  # relative, of inertias in a URDF
+TOLERANCES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # relative, of inertias in a URDF
 _SIGNIFICANT = 3.0  # standard deviations below which an armature is left out
 _NEGLIGIBLE = 1e-3  # [N m], an error that no sensor shows
 _MUCH_WORSE = 1.1  # ratio of errors above which a consistent fit is worth a warning
@@ -68,6 +70,7 @@ class Identification:
     fit: BaseFit  # of the base parameters
     simulation: Simulation  # physically consistent
     rmse_consistent: FloatArray  # (n,) [N m], in sample
+    tolerance: float  # relative standard deviation of the nominal inertias, given or found
     estimates: tuple[TermEstimate, ...]
     links: tuple[LinkChange, ...]
     samples: int
@@ -79,7 +82,7 @@ def identify(
     recordings: Sequence[Recording],
     terms: JointTerms | None = None,
     rows: Rows | None = None,
-    tolerance: float = INERTIA_TOLERANCE,
+    tolerance: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Identification:
     """Identify a robot.
@@ -90,7 +93,8 @@ def identify(
         terms: What is modelled beside the inertias.
         rows: Which rows are used, and the bandwidth.
         tolerance: Relative standard deviation of the nominal inertias; what the motion does not
-            reveal stays there.
+            reveal stays there. Without one, that of `TOLERANCES` under which the data are most
+            likely.
         progress: Called with the number of samples done since the last call.
 
     Raises:
@@ -104,7 +108,12 @@ def identify(
     )
     equations, terms = choice.equations, choice.terms
     fit = fit_base(equations, base, nominal)
-    consistent = _consistent(model.n, terms, equations, fit, nominal, tolerance)
+    spread, _ = equations.weighted(fit.weight**2 * fit.row_variance)
+    data = Quadratic(*equations.weighted(fit.weight), spread)
+    bodies = _Bodies(model.n, terms, data, nominal)
+    if tolerance is None:
+        tolerance = max(TOLERANCES, key=lambda value: bodies.fit(value).log_evidence)
+    consistent = bodies.fit_significant(tolerance)
     estimates = _estimates(model.n, terms, consistent)
     rmse = equations.rmse(consistent.parameters)
     return Identification(
@@ -115,6 +124,7 @@ def identify(
         fit,
         _simulation(model, terms, consistent),
         rmse,
+        tolerance,
         estimates,
         _changes(model, consistent),
         sum(len(recording) for recording in recordings),
@@ -128,29 +138,37 @@ def nominal_parameters(model: RobotModel, terms: JointTerms) -> FloatArray:
     return np.concatenate([*links, np.zeros(model.n * len(terms.all()))])
 
 
-def _consistent(
-    n: int,
-    terms: JointTerms,
-    equations: NormalEquations,
-    fit: BaseFit,
-    nominal: FloatArray,
-    tolerance: float,
-) -> ConsistentFit:
-    """Fit with the weights of the base fit, then once more without insignificant armatures.
+@dataclass(frozen=True)
+class _Bodies:
+    """Bodies that can exist, and what they are fitted to."""
 
-    An armature that torque alone cannot tell from a link's inertia can be told by the nominal
-    inertia: what exceeds it beyond its tolerance is the drive's.
-    """
-    weight = fit.weight * equations.independent
-    data = Quadratic(*equations.weighted(weight))
-    positive = np.zeros(nominal.size, dtype=bool)
-    positive[PER_LINK * n :] = np.repeat([term.positive for term in terms.all()], n)
-    absent = np.zeros(nominal.size, dtype=bool)
-    result = fit_consistent(data, nominal, n, tolerance, positive, absent)
-    if not terms.armature:
-        return result
-    absent[-n:] = result.parameters[-n:] <= _SIGNIFICANT * result.deviation[-n:]
-    return fit_consistent(data, nominal, n, tolerance, positive, absent)
+    n: int
+    terms: JointTerms
+    data: Quadratic
+    nominal: FloatArray  # (p,)
+
+    def fit(self, tolerance: float, absent: NDArray[np.bool_] | None = None) -> ConsistentFit:
+        """Fit under one tolerance, with some parameters (p,) held at zero."""
+        positive = np.zeros(self.nominal.size, dtype=bool)
+        positive[PER_LINK * self.n :] = np.repeat(
+            [term.positive for term in self.terms.all()], self.n
+        )
+        absent = np.zeros_like(positive) if absent is None else absent
+        return fit_consistent(self.data, self.nominal, self.n, tolerance, positive, absent)
+
+    def fit_significant(self, tolerance: float) -> ConsistentFit:
+        """Fit, then once more without insignificant armatures.
+
+        An armature that torque alone cannot tell from a link's inertia can be told by the nominal
+        inertia: what exceeds it beyond its tolerance is the drive's.
+        """
+        result = self.fit(tolerance)
+        if not self.terms.armature:
+            return result
+        drives = slice(-self.n, None)
+        absent = np.zeros(self.nominal.size, dtype=bool)
+        absent[drives] = result.parameters[drives] <= _SIGNIFICANT * result.deviation[drives]
+        return self.fit(tolerance, absent)
 
 
 def _simulation(model: RobotModel, terms: JointTerms, fit: ConsistentFit) -> Simulation:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _ROUNDS = 20  # of reweighting, at most
 _SETTLED = 1e-3  # relative change of the errors that ends it
 _WIDEST = 100.0  # standard deviation of any base parameter before the data [SI]
+_COARSE = 100.0  # independent rows that a wrong model is worth at most
 _SMALLEST_ERROR = 1e-6  # of the torque's root mean square, so that exact data keep finite weights
 
 
@@ -24,9 +25,11 @@ class BaseFit:
     """Base parameters fitted to recordings."""
 
     parameters: FloatArray  # (b,)
-    covariance: FloatArray  # (b, b)
+    covariance: FloatArray  # (b, b), with errors correlated in time as they are
+    effective: FloatArray  # (n,), independent rows that each joint's rows are worth
     rmse: FloatArray  # (n,) [N m], in sample
-    weight: FloatArray  # (n,) [1/(N m)²], that each joint's equations had
+    weight: FloatArray  # (n,) [1/(N m)²], of each row of a joint beside a prior
+    row_variance: FloatArray  # (n,) [N² m²], of a row's error, as if rows were independent
     condition: float  # of the column-scaled regressor; inf if a parameter is not excited
     excited: int  # base parameters that the motion reveals
 
@@ -41,26 +44,38 @@ def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArr
         base: Base parameters of the robot.
         nominal: Full parameters (p,) known beforehand, for example from CAD.
     """
-    start = base.reduce(nominal)
-    scale_of_torque = np.sqrt(equations.energy / np.maximum(equations.count, 1))
-    floor = np.maximum(_SMALLEST_ERROR * scale_of_torque, 1e-12)
-    weight = 1.0 / np.maximum(scale_of_torque, 1e-12) ** 2
-    solution = _solve(equations, base, start, weight)
-    rmse = equations.rmse(base.expand(solution.parameters))
-    for _ in range(_ROUNDS if equations.weighting == "error" else 0):
-        weight = 1.0 / np.maximum(rmse, floor) ** 2
-        solution = _solve(equations, base, start, weight)
-        before, rmse = rmse, equations.rmse(base.expand(solution.parameters))
-        if np.all(np.abs(rmse - before) <= _SETTLED * before + floor):
-            break
+    found = _reweighted(equations, base, nominal)
+    solution, weight = found.solution, found.weight
+    effective = equations.effective_rows(base.expand(solution.parameters))
+    share = np.maximum(effective, 1e-300) / np.maximum(equations.count, 1)
+    row_variance = found.rmse**2 / share
+    of_score, _ = equations.weighted(weight**2 * row_variance)
+    spread = of_score[np.ix_(base.independent, base.independent)] + np.eye(base.rank) / _WIDEST**2
+    scale = effective.sum() / float(weight * found.rmse**2 @ effective)
+    trusted = _trusted(effective, equations.thinned.use.sum(axis=0))
     return BaseFit(
         solution.parameters,
-        solution.inverse / equations.independent,
-        rmse,
-        weight,
+        solution.inverse @ spread @ solution.inverse,
+        effective,
+        found.rmse,
+        weight * share * scale * trusted,
+        row_variance,
         solution.condition,
         solution.excited,
     )
+
+
+def _trusted(effective: FloatArray, thinned: FloatArray) -> FloatArray:
+    """Return the power at which each joint's likelihood stands beside a prior, (n,).
+
+    Errors that last are what the model lacks, and no number of rows makes the model right: a
+    likelihood of N rows that holds only up to a small relative entropy counts as one of
+    alpha N / (alpha + N). Errors that do not last leave N as it is.
+
+    Source: Miller and Dunson, "Robust Bayesian inference via coarsening", JASA 2019, eq. (3).
+    """
+    lasting = 1.0 - effective / np.maximum(thinned, 1)
+    return 1.0 / (1.0 + effective * lasting / _COARSE)
 
 
 @dataclass(frozen=True)
@@ -77,11 +92,35 @@ def choose_sign_widths(
     """Fit with each width for all joints, and take the best of each joint."""
     n = equations.count.size
     errors = [
-        fit_base(equations.choose(terms, [index] * n), base, nominal).rmse
+        _reweighted(equations.choose(terms, [index] * n), base, nominal).rmse
         for index in range(len(terms.sign_widths))
     ]
     choice = tuple(np.argmin(errors, axis=0).tolist())
     return WidthChoice(equations.choose(terms, choice), terms.with_choice(choice))
+
+
+@dataclass(frozen=True)
+class _Weighted:
+    solution: _Solution
+    weight: FloatArray  # (n,) [1/(N m)²]
+    rmse: FloatArray  # (n,) [N m]
+
+
+def _reweighted(equations: NormalEquations, base: BaseParameters, nominal: FloatArray) -> _Weighted:
+    """Solve, and where joints count by their errors, solve again until these settle."""
+    start = base.reduce(nominal)
+    scale_of_torque = np.sqrt(equations.energy / np.maximum(equations.count, 1))
+    floor = np.maximum(_SMALLEST_ERROR * scale_of_torque, 1e-12)
+    weight = 1.0 / np.maximum(scale_of_torque, 1e-12) ** 2
+    solution = _solve(equations, base, start, weight)
+    rmse = np.maximum(equations.rmse(base.expand(solution.parameters)), floor)
+    for _ in range(_ROUNDS if equations.weighting == "error" else 0):
+        weight = 1.0 / rmse**2
+        solution = _solve(equations, base, start, weight)
+        before, rmse = rmse, np.maximum(equations.rmse(base.expand(solution.parameters)), floor)
+        if np.all(np.abs(rmse - before) <= _SETTLED * before):
+            break
+    return _Weighted(solution, weight, rmse)
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.differentiation import smooth
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.model import RobotModel
     from limo_driver.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, Motion
 
 CHUNK = 1024  # samples whose regressor is held at a time; it stays in the processor's cache
 BLOCK = 65536  # samples filtered at a time
@@ -70,7 +70,8 @@ class NormalEquations:
     product: FloatArray  # (n, p), Σ y tau
     energy: FloatArray  # (n,), Σ tau² [N² m²]
     count: FloatArray  # (n,), rows
-    independent: float  # share of rows that say something new: 2 bandwidth / sampling rate
+    thinned: ThinnedRows  # a few of the rows, with the same columns
+    chain: Chain
     weighting: str  # of the joints, as in `Rows`
 
     def weighted(self, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -83,17 +84,25 @@ class NormalEquations:
         error = self.energy - 2 * self.product @ parameters + explained @ parameters
         return np.sqrt(np.maximum(error, 0.0) / np.maximum(self.count, 1))
 
+    def effective_rows(self, parameters: FloatArray) -> FloatArray:
+        """Return how many independent rows each joint's are worth, (n,), by their errors."""
+        mean = self.gram / np.maximum(self.count, 1)[:, None, None]
+        return effective_rows(self.chain, self.thinned, mean, parameters)
+
     def choose(self, terms: JointTerms, choice: Sequence[int]) -> NormalEquations:
         """Return the equations with one sign width, by its index, for each joint."""
         n = self.count.size
         links, own = PER_LINK * n, len(terms.all())
-        at = np.arange(links + own * n)
-        coulomb = links + n * [term.effect for term in terms.all()].index("coulomb_friction")
-        for j, index in enumerate(choice):
-            if index:
-                at[coulomb + j] = links + n * (own + index - 1) + j
-        gram = self.gram[:, at[:, None], at[None, :]]
-        return replace(self, gram=gram, product=self.product[:, at])
+        columns = np.tile(np.arange(own), (n, 1))
+        coulomb = [term.effect for term in terms.all()].index("coulomb_friction")
+        columns[:, coulomb] = [own + index - 1 if index else coulomb for index in choice]
+        at = np.concatenate([np.arange(links), (links + n * columns.T + np.arange(n)).ravel()])
+        return replace(
+            self,
+            gram=self.gram[:, at[:, None], at[None, :]],
+            product=self.product[:, at],
+            thinned=self.thinned.choose(columns),
+        )
 
 
 def accumulate(
@@ -116,18 +125,18 @@ def accumulate(
         RecordingError: A recording is of another robot, or no row is left.
     """
     sums = _Sums(model, terms)
-    samples, new = 0, 0.0
     for recording in recordings:
         recording.check_robot(model)
         for done in sums.add(recording, rows):
             if progress is not None:
                 progress(done)
-        samples += len(recording)
-        new += len(recording) * min(1.0, 2 * rows.bandwidth / recording.rate)
     if not sums.count.any():
         raise RecordingError("no row is left to fit to: nothing moves, or the stretches are short")
     gram, product = sums.symmetric()
-    return NormalEquations(gram, product, sums.energy, sums.count, new / samples, rows.weighting)
+    thinned = ThinnedRows.joined(sums.thinned)
+    return NormalEquations(
+        gram, product, sums.energy, sums.count, thinned, sums.chain, rows.weighting
+    )
 
 
 class _Sums:
@@ -143,6 +152,7 @@ class _Sums:
         self.gram = [np.zeros((width - PER_LINK * j, width - PER_LINK * j)) for j in range(self.n)]
         self.product = [np.zeros(width - PER_LINK * j) for j in range(self.n)]
         self.energy, self.count = np.zeros(self.n), np.zeros(self.n)
+        self.thinned: list[ThinnedRows] = []
         self._Y = np.zeros((self.n, CHUNK, width))
 
     def add(self, recording: Recording, rows: Rows) -> Iterator[int]:
@@ -152,26 +162,31 @@ class _Sums:
         """
         halo = int(np.ceil(_MEMORY / rows.bandwidth * recording.rate))
         inside = ~recording.edges(rows.bandwidth)
+        in_time = blocks_of(recording)
         for start in range(0, len(recording), BLOCK):
             stop = min(start + BLOCK, len(recording))
             first = max(0, start - halo)
-            piece = recording[first : min(stop + halo, len(recording))]
-            use = np.zeros(len(piece), dtype=bool)
+            last = min(stop + halo, len(recording))
+            use = np.zeros(last - first, dtype=bool)
             use[start - first : stop - first] = inside[start:stop]
-            self._add_block(piece, use, rows)
+            self._add_block(recording[first:last], use, in_time[first:last], rows)
             yield stop - start
 
-    def _add_block(self, piece: Recording, use: NDArray[np.bool_], rows: Rows) -> None:
-        motion = piece.motion(rows.bandwidth)
-        own = self._own_columns(piece, motion, rows.bandwidth)[use]
+    def _add_block(
+        self, piece: Recording, use: NDArray[np.bool_], in_time: NDArray[np.int64], rows: Rows
+    ) -> None:
+        smoothed = piece.motion(rows.bandwidth)
+        own = self._own_columns(piece, smoothed, rows.bandwidth)[use]
         torque = piece.filtered_torque(rows.bandwidth)[use]
-        motion = Motion(
-            motion.time[use], motion.position[use], motion.velocity[use], motion.acceleration[use]
-        )
+        motion = smoothed[np.flatnonzero(use)]
         count = (np.abs(motion.velocity) > MOVING) | (not rows.moving_only)
         for start in range(0, len(motion), CHUNK):
             chunk = slice(start, start + CHUNK)
             self._add_chunk(motion[chunk], own[chunk], torque[chunk], count[chunk])
+        few = np.arange(0, len(motion), max(1, int(piece.rate / (2 * rows.bandwidth))))
+        self.thinned.append(
+            ThinnedRows(motion[few], own[few], torque[few], count[few], in_time[use][few])
+        )
 
     def _own_columns(self, piece: Recording, motion: Motion, bandwidth: float) -> FloatArray:
         """Return the joint terms' columns, then the sign of every further width, (T, n, own).

@@ -65,6 +65,8 @@ def as_values(found: Identification) -> dict[str, Any]:
         "base_parameters": found.base.rank,
         "excited": found.fit.excited,
         "condition": found.fit.condition,
+        "effective_rows": found.fit.effective.tolist(),
+        "inertia_tolerance": found.tolerance,
         "rmse": {
             "base_parameters": found.fit.rmse.tolist(),
             "consistent": found.rmse_consistent.tolist(),

@@ -38,9 +38,12 @@ def command(  # one argument for each option
         str, typer.Option(help="Weigh joints by the inverse variance of: error, torque.")
     ] = "error",
     inertia_tolerance: Annotated[
-        float,
-        typer.Option(help="How well the robot's inertias are known (relative, 1 sigma)."),
-    ] = 0.3,
+        float | None,
+        typer.Option(
+            help="How well the robot's inertias are known, relative, 1 sigma; "
+            "found from the data if not given."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Identify inertias and friction, and write them as a simulation.
@@ -92,7 +95,7 @@ def _identify(
     measured: list[Recording],
     terms: JointTerms,
     rows: Rows,
-    tolerance: float,
+    tolerance: float | None,
     console: Console,
 ) -> Identification:
     from rich.progress import Progress
@@ -130,6 +133,12 @@ def _show(found: Identification, out: Path) -> None:
     console.print(
         f"{found.samples} samples; {found.fit.excited} of {found.base.rank} base parameters "
         f"excited; condition {found.fit.condition:.3g}",
+        highlight=False,
+    )
+    fewest = int(found.fit.effective.min())
+    console.print(
+        f"errors are correlated: a joint's rows are worth {fewest} independent ones at least; "
+        f"inertias of the description are held to {found.tolerance:.0%} (1 sigma)",
         highlight=False,
     )
     console.print(joint_table(found))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -39,7 +38,7 @@ def command(
 
     simulation, measured = Simulation.load(sim), Recording.load(recording)
     measured.check_robot(simulation.model)
-    torque = predict_segments(simulation, measured, bandwidth)
+    torque = simulation.predict_recording(measured, bandwidth)
     write_torque(measured, torque, out)
     left_out = {item.reason: len(item.rows) for item in measured.left_out}
     if as_json:
@@ -53,14 +52,6 @@ def command(
         notes.print(f"{recording}: {warning}", markup=False)
     for reason, count in left_out.items():
         notes.print(f"{recording}: {count} rows left out: {reason}", markup=False)
-
-
-def predict_segments(simulation: Simulation, recording: Recording, bandwidth: float) -> FloatArray:
-    """Predict every contiguous segment with memory that starts relaxed; (T, n) [N m]."""
-    import numpy as np
-
-    motion = recording.motion(bandwidth)
-    return np.concatenate([simulation.predict(motion[rows]) for rows in recording.segments])
 
 
 def write_torque(recording: Recording, torque: FloatArray, path: Path) -> None:

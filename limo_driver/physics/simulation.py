@@ -18,6 +18,8 @@ from limo_driver.types import FloatArray, JointSample, Motion
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from limo_driver.recording import Recording
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -100,6 +102,23 @@ class Simulation:
         """
         torque, _ = self.advance(self.init(), motion)
         return torque
+
+    def predict_recording(self, recording: Recording, bandwidth: float = 10.0) -> FloatArray:
+        """Predict the noise-free torque of a recorded motion; memory starts anew after each gap.
+
+        Args:
+            recording: Measured motion; its torque is not looked at.
+            bandwidth: Of the zero-phase differentiator [Hz].
+
+        Returns:
+            Joint torques, (T, n) [N m].
+
+        Raises:
+            ShapeError: The recording has another number of joints.
+            RecordingError: The bandwidth is too high for the sampling rate.
+        """
+        motion = recording.motion(bandwidth)
+        return np.concatenate([self.predict(motion[rows]) for rows in recording.segments])
 
     def init(self) -> tuple[State, ...]:
         """Return the memory of all effects before the first sample."""

@@ -16,6 +16,7 @@ from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics import (
     Armature,
     CoulombFriction,
+    PreslidingHysteresis,
     Simulation,
     TorqueOffset,
     ViscousFriction,
@@ -66,8 +67,28 @@ def sinusoids(n, T, seed, largest=0.5):
     return Motion(t, position, velocity, acceleration)
 
 
-def record(simulation, T=6000, seed=0, noise=NOISE):
-    motion = sinusoids(simulation.model.n, T, seed)
+def explore(poses, seed):
+    """Move like a locally isotropic plan: small sinusoids about poses, and reaches between."""
+    random = np.random.default_rng(seed)
+    at = random.uniform(-1.2, 1.2, (poses, 7))
+    s = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 250))[:, None]
+    t = np.arange(1500)[:, None] / RATE
+    fade = np.minimum(1.0, np.minimum(t, t[::-1]))
+    parts = []
+    for here, there in zip(at, np.roll(at, -1, axis=0), strict=True):
+        sway = sum(
+            random.uniform(0.01, 0.05, 7)
+            * np.sin(2 * np.pi * random.uniform(0.1, 0.6, 7) * t + random.uniform(0, 6.28, 7))
+            for _ in range(3)
+        )
+        parts += [here + fade**2 * (3 - 2 * fade) * sway, here + s * (there - here)]
+    position = np.concatenate(parts)
+    time = np.arange(len(position)) / RATE
+    return Recording(time, position, np.zeros_like(position)).motion(10.0)
+
+
+def record(simulation, T=6000, seed=0, noise=NOISE, motion=None):
+    motion = sinusoids(simulation.model.n, T, seed) if motion is None else motion
     torque = simulation.predict(motion)
     torque = torque + noise * np.random.default_rng(seed + 100).standard_normal(torque.shape)
     return Recording.from_arrays(motion.time, motion.position, torque)
@@ -177,6 +198,67 @@ def test_moved_masses_are_found_as_bodies_that_exist(iiwa):
     nominal = Simulation("iiwa14", FRICTION).predict(held_out) - simulation.predict(held_out)
     assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(nominal**2))
     assert all(body.is_consistent() for body in found.simulation.inertials.values())
+    assert found.tolerance >= 0.1
+
+
+@pytest.fixture(scope="module")
+def hysteretic():
+    stiffness = (300.0, 330.0, 220.0, 230.0, 120.0, 60.0, 50.0)
+    memory = (
+        PreslidingHysteresis(joint=j, stiffness=(s, s / 4), width=(0.002, 0.02))
+        for j, s in enumerate(stiffness, 1)
+    )
+    return (*FRICTION, *memory)
+
+
+@pytest.mark.parametrize("seed", [None, 3, 5])  # the fixed frequencies of sinusoids are harder
+def test_hysteresis_does_not_pull_masses(iiwa, hysteretic, seed):
+    motion = None if seed is None else explore(8, seed)
+    found = identify(iiwa, [record(Simulation("iiwa14", hysteretic), motion=motion)])
+    assert found.fit.rmse.max() > 10 * NOISE  # what is not explained is not the noise
+    assert found.tolerance <= 0.05
+    for link in found.links:
+        assert link.mass == pytest.approx(link.mass_nominal, rel=0.05)
+
+
+def test_a_changed_mass_is_found_beside_hysteresis(iiwa, hysteretic):
+    body = iiwa.inertials["link4"]
+    heavier = {"link4": Inertial(1.5 * body.mass, body.com, body.inertia)}
+    arm = Simulation("iiwa14", hysteretic, inertials=heavier)
+    found = {
+        link.link: link.mass / link.mass_nominal
+        for link in identify(iiwa, [record(arm, motion=explore(16, seed=5))]).links
+    }
+    assert found.pop("link4") == pytest.approx(1.5, abs=0.25)
+    assert found == pytest.approx(dict.fromkeys(found, 1.0), abs=0.15)
+
+
+def test_white_noise_leaves_as_many_rows_as_the_bandwidth_does(iiwa):
+    recording = record(Simulation("iiwa14", FRICTION), noise=0.5)
+    effective = identify(iiwa, [recording], PAPER, Rows(10.0)).fit.effective
+    assert effective == pytest.approx(np.full(7, 2 * 10.0 * recording.duration), rel=0.25)
+
+
+def test_deviations_hold_when_errors_last(iiwa):
+    T, memory = 12000, 0.5 * RATE  # samples
+    random = np.random.default_rng(7)
+    shocks = random.standard_normal((T, 7))
+    lasting = np.zeros((T, 7))
+    for t in range(1, T):
+        lasting[t] = lasting[t - 1] * (1 - 1 / memory) + shocks[t]
+    simulation = Simulation("iiwa14", FRICTION)
+    clean = record(simulation, T, noise=0.0)
+    torque = clean.torque + 0.5 * lasting / lasting.std()
+    recording = Recording.from_arrays(clean.time, clean.position, torque)
+    found = identify(iiwa, [recording], JointTerms((0.01,), armature=False), tolerance=0.02)
+    true = {(e.name, e.joint): e for e in FRICTION}
+    off = [
+        (item.value - getattr(true[item.effect, item.joint], item.parameter)) / item.deviation
+        for item in found.estimates
+        if item.effect != "torque_offset"
+    ]
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
+    assert np.all(found.fit.effective < 2 * 10.0 * recording.duration / 3)
 
 
 def test_what_the_motion_does_not_reveal_stays_at_the_description(iiwa):

@@ -78,13 +78,11 @@ def test_json_counts_the_rows(recording, predict):
 
 
 def test_memory_starts_anew_after_a_gap():
-    from limo_driver.cli.predict import predict_segments
-
     t = np.r_[np.arange(0, 3, 0.01), np.arange(5, 8, 0.01)]
     position = motion_of(t)
     both = Recording.from_arrays(t, position, np.zeros_like(position))
-    torque = predict_segments(SIMULATION, both, 10.0)
-    np.testing.assert_allclose(torque[300:], predict_segments(SIMULATION, both[300:], 10.0))
+    torque = SIMULATION.predict_recording(both)
+    np.testing.assert_allclose(torque[300:], SIMULATION.predict_recording(both[300:]))
 
 
 @pytest.mark.parametrize(

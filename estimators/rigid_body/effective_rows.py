@@ -1,0 +1,129 @@
+"""How many rows a recording is worth: fewer than it has, since errors are correlated in time.
+
+What the model does not explain (hysteresis above all) lasts for a second where noise lasts for a
+sample. A fit that took every row for new evidence would trust the data far too much: it would move
+masses by kilograms to explain what is friction. So each joint's rows are divided by their design
+effect, the mean over all directions of the parameters of
+
+    variance of the estimate with correlated errors / with independent errors
+    = 1/rank Σ_b u_bᵀ A⁺ u_b / σ²,    u_b = Σ_{t in b} y_t e_t,    A = Σ_t y_t y_tᵀ,
+
+with errors e, regressor rows y, and blocks b of time that are longer than the errors remember.
+
+Source: Rao and Scott, "The analysis of categorical data from complex sample surveys", JASA 1981
+(the mean design effect); Liang and Zeger, "Longitudinal data analysis using generalized linear
+models", Biometrika 1986 (the variance from blocks).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.types import FloatArray, Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.rigid_body.regressor import Chain
+    from limo_driver.recording import Recording
+
+REMEMBERED = 2.0  # [s], that errors are correlated at most
+_TOLD_APART = 1e-6  # least eigenvalue of a correlation matrix that counts as a direction
+_CHUNK = 1024  # rows whose regressor is held at a time
+
+
+@dataclass(frozen=True)
+class ThinnedRows:
+    """Rows so far apart that white noise within the bandwidth would be independent."""
+
+    motion: Motion  # T samples
+    own: FloatArray  # (T, n, own), columns of the joint terms
+    torque: FloatArray  # (T, n) [N m]
+    use: NDArray[np.bool_]  # (T, n)
+    block: NDArray[np.int64]  # (T,), counts blocks of time
+
+    @classmethod
+    def joined(cls, parts: Sequence[ThinnedRows]) -> ThinnedRows:
+        """Join rows of several blocks or recordings; their blocks stay apart."""
+        new = [np.diff(part.block, prepend=-1) != 0 for part in parts]
+        return cls(
+            Motion(
+                np.concatenate([part.motion.time for part in parts]),
+                np.concatenate([part.motion.position for part in parts]),
+                np.concatenate([part.motion.velocity for part in parts]),
+                np.concatenate([part.motion.acceleration for part in parts]),
+            ),
+            np.concatenate([part.own for part in parts]),
+            np.concatenate([part.torque for part in parts]),
+            np.concatenate([part.use for part in parts]),
+            np.cumsum(np.concatenate(new)) - 1,
+        )
+
+    def choose(self, columns: NDArray[np.int64]) -> ThinnedRows:
+        """Return the rows with some of the joint terms' columns, (n, terms) for each joint."""
+        return replace(self, own=np.take_along_axis(self.own, columns[None], axis=2))
+
+
+def blocks_of(recording: Recording) -> NDArray[np.int64]:
+    """Count blocks of `REMEMBERED` seconds, none across a gap; (T,)."""
+    count = np.floor((recording.time - recording.time[0]) / REMEMBERED)
+    new = np.diff(count, prepend=count[0]) != 0
+    new[[rows.start for rows in recording.segments[1:]]] = True
+    return np.cumsum(new)
+
+
+def effective_rows(
+    chain: Chain, rows: ThinnedRows, gram: FloatArray, parameters: FloatArray
+) -> FloatArray:
+    """Return the number of independent rows that each joint's rows are worth, (n,).
+
+    Args:
+        chain: The arm.
+        rows: Thinned rows.
+        gram: Mean outer product of each joint's regressor, (n, p, p).
+        parameters: Full parameters (p,) whose errors count.
+    """
+    n, terms = chain.n, rows.own.shape[2]
+    columns = [
+        np.r_[PER_LINK * j : PER_LINK * n, PER_LINK * n + j + n * np.arange(terms)]
+        for j in range(n)
+    ]
+    scores = [np.zeros((int(rows.block.max(initial=-1)) + 1, at.size)) for at in columns]
+    energy = np.zeros(n)
+    Y = np.zeros((n, _CHUNK, PER_LINK * n + terms))
+    for start in range(0, len(rows.motion), _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        block = rows.block[chunk]
+        starts = np.flatnonzero(np.diff(block, prepend=-1))
+        chain.fill(rows.motion[chunk], Y)
+        Y[:, : block.size, PER_LINK * n :] = rows.own[chunk].transpose(1, 0, 2)
+        for j, at in enumerate(columns):
+            y = Y[j, : block.size, PER_LINK * j :]
+            error = (rows.torque[chunk, j] - y @ parameters[at]) * rows.use[chunk, j]
+            scores[j][block[starts]] += np.add.reduceat(y * error[:, None], starts)
+            energy[j] += error @ error
+    count = rows.use.sum(axis=0)
+    effect = [
+        _design_effect(scores[j], gram[j][np.ix_(at, at)] * energy[j])
+        for j, at in enumerate(columns)
+    ]
+    return count / np.maximum(effect, 1.0)
+
+
+def _design_effect(scores: FloatArray, expected: FloatArray) -> float:
+    """Compare scores (b, k) with the covariance (k, k) of their sum if errors were independent."""
+    scale = np.sqrt(np.diag(expected))
+    known = scale > 0
+    correlation = expected[np.ix_(known, known)] / np.outer(scale[known], scale[known])
+    values, vectors = np.linalg.eigh(correlation)
+    apart = values > _TOLD_APART
+    if not apart.any():
+        return 1.0
+    whitened = (scores[:, known] / scale[known]) @ vectors[:, apart] / np.sqrt(values[apart])
+    return float(np.sum(whitened**2)) / int(apart.sum())
