@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
 import mujoco
 import numpy as np
-from numba import njit, types
+from numba import carray, njit, types
+from numba.extending import intrinsic
 
 from backends.mujoco_sim import layout as row
 from backends.mujoco_sim.drives import compliant, deflection, multiply, part, saturate, servo_torque
@@ -40,109 +41,153 @@ _step2 = types.ExternalFunction("mj_step2", types.void(types.uintp, types.uintp)
 _SMALLEST = 1e-30  # [rad/s]
 
 
-def advance(
-    model: int,
-    data: int,
-    arrays: Arrays,
-    plant: Plant,
-    servo: Servo,
-    memory: FloatArray,
-    mode: int,
-    targets: FloatArray,
-    command: FloatArray,
-    added: FloatArray,
-    noise: FloatArray,
-    log: FloatArray,
-) -> bool:
-    """Run one control cycle for each row of `targets`.
+class Engine:
+    """The compiled loop, bound to one arm.
+
+    The loop gets addresses: an array takes compiled code longer to receive than to use, and a
+    cycle uses thirty. All arrays are changed in place, by either side, and never replaced.
 
     Args:
-        model: Address of MuJoCo's model.
-        data: Address of MuJoCo's data.
+        model: MuJoCo's model, kept alive here, since only its address goes on.
+        data: MuJoCo's data.
         arrays: Its arrays.
         plant: Joint physics.
         servo: Drives and sensors.
-        memory: What the robot remembers, (9, n); advanced in place.
-        mode: Control mode in force in these cycles.
-        targets: Position set-point of each cycle, (T, n) [rad].
+        memory: What the robot remembers, (9, n).
         command: Other rows of the command, (4, n).
         added: What effects without a native form add, (4, n).
-        noise: Noise of the torque sensor, (T, n) [N m].
-        log: Written: what was measured and what was true in each cycle, (T, 7, n).
-
-    Returns:
-        Whether all joints are still in the finite numbers.
     """
-    # Named tuples of arrays take 25 µs to pass to compiled code, their fields 5 µs.
-    return _advance_fields(
-        model, data, *arrays, *plant, *servo, memory, mode, targets, command, added, noise, log
-    )
+
+    def __init__(
+        self,
+        model: Any,  # noqa: ANN401  # MuJoCo has no stubs
+        data: Any,  # noqa: ANN401
+        arrays: Arrays,
+        plant: Plant,
+        servo: Servo,
+        memory: FloatArray,
+        command: FloatArray,
+        added: FloatArray,
+    ) -> None:
+        sensors = (servo.torque_limit, servo.encoder_resolution, servo.torque_resolution)
+        self._tables = (*arrays, *plant, *sensors, memory, command, added)
+        if not all(table.flags.c_contiguous for table in self._tables):
+            raise ValueError("the arrays of the simulated arm have to be contiguous")
+        self._model, self._data = model, data
+        self._addresses = np.array([table.ctypes.data for table in self._tables])
+        self._sizes = (
+            memory.shape[1],
+            arrays.inertia.size,
+            plant.friction_joint.size,
+            plant.element_joint.size,
+        )
+        self._rates = (servo.period, servo.bandwidth, servo.integral_rate, servo.velocity_gain)
+
+    def advance(self, mode: int, targets: FloatArray, noise: FloatArray, log: FloatArray) -> bool:
+        """Run one control cycle for each row of `targets`.
+
+        Args:
+            mode: Control mode in force in these cycles.
+            targets: Position set-point of each cycle, (T, n) [rad].
+            noise: Noise of the torque sensor, (T, n) [N m].
+            log: Written: what was measured and what was true in each cycle, (T, 7, n).
+
+        Returns:
+            Whether all joints are still in the finite numbers.
+        """
+        return _advance_at(
+            self._model._address,  # MuJoCo's way to its C structures
+            self._data._address,
+            self._addresses,
+            self._sizes,
+            self._rates,
+            mode,
+            targets,
+            noise,
+            log,
+        )
+
+
+@intrinsic
+def _pointer(_context: Any, _address: Any) -> Any:  # noqa: ANN401  # numba's own types
+    """Turn an address into a pointer, of which `carray` makes an array."""
+
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:  # noqa: ANN401
+        return builder.inttoptr(values[0], context.get_value_type(types.voidptr))
+
+    return types.voidptr(types.int64), generate
+
+
+@part
+def _floats(address: int, size: int) -> FloatArray:
+    return carray(_pointer(address), size, np.float64)
+
+
+@part
+def _table(address: int, rows: int, columns: int) -> FloatArray:
+    return carray(_pointer(address), (rows, columns), np.float64)
+
+
+@part
+def _integers(address: int, size: int) -> NDArray[np.int64]:
+    return carray(_pointer(address), size, np.int64)
+
+
+@part
+def _short_integers(address: int, size: int) -> NDArray[np.int32]:
+    return carray(_pointer(address), size, np.int32)
 
 
 @njit(cache=True)
-def _advance_fields(
+def _advance_at(
     model: int,
     data: int,
-    position: FloatArray,
-    velocity: FloatArray,
-    control: FloatArray,
-    bias: FloatArray,
-    applied: FloatArray,
-    inertia: FloatArray,
-    row_size: NDArray[np.int32],
-    row_start: NDArray[np.int32],
-    column: NDArray[np.int32],
-    motor_inertia: FloatArray,
-    armature: FloatArray,
-    compliance: FloatArray,
-    cubic: FloatArray,
-    offset: FloatArray,
-    friction_joint: NDArray[np.int64],
-    friction_law: NDArray[np.int64],
-    friction_parameters: FloatArray,
-    element_joint: NDArray[np.int64],
-    element_stiffness: FloatArray,
-    element_width: FloatArray,
-    period: float,
-    bandwidth: float,
-    integral_rate: float,
-    torque_limit: FloatArray,
-    velocity_gain: float,
-    encoder_resolution: FloatArray,
-    torque_resolution: FloatArray,
-    memory: FloatArray,
+    at: NDArray[np.int64],
+    sizes: tuple[int, int, int, int],
+    rates: tuple[float, float, float, float],
     mode: int,
     targets: FloatArray,
-    command: FloatArray,
-    added: FloatArray,
     noise: FloatArray,
     log: FloatArray,
 ) -> bool:
+    """Find the tables at their addresses, in the order of `Engine`, and advance."""
+    n, entries, frictions, elements = sizes
+    period, bandwidth, integral_rate, velocity_gain = rates
     arrays = Arrays(
-        position, velocity, control, bias, applied, inertia, row_size, row_start, column
+        _floats(at[0], n),
+        _floats(at[1], n),
+        _floats(at[2], n + elements),
+        _floats(at[3], n),
+        _floats(at[4], n),
+        _floats(at[5], entries),
+        _short_integers(at[6], n),
+        _short_integers(at[7], n),
+        _short_integers(at[8], entries),
     )
     plant = Plant(
-        motor_inertia,
-        armature,
-        compliance,
-        cubic,
-        offset,
-        friction_joint,
-        friction_law,
-        friction_parameters,
-        element_joint,
-        element_stiffness,
-        element_width,
+        _floats(at[9], n),
+        _floats(at[10], n),
+        _floats(at[11], n),
+        _floats(at[12], n),
+        _floats(at[13], n),
+        _integers(at[14], frictions),
+        _integers(at[15], frictions),
+        _table(at[16], frictions, 3),
+        _integers(at[17], elements),
+        _floats(at[18], elements),
+        _floats(at[19], elements),
     )
     servo = Servo(
         period,
         bandwidth,
         integral_rate,
-        torque_limit,
+        _floats(at[20], n),
         velocity_gain,
-        encoder_resolution,
-        torque_resolution,
+        _floats(at[21], n),
+        _floats(at[22], n),
     )
+    memory, command = _table(at[23], row.MEMORY_ROWS, n), _table(at[24], 4, n)
+    added = _table(at[25], 4, n)
     return _advance(
         model, data, arrays, plant, servo, memory, mode, targets, command, added, noise, log
     )
@@ -163,7 +208,7 @@ def _advance(
     noise: FloatArray,
     log: FloatArray,
 ) -> bool:
-    """Do what `advance` says."""
+    """Do what `Engine.advance` says."""
     n = targets.shape[1]
     position, velocity, rate = np.empty(n), np.empty(n), np.empty(n)
     torque, damping, friction = np.empty(n), np.empty(n), np.empty(n)

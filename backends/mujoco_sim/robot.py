@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from backends.mujoco_sim import engine, layout
+from backends.mujoco_sim import layout
+from backends.mujoco_sim.engine import Engine
 from backends.mujoco_sim.realisation import draft_of
 from backends.mujoco_sim.sampled import SampledEffects
 from backends.mujoco_sim.scene import compile_model
@@ -119,6 +120,16 @@ class MujocoRobot(SimulatedRobot):
         )
         self._memory = np.zeros((layout.MEMORY_ROWS, n))
         self._command = np.zeros((4, n))
+        self._engine = Engine(
+            self._model,
+            self._data,
+            self._arrays,
+            self._plant,
+            self._servo,
+            self._memory,
+            self._command,
+            self._sampled.added,
+        )
         self._mode = layout.POSITION
         self._fresh = False  # the next position starts a stream
         self._settle(start_position(arm, initial_position))
@@ -203,20 +214,7 @@ class MujocoRobot(SimulatedRobot):
             self._sampled.acceleration = log[row, layout.TRUE_ACCELERATION].copy()
 
     def _run_engine(self, targets: FloatArray, noise: FloatArray, log: FloatArray) -> None:
-        finite = engine.advance(
-            self._model._address,  # MuJoCo's way to its C structures
-            self._data._address,
-            self._arrays,
-            self._plant,
-            self._servo,
-            self._memory,
-            self._mode,
-            targets,
-            self._command,
-            self._sampled.added,
-            noise,
-            log,
-        )
+        finite = self._engine.advance(self._mode, targets, noise, log)
         if not finite:
             raise BackendError("the simulation left the finite numbers; check effects and inertias")
 
