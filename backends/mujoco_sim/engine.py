@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import llvmlite.binding as llvm
 import mujoco
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, njit, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
 from backends.mujoco_sim import layout as row
@@ -108,6 +108,8 @@ class Engine:
         )
 
 
+# The checker does not see that numba passes the context itself.
+# pyright: reportCallIssue=false
 @intrinsic
 def _pointer(_context: Any, _address: Any) -> Any:  # noqa: ANN401  # numba's own types
     """Turn an address into a pointer, of which `carray` makes an array."""
