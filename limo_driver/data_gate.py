@@ -29,6 +29,7 @@ LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
 FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiated
 SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
 _IMPOSSIBLE = {"position": 50.0, "velocity": 1e3, "torque": 1e3}  # rad, rad/s, N m
+_IMPOSSIBLE_TIME = 10.0  # of the recording's length, from its middle
 _IMPOSSIBLE_EXTRA = 1e6  # of any other quantity
 _UNIT_HINT = {
     "position": "rad; is it in degrees or encoder counts?",
@@ -40,6 +41,7 @@ _DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says de
 _SPIKE_WINDOW = 7  # samples
 _SPIKE_FACTOR = 20.0  # over the 99th percentile of the deviation from the median
 _SPIKE_FLOOR = {"position": 0.05, "torque": 5.0}  # rad, N m
+_LISTED = 12  # stretches of rows that a message names
 _STILL = 2e-3  # [rad], range of a joint that does not move
 
 
@@ -49,6 +51,18 @@ class LeftOut:
 
     reason: str
     rows: tuple[int, ...]  # 0-based rows of the file
+
+    def __str__(self) -> str:
+        """Name the rows, as `3 rows left out: a value is impossible (rows 1-2, 7)`."""
+        rows = np.array(self.rows)
+        runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+        listed = [f"{run[0]}" if run.size == 1 else f"{run[0]}-{run[-1]}" for run in runs]
+        more = f" and {len(listed) - _LISTED} more stretches" if len(listed) > _LISTED else ""
+        many = "s" * (rows.size > 1)
+        return (
+            f"{rows.size} row{many} left out: {self.reason} "
+            f"(row{many} {', '.join(listed[:_LISTED])}{more})"
+        )
 
 
 @dataclass(frozen=True)
@@ -82,6 +96,7 @@ def inspect(columns: Columns) -> Findings:
     gate.leave_out("a value is missing or not finite", gate.not_finite())
     gate.leave_out("a value is impossible", gate.impossible())
     gate.leave_out("the time repeats that of the row before", gate.repeated())
+    gate.leave_out("a value is impossible", gate.impossible_time())
     fragments = gate.fragments()
     misplaced = gate.misplaced(fragments)
     gate.leave_out("the time does not increase", misplaced)
@@ -175,6 +190,18 @@ class _Gate:
         bounds = np.concatenate([[0], breaks, [time.size]])
         lengths = np.diff(bounds)
         return np.repeat(lengths < FEWEST_CONTIGUOUS, lengths)
+
+    def impossible_time(self) -> Mask:
+        """Mark rows of fragments whose time is far from where the recording can reach.
+
+        Longer runs far away are another session, not a corrupt value.
+        """
+        time = self.time
+        if time.size < FEWEST_SAMPLES:
+            return np.zeros(time.size, dtype=bool)
+        steps = np.abs(np.diff(time))
+        length = time.size * float(np.median(steps))
+        return self.fragments() & (np.abs(time - np.median(time)) > _IMPOSSIBLE_TIME * length)
 
     def misplaced(self, fragments: Mask) -> Mask:
         """Mark rows of fragments whose time does not lie between that of their neighbours."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _REQUIRED = ("position", "torque")
 _JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d*)")
 _LOG_SUFFIX = ".partial"
+_LONGEST_HEADER = 65536  # bytes
 
 
 def read_columns(path: Path) -> Columns:
@@ -71,29 +72,42 @@ def write_columns(columns: Columns, path: Path) -> None:
 
 def _read_table(path: Path) -> pa.Table:
     if not path.is_file():
-        raise RecordingError("no such file", path=path)
+        raise RecordingError("is a folder" if path.is_dir() else "no such file", path=path)
     try:
-        if path.suffix == _LOG_SUFFIX:
-            from limo_driver.recorder import read_log
-
-            return read_log(path)
-        if path.suffix.lower() in {".csv", ".txt"}:
-            return _read_csv(path)
-        import pyarrow.parquet as pq
-
-        return pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
+        table = _read_format(path)
+        names = [name.strip() for name in table.column_names]
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         reason = str(error).splitlines()[0]
         raise RecordingError(
             f"cannot be read as Parquet, CSV (.csv) or limo's own log: {reason}", path=path
         ) from None
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise RecordingError(f"has more than one column {_shorten(repeated)}", path=path)
+    return table.rename_columns(names)
+
+
+def _read_format(path: Path) -> pa.Table:
+    if path.suffix == _LOG_SUFFIX:
+        from limo_driver.recorder import read_log
+
+        return read_log(path)
+    if path.suffix.lower() in {".csv", ".txt"}:
+        return _read_csv(path)
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        return file.read()
 
 
 def _read_csv(path: Path) -> pa.Table:
     from pyarrow import csv
 
-    table = csv.read_csv(path)
-    return table.rename_columns([name.strip() for name in table.column_names])
+    with path.open("rb") as file:
+        header = file.readline(_LONGEST_HEADER)
+    for separator, name in ((b";", "semicolons"), (b"\t", "tabs")):
+        if b"time" in header and separator in header and b"," not in header:
+            raise RecordingError(f"has columns separated by {name}, expected commas", path=path)
+    return csv.read_csv(path)
 
 
 def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
@@ -129,6 +143,8 @@ def _stack(table: pa.Table, names: list[str], path: Path) -> FloatArray:
 def _values(table: pa.Table, name: str, path: Path) -> FloatArray:
     """Return one column as float64; empty cells are NaN."""
     column = table[name]
+    if pa.types.is_null(column.type):  # a CSV column without one value
+        return np.full(len(column), np.nan)
     if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
         raise RecordingError(
             f"column {name} holds {column.type}, expected numbers{_first_text(column)}", path=path

@@ -79,7 +79,7 @@ def command(  # one argument for each option
             {
                 "recording": recording.source,
                 "used": len(recording),
-                "left_out": {item.reason: len(item.rows) for item in recording.left_out},
+                "left_out": {item.reason: item.rows for item in recording.left_out},
                 "warnings": list(recording.warnings),
             }
             for recording in measured
@@ -119,9 +119,7 @@ def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
         for warning in recording.warnings:
             console.print(f"{recording.source}: {warning}", markup=False)
         for item in recording.left_out:
-            console.print(
-                f"{recording.source}: {len(item.rows)} rows left out: {item.reason}", markup=False
-            )
+            console.print(f"{recording.source}: {item}", markup=False)
 
 
 def _show(found: Identification, out: Path) -> None:

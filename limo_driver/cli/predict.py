@@ -19,11 +19,13 @@ def command(
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase differentiator [Hz].")
     ] = 10.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the rows used and left out as JSON.")
+    ] = False,
 ) -> None:
     """Predict the noise-free torque of a recorded motion: columns time, torque_1 … torque_n.
 
-    One row for each row of the recording; rows that cannot be used are NaN and counted.
+    One row for each row of the recording; rows that cannot be used are NaN and named.
 
     [bold]Example[/bold]
 
@@ -40,8 +42,8 @@ def command(
     measured.check_robot(simulation.model)
     torque = simulation.predict_recording(measured, bandwidth)
     write_torque(measured, torque, out)
-    left_out = {item.reason: len(item.rows) for item in measured.left_out}
     if as_json:
+        left_out = {item.reason: item.rows for item in measured.left_out}
         rows = {"used": len(measured), "left_out": left_out}
         Console().print_json(
             json.dumps({"file": str(out), "rows": rows, "warnings": measured.warnings})
@@ -50,8 +52,8 @@ def command(
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     for warning in measured.warnings:
         notes.print(f"{recording}: {warning}", markup=False)
-    for reason, count in left_out.items():
-        notes.print(f"{recording}: {count} rows left out: {reason}", markup=False)
+    for item in measured.left_out:
+        notes.print(f"{recording}: {item}", markup=False)
 
 
 def write_torque(recording: Recording, torque: FloatArray, path: Path) -> None:

@@ -52,7 +52,7 @@ def test_writes_a_simulation_that_holds_what_is_true(tmp_path, recording, identi
     status, printed, notes = identify(recording, "--no-offset", "--no-armature")
     assert status == 0, notes
     assert "57 of 57 base parameters" in printed
-    assert "1 rows left out: a value is missing or not finite" in notes
+    assert "1 row left out: a value is missing or not finite (row 700)" in notes
     found = Simulation.load(tmp_path / "sim.yaml")
     coulomb = {e.joint: e.tau_c for e in found.effects if isinstance(e, CoulombFriction)}
     assert coulomb == pytest.approx({j: 0.3 * j for j in range(1, 8)}, abs=0.03)
@@ -65,6 +65,9 @@ def test_json_holds_the_findings(recording, identify):
     assert found["base_parameters"] == 64
     assert found["bandwidth"] == 8
     assert found["rows"][0]["used"] == 2999
+    assert found["rows"][0]["left_out"] == {"a value is missing or not finite": [700]}
+    assert 0 < found["inertia_tolerance"] <= 1
+    assert len(found["effective_rows"]) == 7
     assert max(found["rmse"]["base_parameters"]) < 0.02
     assert {item["effect"] for item in found["joint_terms"]} == {
         "viscous_friction",

@@ -57,7 +57,7 @@ def recording(tmp_path):
 def test_one_row_for_each_row_and_nan_where_left_out(tmp_path, recording, predict):
     status, _, notes = predict(recording)
     assert status == 0, notes
-    assert "1 rows left out: a value is missing or not finite" in notes
+    assert "1 row left out: a value is missing or not finite (row 40)" in notes
     out = tmp_path / "torque.parquet"
     table = pq.read_table(out)
     assert table.column_names == ["time", *(f"torque_{j}" for j in range(1, 8))]
@@ -69,11 +69,11 @@ def test_one_row_for_each_row_and_nan_where_left_out(tmp_path, recording, predic
     np.testing.assert_allclose(torque[measured.rows], expected, atol=1e-9)
 
 
-def test_json_counts_the_rows(recording, predict):
+def test_json_names_the_rows(recording, predict):
     _, printed, _ = predict(recording, "--json")
     assert json.loads(printed)["rows"] == {
         "used": 399,
-        "left_out": {"a value is missing or not finite": 1},
+        "left_out": {"a value is missing or not finite": [40]},
     }
 
 
