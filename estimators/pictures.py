@@ -36,7 +36,7 @@ def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     n = evaluation.measured.shape[1]
     figure = Figure(figsize=(10.0, 1.25 * n + 1.0), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+    axes = list(figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0])
     time = evaluation.recording.time[rows]
     for j, ax in enumerate(axes):
         for name, torque in _lines(evaluation):
@@ -67,7 +67,7 @@ def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     columns = min(_COLUMNS, n)
     figure = Figure(figsize=(3.1 * columns, 2.7 * -(-n // columns) + 0.6), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(-(-n // columns), columns, squeeze=False).ravel()
+    axes = figure.subplots(-(-n // columns), columns, squeeze=False).ravel().tolist()
     for j, ax in enumerate(axes[:n]):
         position = evaluation.motion.position[rows, j]
         for name, torque in _lines(evaluation):
