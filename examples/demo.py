@@ -59,7 +59,7 @@ def commands(out: Path, scaffolds: int, epochs: int) -> list[tuple[str, str]]:
         ),
         (
             "Train a network on what the rigid body leaves unexplained",
-            f"train {out}/train.parquet --sim {out}/sim.yaml --model mlp7 --features friction "
+            f"train {out}/train.parquet --sim {out}/sim.yaml --model mlp7 --features drive "
             f"--epochs {epochs} --out {out}/model",
         ),
         (
