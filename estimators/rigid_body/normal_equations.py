@@ -31,6 +31,7 @@ CHUNK = 1024  # samples whose regressor is held at a time; it stays in the proce
 BLOCK = 65536  # samples filtered at a time
 WEIGHTINGS = ("error", "torque")
 _MEMORY = 6.0  # [1/bandwidth] after which the filter has forgotten all but 5e-7
+_DENSE = 8  # rows summed per 1/bandwidth; filtered products hold nothing that more would show
 MOVING = 0.02  # [rad/s], above which a joint counts as moving
 
 
@@ -69,7 +70,7 @@ class NormalEquations:
     gram: FloatArray  # (n, p, p), Σ y yᵀ
     product: FloatArray  # (n, p), Σ y tau
     energy: FloatArray  # (n,), Σ tau² [N² m²]
-    count: FloatArray  # (n,), rows
+    count: FloatArray  # (n,), rows summed
     thinned: ThinnedRows  # a few of the rows, with the same columns
     chain: Chain
     weighting: str  # of the joints, as in `Rows`
@@ -113,6 +114,8 @@ def accumulate(
     progress: Callable[[int], None] | None = None,
 ) -> NormalEquations:
     """Sum up the normal equations of recordings, holding the regressor of one chunk at a time.
+
+    Every row is filtered; of recordings much faster than the bandwidth, every few are summed.
 
     Args:
         model: The robot.
@@ -176,16 +179,19 @@ class _Sums:
         self, piece: Recording, use: NDArray[np.bool_], in_time: NDArray[np.int64], rows: Rows
     ) -> None:
         smoothed = piece.motion(rows.bandwidth)
-        own = self._own_columns(piece, smoothed, rows.bandwidth)[use]
-        torque = piece.filtered_torque(rows.bandwidth)[use]
-        motion = smoothed[np.flatnonzero(use)]
+        step = max(1, int(piece.rate / (_DENSE * rows.bandwidth)))
+        kept = np.flatnonzero(use)[::step]
+        own = self._own_columns(piece, smoothed, rows.bandwidth)[kept]
+        torque = piece.filtered_torque(rows.bandwidth)[kept]
+        motion = smoothed[kept]
         count = (np.abs(motion.velocity) > MOVING) | (not rows.moving_only)
         for start in range(0, len(motion), CHUNK):
             chunk = slice(start, start + CHUNK)
             self._add_chunk(motion[chunk], own[chunk], torque[chunk], count[chunk])
-        few = np.arange(0, len(motion), max(1, int(piece.rate / (2 * rows.bandwidth))))
+        independent = max(1, int(piece.rate / (2 * rows.bandwidth)) // step)
+        few = np.arange(0, len(motion), independent)
         self.thinned.append(
-            ThinnedRows(motion[few], own[few], torque[few], count[few], in_time[use][few])
+            ThinnedRows(motion[few], own[few], torque[few], count[few], in_time[kept][few])
         )
 
     def _own_columns(self, piece: Recording, motion: Motion, bandwidth: float) -> FloatArray:

@@ -323,6 +323,15 @@ def test_normal_equations_do_not_depend_on_the_blocks(iiwa, monkeypatch):
     np.testing.assert_array_equal(pieces.count, whole.count)
 
 
+def test_rows_between_those_summed_say_nothing_new(iiwa, monkeypatch):
+    recording = record(Simulation("iiwa14", FRICTION), T=6000, noise=0.2)
+    few = identify(iiwa, [recording], PAPER, Rows(bandwidth=3.0)).fit
+    monkeypatch.setattr("estimators.rigid_body.normal_equations._DENSE", 1000)
+    every = identify(iiwa, [recording], PAPER, Rows(bandwidth=3.0)).fit
+    off = (few.parameters - every.parameters) / np.sqrt(np.diag(every.covariance))
+    assert np.abs(off).max() < 0.1
+
+
 def test_thickened_points_and_rods_exist():
     for mass, inertia in ((0.0, (0,) * 6), (1.0, (0,) * 6), (2.0, (0, 0, 0, 0.1, 0, 0.1))):
         body = inertial_of(thickened(parameters_of(Inertial(mass, (0.1, 0, 0.2), inertia))))
