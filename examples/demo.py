@@ -60,7 +60,7 @@ def commands(out: Path, scaffolds: int, epochs: int) -> list[tuple[str, str]]:
         (
             "Train a network on what the rigid body leaves unexplained",
             f"train {out}/train.parquet --sim {out}/sim.yaml --model mlp7 --features drive "
-            f"--epochs {epochs} --out {out}/model",
+            f"--bandwidth 20 --rate 25 --learning-rate 3e-3 --epochs {epochs} --out {out}/model",
         ),
         (
             "Evaluate rigid body and hybrid on the second motion",
@@ -148,8 +148,8 @@ def main() -> None:
     """Run all commands and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write")
-    parser.add_argument("--scaffolds", type=int, default=8, help="poses that training explores")
-    parser.add_argument("--epochs", type=int, default=25, help="passes over the training motion")
+    parser.add_argument("--scaffolds", type=int, default=12, help="poses that training explores")
+    parser.add_argument("--epochs", type=int, default=20, help="passes over the training motion")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     steps = [
