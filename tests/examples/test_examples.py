@@ -1,0 +1,25 @@
+"""The examples run as they stand; the demo, which takes minutes, is run by `make demo`."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("predict_torque", "beyond the rigid body"), ("creep_and_reverse", "the arm holds")],
+)
+def test_the_example_runs(name, says, capsys):
+    runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    assert says in capsys.readouterr().out
+
+
+def test_the_demo_says_how_it_is_used(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["demo.py", "--help"])
+    with pytest.raises(SystemExit, match="0"):
+        runpy.run_path(str(EXAMPLES / "demo.py"), run_name="__main__")
+    assert "--scaffolds" in capsys.readouterr().out
