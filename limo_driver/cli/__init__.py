@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from importlib.metadata import version
 from pkgutil import iter_modules
+from typing import Annotated
 
 import typer
 
@@ -18,11 +20,37 @@ USAGE_ERROR = 2
 
 app = typer.Typer(
     name="limo",
-    help="Drive, simulate and learn slow, force-sensitive robot arms.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
+
+
+def _show_version(wanted: bool) -> None:  # typer's callback
+    if wanted:
+        typer.echo(f"limo {version('limo')}")
+        raise typer.Exit
+
+
+@app.callback()
+def limo(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")
+    ] = False,
+) -> None:
+    """Drive, simulate and learn slow, force-sensitive robot arms.
+
+    The way of the data: plan a motion, run it, identify the arm, train on the rest, evaluate on
+    another motion; predict says what an identified arm's torque should be.
+
+    [bold]Example[/bold]
+
+        limo plan --robot iiwa14 --scaffolds 12 --seed 1 --out limo.traj.parquet
+
+        limo run --backend mujoco --trajectory limo.traj.parquet --record run.parquet
+
+        limo identify run.parquet --robot iiwa14 --out sim.yaml
+    """
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
 from pkgutil import iter_modules
 
 import pytest
@@ -25,6 +25,12 @@ def limo(*arguments: str) -> subprocess.CompletedProcess[str]:
 def test_the_command_is_installed():
     (script,) = entry_points(group="console_scripts", name="limo")
     assert script.value == "limo_driver.cli:main"
+
+
+def test_version():
+    result = limo("--version")
+    assert result.returncode == 0
+    assert result.stdout == f"limo {version('limo')}\n"
 
 
 def test_help_lists_every_command():
