@@ -50,9 +50,11 @@ def save(simulation: Simulation, path: Path) -> None:
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
     content["effects"] = [_effect_entry(effect) for effect in simulation.effects]
-    path.write_text(
-        yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
-    )
+    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
 
 
 class _Dumper(yaml.SafeDumper):
@@ -85,6 +87,10 @@ class _Reader:
         except yaml.MarkedYAMLError as error:
             line = error.problem_mark.line + 1 if error.problem_mark else None
             raise ConfigError(f"is no YAML: {error.problem}", path=path, line=line) from None
+        except (yaml.YAMLError, RecursionError):
+            raise ConfigError(
+                "is no YAML: control characters, or nested too deep", path=path
+            ) from None
 
     def simulation(self) -> Simulation:
         if self.root is None:
@@ -102,7 +108,7 @@ class _Reader:
         )
 
     def _robot(self, node: yaml.Node) -> tuple[str, RobotModel]:
-        name = str(node.value)
+        name = self._text(node)
         beside = self.path.parent / name
         robot = name if name in BUILT_IN or not beside.is_file() else str(beside.resolve())
         try:
@@ -158,7 +164,7 @@ class _Reader:
         given = self._mapping(entry, "an effect", None)
         if "effect" not in given:
             self._fail(entry, "lacks `effect:`, one of " + ", ".join(sorted(CATALOGUE)))
-        name = str(given["effect"].value)
+        name = self._text(given["effect"])
         if name not in CATALOGUE:
             self._fail(
                 given["effect"],
@@ -182,12 +188,12 @@ class _Reader:
     def _joint(self, node: yaml.Node, model: RobotModel) -> int:
         number = self._number(node)
         if number != int(number) or not 1 <= number <= model.n:
-            self._fail(node, f"joint {node.value} does not exist; joints are 1 to {model.n}")
+            self._fail(node, f"joint {number:g} does not exist; joints are 1 to {model.n}")
         return int(number)
 
     def _parameter(self, node: yaml.Node, known: Parameter) -> float | str | tuple[float, ...]:
         if known.unit == "text":
-            return str(node.value)
+            return self._text(node)
         return tuple(self._numbers(node)) if known.is_list else self._number(node)
 
     def _mapping(
@@ -198,11 +204,12 @@ class _Reader:
         entries: dict[str, yaml.Node] = {}
         names = None if known is None else tuple(known)
         for key, value in node.value:
-            if names is not None and key.value not in names:
-                self._fail(key, f"{what} has no {key.value!r}; it has {', '.join(names)}")
-            if key.value in entries:
-                self._fail(key, f"{what} has {key.value!r} twice")
-            entries[key.value] = value
+            name = self._text(key)
+            if names is not None and name not in names:
+                self._fail(key, f"{what} has no {name!r}; it has {', '.join(names)}")
+            if name in entries:
+                self._fail(key, f"{what} has {name!r} twice")
+            entries[name] = value
         return entries
 
     def _optional(
@@ -223,13 +230,20 @@ class _Reader:
             self._fail(node, f"has {len(numbers)} numbers, expected {len(nominal)}")
         return cast("_Vector", tuple(numbers))
 
+    def _text(self, node: yaml.Node) -> str:
+        if not isinstance(node, yaml.ScalarNode):
+            kind = "list" if isinstance(node, yaml.SequenceNode) else "mapping"
+            self._fail(node, f"has a {kind} where one word is expected")
+        return str(node.value)
+
     def _number(self, node: yaml.Node) -> float:
+        text = self._text(node)
         try:
-            number = float(node.value)
-        except (TypeError, ValueError):
-            self._fail(node, f"{node.value!r} is no number")
+            number = float(text)
+        except ValueError:
+            self._fail(node, f"{text!r} is no number")
         if not math.isfinite(number):
-            self._fail(node, f"{node.value} is not finite")
+            self._fail(node, f"{text} is not finite")
         return number
 
     def _fail(self, node: yaml.Node, message: str) -> NoReturn:

@@ -50,6 +50,12 @@ def test_inertials_override_only_what_they_give(load):
         ("effects: []", 1, "lacks `robot:`"),
         ("robot: iiwa15", 1, "'iiwa15' is neither built in"),
         ("robot: [", 1, "is no YAML"),
+        ("robot: iiwa14\x00", None, "is no YAML"),
+        ("robot: " + "[" * 3000, None, "is no YAML"),
+        ("robot: [iiwa14]", 1, "a list where one word is expected"),
+        (effect("effect: [viscous_friction], joint: 1"), 3, "a list where one word"),
+        (effect("effect: viscous_friction, joint: [1], f_v: 1"), 3, "a list where one word"),
+        ("robot: iiwa14\neffects:\n  - {[1]: 2}", 3, "a list where one word"),
         ("robot: iiwa14\nefects: []", 2, "has no 'efects'; it has robot, inertials"),
         ("robot: iiwa14\nrobot: iiwa14", 2, "'robot' twice"),
         ("robot: iiwa14\neffects: 3", 2, "has to be a list"),
@@ -114,6 +120,11 @@ def test_a_mistake_is_named_with_its_line(load, text, line, message):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere.yaml: cannot be read: No such file"):
         Simulation.load(tmp_path / "nowhere.yaml")
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"sim.yaml: cannot be written: No such file"):
+        Simulation("iiwa14").save(tmp_path / "nowhere" / "sim.yaml")
 
 
 def test_a_binary_file_is_named(tmp_path):
