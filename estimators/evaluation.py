@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, Motion
 
 _NOISE_FROM: Final = 0.6  # of the Nyquist frequency; above, a torque is taken to be noise
+_FLAT: Final = 3.0  # white noise is as dense in the lower half of that band as in the upper
 _STOP_BAND: Final = 1.5  # [bandwidth], where the filter passes less than 4 % of the amplitude
 _SEGMENT: Final = 2.0  # [s] of a spectrum
 
@@ -51,7 +52,7 @@ class Evaluation:
     scored: NDArray[np.bool_]  # (T,)
     bandwidth: float  # [Hz]
     joint_names: tuple[str, ...]
-    noise_floor: FloatArray  # (n,) [N m], estimate of the noise left in `measured`
+    noise_floor: FloatArray  # (n,) [N m], of the noise left in `measured`; NaN where unknown
 
     @property
     def rigid_body(self) -> Errors:
@@ -145,7 +146,8 @@ def noise_floor(recording: Recording, bandwidth: float) -> FloatArray:
 
     The level of the torque's spectrum above 0.6 of the Nyquist frequency is taken for the level of
     white noise, and multiplied with the equivalent width of the filter. It is a floor: noise that
-    grows towards low frequencies is not seen. NaN where the filter reaches up to there.
+    grows towards low frequencies is not seen. NaN where that says nothing: the filter reaches up to
+    there, or the spectrum still falls there, since the torque was filtered before it was recorded.
     """
     rate = recording.rate
     lowest = _NOISE_FROM * rate / 2
@@ -153,9 +155,12 @@ def noise_floor(recording: Recording, bandwidth: float) -> FloatArray:
     torque = recording.torque[longest]
     window = min(len(torque), int(_SEGMENT * rate))
     frequency, density = welch(torque, rate, nperseg=window, axis=0)
-    above = frequency > lowest
-    if not above.any() or lowest < _STOP_BAND * bandwidth:
+    middle = (lowest + rate / 2) / 2
+    lower, upper = (frequency > lowest) & (frequency < middle), frequency >= middle
+    if not (lower.any() and upper.any()) or lowest < _STOP_BAND * bandwidth:
         return np.full(recording.n, np.nan)
+    falling = np.median(density[lower], axis=0) > _FLAT * np.median(density[upper], axis=0)
     amplitude = 1.0 / (1.0 + (frequency / bandwidth) ** (2 * ORDER))  # run forward and backward
     width = float(np.trapezoid(amplitude**2, frequency))
-    return np.sqrt(np.median(density[above], axis=0) * width)
+    floor = np.sqrt(np.median(density[lower | upper], axis=0) * width)
+    return np.where(falling, np.nan, floor)

@@ -26,9 +26,9 @@ _TURN, _EXTREME, _DIRECTION, _LAST, _STOPS = 0, 1, 2, 3, 4  # columns of a joint
 
 @dataclass(frozen=True)
 class Feature:
-    """One input of the network."""
+    """A number with a unit that the network sees."""
 
-    name: str  # quantity and 1-based joint
+    name: str
     unit: str
 
 
@@ -57,6 +57,7 @@ class Features:
         stop_widths: Widths w of the stop operators [rad].
         direction_speeds: Speeds v of the directions [rad/s].
         compliance: Of every joint, for the deflection torque [rad/(N m)]; 0 leaves it out.
+        without: Quantities that are left out, by name.
         reversal: Rotation back that counts as a reversal [rad].
         saturation: Largest rotational history [rad].
 
@@ -72,15 +73,16 @@ class Features:
     compliance: float = 0.0
     reversal: float = REVERSAL
     saturation: float = SATURATION
+    without: tuple[str, ...] = ()
     _widths: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_widths", np.array(self.stop_widths, dtype=np.float64))
 
     @property
-    def inputs(self) -> tuple[Feature, ...]:
-        """All inputs, in order."""
-        quantities = [
+    def _every(self) -> tuple[Feature, ...]:
+        """The quantities of a joint, in order, those left out among them."""
+        every = (
             ("position", "rad"),
             ("velocity", "rad/s"),
             ("acceleration", "rad/s^2"),
@@ -89,9 +91,21 @@ class Features:
             *((f"stop_{width:.3g}rad", "rad") for width in self.stop_widths),
             *((f"direction_{speed:.3g}rad/s", "1") for speed in self.direction_speeds),
             *([("deflection_torque", "N m")] if self.compliance else []),
-        ]
+        )
+        return tuple(Feature(name, unit) for name, unit in every)
+
+    @property
+    def _kept(self) -> list[int]:
+        """Where the quantities stand that are not left out."""
+        return [i for i, quantity in enumerate(self._every) if quantity.name not in self.without]
+
+    @property
+    def inputs(self) -> tuple[Feature, ...]:
+        """All inputs, in order: each quantity of all joints, 1-based."""
         return tuple(
-            Feature(f"{name}_{j + 1}", unit) for name, unit in quantities for j in range(self.n)
+            Feature(f"{self._every[i].name}_{j + 1}", self._every[i].unit)
+            for i in self._kept
+            for j in range(self.n)
         )
 
     @property
@@ -133,7 +147,7 @@ class Features:
         columns += [np.tanh(motion.velocity / speed) for speed in self.direction_speeds]
         if self.compliance:
             columns.append(_deflection(model, motion, self.compliance * rigid_body_torque))
-        return np.concatenate(columns, axis=1), after
+        return np.concatenate([columns[i] for i in self._kept], axis=1), after
 
 
 # Widths of the stop operators: half a reversal threshold of LIMO motion up to the paper's 10°.
@@ -146,12 +160,15 @@ _COMPLIANCE: Final = 1e-4  # [rad/(N m)], a common size of harmonic drives; the 
 FEATURE_SETS: Final[dict[str, Callable[[int], Features]]] = {
     "all-joints": Features,  # the paper's: every network sees every joint
     "own-joint": lambda n: Features(n, own_joint=True),  # the paper's five, of one joint each
-    "drive": lambda n: Features(  # these, and what friction and elasticity of a drive depend on
+    # What friction and elasticity of a drive depend on: neither position nor acceleration, from
+    # which a network would learn the poses of a recording by heart.
+    "drive": lambda n: Features(
         n,
         own_joint=True,
         stop_widths=_WIDTHS,
         direction_speeds=_SPEEDS,
         compliance=_COMPLIANCE,
+        without=("position", "acceleration"),
     ),
 }
 

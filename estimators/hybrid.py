@@ -50,13 +50,36 @@ class Scaling:
 
 
 @dataclass(frozen=True)
+class InputScaling(Scaling):
+    """Normalisation of inputs, which first brings them into the range that training saw.
+
+    A network has learned nothing outside: the clip bounds what it adds to the rigid body there.
+    """
+
+    lowest: FloatArray  # (d,)
+    highest: FloatArray  # (d,)
+
+    @classmethod
+    def of(cls, values: NDArray[np.floating]) -> InputScaling:
+        """Return mean, standard deviation and range of (T, d)."""
+        scaling = Scaling.of(values)
+        lowest, highest = (f(values, axis=0).astype(np.float64) for f in (np.min, np.max))
+        return cls(scaling.mean, scaling.std, lowest, highest)
+
+    def normalise(self, values: NDArray[np.floating]) -> FloatArray:
+        """Return (T, d), clipped to the range, without unit."""
+        return super().normalise(np.clip(values, self.lowest, self.highest))
+
+
+@dataclass(frozen=True)
 class FittedNetwork:
     """What training gives: a network and how to feed it."""
 
     features: Features
     network: Network
-    inputs: Scaling
+    inputs: InputScaling
     outputs: Scaling  # of the residual torque [N m]
+    gain: FloatArray  # (n,) in [0, 1], how much of its torque carried over to motion held out
     rate: float  # rate of the samples that follow each other in the network's memory [Hz]
     bandwidth: float  # of the filters on motion and torque in training [Hz]
     record: Mapping[str, Any] = field(default_factory=dict)  # settings, data and metrics, as JSON
@@ -235,7 +258,7 @@ class HybridModel:
             state.features, motion, rigid_body, self.simulation.model
         )
         y, network = fitted.network.advance(state.network, fitted.inputs.normalise(x))
-        parts = TorqueParts(rigid_body, fitted.outputs.restore(y))
+        parts = TorqueParts(rigid_body, fitted.gain * fitted.outputs.restore(y))
         return parts, HybridState(bodies, history, network)
 
     def _check_joints(self, shape: tuple[int, ...]) -> None:

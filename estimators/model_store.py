@@ -21,7 +21,7 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from estimators.features import Feature, Features
-from estimators.hybrid import FittedNetwork, HybridModel, Scaling
+from estimators.hybrid import FittedNetwork, HybridModel, InputScaling, Scaling
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.physics import Simulation
@@ -56,8 +56,19 @@ def save(model: HybridModel, folder: Path | str) -> None:
         "rate": fitted.rate,
         "bandwidth": fitted.bandwidth,
         "features": _feature_settings(fitted.features),
-        "inputs": _described(fitted.features.inputs, fitted.inputs),
-        "outputs": _described(_outputs(fitted.features.n), fitted.outputs),
+        "inputs": _described(
+            fitted.features.inputs,
+            mean=fitted.inputs.mean,
+            std=fitted.inputs.std,
+            lowest=fitted.inputs.lowest,
+            highest=fitted.inputs.highest,
+        ),
+        "outputs": _described(
+            _outputs(fitted.features.n),
+            mean=fitted.outputs.mean,
+            std=fitted.outputs.std,
+            gain=fitted.gain,
+        ),
         "weights": {"file": WEIGHTS, "sha256": sha256(weights).hexdigest()},
         "simulation": SIMULATION,
         "training": dict(fitted.record),
@@ -178,15 +189,18 @@ def _fitted(manifest: dict[str, Any], weights: bytes, n: int) -> FittedNetwork:
         float(settings["compliance"]),
         float(settings["reversal"]),
         float(settings["saturation"]),
+        tuple(settings["without"]),
     )
+    outputs, gain = _output_scaling(manifest["outputs"], _outputs(n))
     network = NETWORKS[manifest["network"]](tensors.pop(_COLUMNS), tensors)
     if network.outputs != n or int(network.columns.max()) >= len(features.inputs):
         raise ModelStoreError(f"{WEIGHTS}: {network.outputs} outputs for {n} joints")
     return FittedNetwork(
         features,
         network,
-        _scaling(manifest["inputs"], features.inputs, "inputs"),
-        _scaling(manifest["outputs"], _outputs(n), "outputs"),
+        _input_scaling(manifest["inputs"], features.inputs),
+        outputs,
+        gain,
         float(manifest["rate"]),
         float(manifest["bandwidth"]),
         manifest.get("training", {}),
@@ -195,7 +209,7 @@ def _fitted(manifest: dict[str, Any], weights: bytes, n: int) -> FittedNetwork:
 
 def _feature_settings(features: Features) -> dict[str, Any]:
     names = ("own_joint", "stop_widths", "direction_speeds", "compliance")
-    names += ("reversal", "saturation")
+    names += ("reversal", "saturation", "without")
     return {name: getattr(features, name) for name in names}
 
 
@@ -203,14 +217,33 @@ def _outputs(n: int) -> tuple[Feature, ...]:
     return tuple(Feature(f"residual_torque_{j + 1}", "N m") for j in range(n))
 
 
-def _described(features: tuple[Feature, ...], scaling: Scaling) -> list[dict[str, Any]]:
+def _described(features: tuple[Feature, ...], **numbers: FloatArray) -> list[dict[str, Any]]:
+    """Return an entry for each feature, with its part of each of the named arrays."""
     return [
-        {**asdict(feature), "mean": float(mean), "std": float(std)}
-        for feature, mean, std in zip(features, scaling.mean, scaling.std, strict=True)
+        {**asdict(feature), **{name: float(values[i]) for name, values in numbers.items()}}
+        for i, feature in enumerate(features)
     ]
 
 
-def _scaling(entries: list[dict[str, Any]], expected: tuple[Feature, ...], what: str) -> Scaling:
+def _input_scaling(entries: list[dict[str, Any]], expected: tuple[Feature, ...]) -> InputScaling:
+    _check_features(entries, expected, "inputs")
+    mean, std = _numbers(entries, "mean", "inputs"), _numbers(entries, "std", "inputs", above=0.0)
+    lowest = _numbers(entries, "lowest", "inputs")
+    return InputScaling(mean, std, lowest, _numbers(entries, "highest", "inputs"))
+
+
+def _output_scaling(
+    entries: list[dict[str, Any]], expected: tuple[Feature, ...]
+) -> tuple[Scaling, FloatArray]:
+    """Return normalisation and gain."""
+    _check_features(entries, expected, "outputs")
+    mean, std = _numbers(entries, "mean", "outputs"), _numbers(entries, "std", "outputs", above=0.0)
+    return Scaling(mean, std), _numbers(entries, "gain", "outputs")
+
+
+def _check_features(
+    entries: list[dict[str, Any]], expected: tuple[Feature, ...], what: str
+) -> None:
     given = [(entry["name"], entry["unit"]) for entry in entries]
     for i, feature in enumerate(expected):
         if i >= len(given) or given[i] != (feature.name, feature.unit):
@@ -220,8 +253,13 @@ def _scaling(entries: list[dict[str, Any]], expected: tuple[Feature, ...], what:
             )
     if len(given) > len(expected):
         raise ModelStoreError(f"{what}: {len(given)} entries, expected {len(expected)}")
-    mean: FloatArray = np.array([float(entry["mean"]) for entry in entries])
-    std: FloatArray = np.array([float(entry["std"]) for entry in entries])
-    if not (np.isfinite(mean).all() and np.isfinite(std).all() and (std > 0).all()):
-        raise ModelStoreError(f"{what}: a mean or standard deviation is no usable number")
-    return Scaling(mean, std)
+
+
+def _numbers(
+    entries: list[dict[str, Any]], name: str, what: str, *, above: float = -np.inf
+) -> FloatArray:
+    values: FloatArray = np.array([float(entry[name]) for entry in entries])
+    for i, value in enumerate(values):
+        if not (np.isfinite(value) and value > above):
+            raise ModelStoreError(f"{what}: number {i + 1} has the {name} {value}, which cannot be")
+    return values

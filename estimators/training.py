@@ -15,12 +15,14 @@ from estimators.features import feature_set
 from estimators.hybrid import FittedNetwork, HybridModel
 from estimators.neural import NETWORKS
 from estimators.training_data import HELD_OUT, TRAINING, prepare
+from estimators.training_gain import gain
 from limo_driver.errors import ConfigError, DivergedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
 
     from estimators.features import Features
+    from estimators.neural import Network
     from estimators.neural.modules import Module
     from estimators.training_data import TrainingData
     from estimators.training_passes import Passes
@@ -49,6 +51,7 @@ class TrainingSettings:
     learning_rate: float = 1e-3
     weight_decay: float = 0.01
     held_out: float = 0.2  # part of the motion
+    folds: int = 2  # stretches of motion that judge how the network carries over; 1: none do
     hidden: int = 0  # units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM
 
     def __post_init__(self) -> None:
@@ -58,11 +61,31 @@ class TrainingSettings:
             raise ConfigError(
                 f"no schedule is called {self.schedule!r}; known: {', '.join(_SCHEDULES)}"
             )
-        for name in ("epochs", "sequence_length", "batch", "bandwidth", "rate", "learning_rate"):
+        for name in (
+            "epochs",
+            "sequence_length",
+            "batch",
+            "bandwidth",
+            "rate",
+            "learning_rate",
+            "folds",
+        ):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0")
         if not 0 < self.held_out < 1:
             raise ConfigError(f"held_out = {self.held_out} has to lie between 0 and 1")
+
+
+def usual_settings(features: str) -> TrainingSettings:
+    """Return the settings that suit a feature set: the paper's but for what follows.
+
+    The few inputs of `drive` are learned within fewer passes and samples; more of either only teach
+    the recordings by heart.
+    """
+    settings = TrainingSettings(features=features)
+    if features == "drive":
+        return replace(settings, epochs=20, rate=50.0, learning_rate=3e-3)
+    return settings
 
 
 @dataclass(frozen=True)
@@ -73,6 +96,7 @@ class Epoch:
     training_loss: float
     held_out_loss: float
     learning_rate: float
+    fold: int = 0  # 0: of the network that is kept; else of one that judges how it carries over
 
 
 def train(
@@ -82,6 +106,9 @@ def train(
     on_epoch: Callable[[Epoch], None] = lambda _: None,
 ) -> FittedNetwork:
     """Train a network on tau_meas - tau_RBD; keep the weights that were best on held-out motion.
+
+    After it, networks that do not see a part of the motion show how much of what is learned carries
+    over to other motion: the gain of each joint.
 
     The loss is the MSE of the normalised residual, so that every joint counts the same. AdamW
     starts at `learning_rate`, which falls to zero along a cosine, or is halved when the training
@@ -116,14 +143,18 @@ def train(
         random=random,
     )
     with _reproducible(settings.seed):
-        module = _build(settings, features)
-        passes = _passes(settings, data, random)
-        history = _descend(module, passes, settings, on_epoch)
+        network, history = _fit(data, features, settings, on_epoch)
+        gains = gain(
+            data,
+            settings.folds,
+            lambda rest, fold: _fit(rest, features, settings, on_epoch, fold)[0],
+        )
     fitted = FittedNetwork(
         features,
-        NETWORKS[settings.model](module.columns_of_parts(), module.weights()),
+        network,
         data.input_scaling,
         data.output_scaling,
+        gains,
         data.rate,
         settings.bandwidth,
     )
@@ -198,6 +229,20 @@ def _build(settings: TrainingSettings, features: Features) -> Module:
     return LstmModule(columns[:1], settings.hidden or columns.shape[1], features.n)
 
 
+def _fit(
+    data: TrainingData,
+    features: Features,
+    settings: TrainingSettings,
+    on_epoch: Callable[[Epoch], None],
+    fold: int = 0,
+) -> tuple[Network, list[Epoch]]:
+    """Train a network on the data of a fold."""
+    module = _build(settings, features)
+    passes = _passes(settings, data, np.random.default_rng(settings.seed))
+    history = _descend(module, passes, settings, lambda epoch: on_epoch(replace(epoch, fold=fold)))
+    return NETWORKS[settings.model](module.columns_of_parts(), module.weights()), history
+
+
 def _passes(settings: TrainingSettings, data: TrainingData, random: np.random.Generator) -> Passes:
     from estimators.training_passes import RowPasses, SequencePasses
 
@@ -219,6 +264,7 @@ def _descend(
     plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.5, patience=_PATIENCE)
     best, weights = np.inf, copy.deepcopy(module.state_dict())
     history: list[Epoch] = []
+    judged = bool((passes.data.use == HELD_OUT).any())  # a fold of a short recording may have none
     for number in range(1, settings.epochs + 1):
         rate = float(optimizer.param_groups[0]["lr"])
         if settings.schedule == "plateau" and rate < _SLOWEST * settings.learning_rate:
@@ -235,7 +281,8 @@ def _descend(
             cosine.step()
         else:
             plateau.step(epoch.training_loss)
-        if epoch.held_out_loss < best:
-            best, weights = epoch.held_out_loss, copy.deepcopy(module.state_dict())
+        loss = epoch.held_out_loss if judged else epoch.training_loss
+        if loss < best:
+            best, weights = loss, copy.deepcopy(module.state_dict())
     module.load_state_dict(weights)
     return history

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.hybrid import Scaling
+from estimators.hybrid import InputScaling, Scaling
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -35,7 +35,8 @@ class TrainingData:
     targets: NDArray[np.float32]  # (T, n), normalised residual torque
     use: NDArray[np.int8]  # (T,): LEFT_OUT, TRAINING or HELD_OUT
     stretches: tuple[slice, ...]
-    input_scaling: Scaling
+    recordings: tuple[slice, ...]
+    input_scaling: InputScaling
     output_scaling: Scaling
     stride: int  # rows from one network sample to the next
     rate: float  # of the network samples [Hz]
@@ -81,13 +82,14 @@ def prepare(
     x, y, use = np.concatenate(inputs), np.concatenate(targets), np.concatenate(uses)
     if not (use == TRAINING).any():
         raise RecordingError("the recordings are too short to train on", path=recordings[0].source)
-    scalings = Scaling.of(x[use == TRAINING]), Scaling.of(y[use == TRAINING])
+    scalings = InputScaling.of(x[use == TRAINING]), Scaling.of(y[use == TRAINING])
     stride = max(1, round(recordings[0].rate / rate))
     return TrainingData(
         scalings[0].normalise(x).astype(np.float32),
         scalings[1].normalise(y).astype(np.float32),
         use,
         tuple(_stretches(recordings)),
+        tuple(_whole(recordings)),
         *scalings,
         stride,
         recordings[0].rate / stride,
@@ -144,4 +146,11 @@ def _stretches(recordings: Sequence[Recording]) -> Iterator[slice]:
     for recording in recordings:
         for rows in recording.segments:
             yield slice(before + rows.start, before + rows.stop)
+        before += len(recording)
+
+
+def _whole(recordings: Sequence[Recording]) -> Iterator[slice]:
+    before = 0
+    for recording in recordings:
+        yield slice(before, before + len(recording))
         before += len(recording)

@@ -84,7 +84,7 @@ class RowPasses(Passes):
             _descend(squares.mean(), module, optimizer)
             training.add(squares)
         with torch.no_grad():
-            for batch in self.held_out.split(_EVALUATED_ROWS):
+            for batch in self.held_out.split(_EVALUATED_ROWS) if self.held_out.numel() else ():
                 held_out.add(self._squares(cast("MlpModule", module), batch))
         return training.value, held_out.value
 

@@ -55,7 +55,7 @@ def command(
         return
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     for item in measured.left_out:
-        notes.print(f"{recording}: {len(item.rows)} rows left out: {item.reason}", markup=False)
+        notes.print(f"{recording}: {item}", markup=False)
     Console(highlight=False).print(table(evaluation))
 
 
@@ -87,12 +87,14 @@ def table(evaluation: Evaluation) -> Table:
     values = evaluation.as_values()
     result = Table(
         box=SIMPLE_HEAD,
+        pad_edge=False,
         title=f"{evaluation.recording.source}: against torque filtered at "
         f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
         caption="RMS(E) in N m, MSE in (N m)²; network: the torque that it adds",
     )
+    # the one column that gives way in a narrow terminal
+    result.add_column("joint", overflow="fold")
     for heading in (
-        "joint",
         "rigid\nbody\nRMSE",
         "network\n\nRMS",
         "hybrid\n\nRMSE",

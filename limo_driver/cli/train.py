@@ -25,18 +25,23 @@ def command(  # one argument for each option
         str,
         typer.Option(
             help="Inputs: all-joints (the paper's), own-joint (a network for each joint sees that "
-            "joint only), drive (also what friction and elasticity of a drive depend on)."
+            "joint only), drive (of that joint, what friction and elasticity of a drive depend on)."
         ),
     ] = "all-joints",
-    epochs: Annotated[int, typer.Option(help="Passes over the recordings.")] = 100,
+    epochs: Annotated[
+        int | None, typer.Option(help="Passes over the recordings; 100, or 20 with drive.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed; the same gives the same weights.")] = 0,
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
     ] = 10.0,
     rate: Annotated[
-        float,
-        typer.Option(help="Rate of the network's samples [Hz]; faster recordings are thinned."),
-    ] = 200.0,
+        float | None,
+        typer.Option(
+            help="Rate of the network's samples [Hz], to which faster recordings are thinned; "
+            "200, or 50 with drive."
+        ),
+    ] = None,
     sequence_length: Annotated[
         int, typer.Option(help="Samples that an LSTM is differentiated through.")
     ] = 100,
@@ -45,65 +50,76 @@ def command(  # one argument for each option
     schedule: Annotated[
         str, typer.Option(help="How the step shrinks: cosine, plateau (the paper's).")
     ] = "cosine",
-    learning_rate: Annotated[float, typer.Option(help="Initial step of AdamW.")] = 1e-3,
+    learning_rate: Annotated[
+        float | None, typer.Option(help="Initial step of AdamW; 1e-3, or 3e-3 with drive.")
+    ] = None,
     weight_decay: Annotated[float, typer.Option(help="Weight decay of AdamW.")] = 0.01,
     held_out: Annotated[
         float, typer.Option(help="Part of the motion, in blocks, that training does not see.")
     ] = 0.2,
+    folds: Annotated[
+        int,
+        typer.Option(
+            help="Stretches of motion, each predicted by a network that did not see it, that judge "
+            "the gain of each joint; 1: none do, and the gain is 1."
+        ),
+    ] = 2,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Train a network on the torque that a simulation leaves unexplained.
 
     Together they are the hybrid tau_HYB = tau_RBD + F_NN(q, dq, ddq, r, tau_RBD), with r the
-    rotation since the last reversal. The folder holds weights, manifest and simulation, and is
+    rotation since the last reversal. Its part is scaled, joint by joint, by how much of it is
+    confirmed by motion not trained on. The folder holds weights, manifest and simulation, and is
     all that `limo evaluate` needs.
 
     [bold]Examples[/bold]
 
         limo train run.parquet --sim sim.yaml --model lstm-fcl --out model/
 
-        limo train a.parquet b.parquet --sim sim.yaml --features drive --epochs 40 --out model/
+        limo train a.parquet b.parquet --sim sim.yaml --features drive --out model/
     """
     import json
+    from dataclasses import replace
 
     from rich.console import Console
 
     from estimators.hybrid import HybridModel
-    from estimators.training import TrainingSettings
+    from estimators.training import usual_settings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
-    settings = TrainingSettings(
+    usual = usual_settings(features)
+    settings = replace(
+        usual,
         model=model,
-        features=features,
-        epochs=epochs,
+        epochs=usual.epochs if epochs is None else epochs,
         seed=seed,
         bandwidth=bandwidth,
-        rate=rate,
+        rate=usual.rate if rate is None else rate,
         sequence_length=sequence_length,
         batch=batch,
         schedule=schedule,
-        learning_rate=learning_rate,
+        learning_rate=usual.learning_rate if learning_rate is None else learning_rate,
         weight_decay=weight_decay,
         held_out=held_out,
         hidden=hidden,
+        folds=folds,
     )
     simulation = Simulation.load(sim)
     measured = [Recording.load(path) for path in recordings]
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     for recording in measured:
         for item in recording.left_out:
-            notes.print(
-                f"{recording.source}: {len(item.rows)} rows left out: {item.reason}", markup=False
-            )
+            notes.print(f"{recording.source}: {item}", markup=False)
     hybrid = HybridModel(simulation, settings)
     hybrid.fitted_ = _train(simulation, measured, settings, notes)
     hybrid.save(out)
-    rmse = hybrid.fitted.record["rmse"]
+    rmse, gain = hybrid.fitted.record["rmse"], hybrid.fitted.gain.tolist()
     if as_json:
-        Console().print_json(json.dumps({"model": str(out), "rmse": rmse}))
+        Console().print_json(json.dumps({"model": str(out), "rmse": rmse, "gain": gain}))
         return
-    _print(rmse, bandwidth, Console(highlight=False))
+    _print(rmse, gain, bandwidth, Console(highlight=False))
 
 
 def _train(
@@ -113,32 +129,40 @@ def _train(
 
     from estimators.training import Epoch, train
 
+    trainings = settings.folds + 1 if settings.folds > 1 else 1
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=notes, transient=True) as progress:
-        bar = progress.add_task("computing inputs", total=settings.epochs)
+        bar = progress.add_task("computing inputs", total=trainings * settings.epochs)
 
         def on_epoch(epoch: Epoch) -> None:
             progress.update(
                 bar,
-                completed=epoch.number,
-                description=f"epoch {epoch.number}/{settings.epochs}  "
+                completed=epoch.fold * settings.epochs + epoch.number,
+                description=f"{f'fold {epoch.fold}' if epoch.fold else 'all motion'}  "
+                f"epoch {epoch.number}/{settings.epochs}  "
                 f"loss {epoch.training_loss:.4f}  held-out {epoch.held_out_loss:.4f}",
             )
 
         return train(simulation, recordings, settings, on_epoch)
 
 
-def _print(rmse: dict[str, dict[str, list[float]]], bandwidth: float, console: Console) -> None:
+def _print(
+    rmse: dict[str, dict[str, list[float]]], gain: list[float], bandwidth: float, console: Console
+) -> None:
     from rich.table import Table
 
-    table = Table(title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz")
+    table = Table(
+        title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
+        caption="gain: the part of the network's torque that motion not trained on confirms",
+    )
     table.add_column("joint", justify="right")
     for where in ("training", "held-out"):
         table.add_column(f"rigid body, {where}", justify="right")
         table.add_column(f"hybrid, {where}", justify="right")
+    table.add_column("gain", justify="right")
     columns = [
         rmse[where][name] for where in ("training", "held_out") for name in ("rigid_body", "hybrid")
     ]
     for j, values in enumerate(zip(*columns, strict=True)):
-        table.add_row(str(j + 1), *(f"{value:.4f}" for value in values))
+        table.add_row(str(j + 1), *(f"{value:.4f}" for value in values), f"{gain[j]:.2f}")
     console.print(table)

@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
+from io import StringIO
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,6 +60,29 @@ def test_noise_floor_is_unknown_where_the_filter_reaches_that_far(
     test_recording: Recording,
 ) -> None:
     assert np.isnan(noise_floor(test_recording, 35.0)).all()
+
+
+def test_noise_floor_is_unknown_where_noise_was_filtered_before_recording() -> None:
+    random = np.random.default_rng(0)
+    t = np.arange(20_000) / 1000.0
+    noise = 0.05 * random.standard_normal((t.size, 2))
+    motion = np.sin(2 * np.pi * 0.5 * t)[:, None] * [0.3, 0.5]
+    raw = Recording.from_arrays(t, motion, 8 * motion + noise)
+    smooth = Recording.from_arrays(t, motion, raw.filtered_torque(150.0))
+    assert np.isnan(noise_floor(smooth, 20.0)).all()
+
+
+def test_the_table_fits_a_narrow_terminal(evaluation: Evaluation) -> None:
+    from rich.console import Console
+
+    from limo_driver.cli.evaluate import table
+
+    console = Console(width=80, file=StringIO())
+    names = ("a_rather_long_name_of_a_joint", "another")
+    console.print(table(replace(evaluation, joint_names=names)))
+    shown = console.file.getvalue()
+    assert "of MSE" in shown
+    assert "…" not in shown
 
 
 def test_too_short_to_score(model: HybridModel, test_recording: Recording) -> None:

@@ -102,6 +102,20 @@ def test_paper_inputs_come_first_and_every_network_sees_them_all() -> None:
     np.testing.assert_array_equal(features.columns, np.tile(np.arange(35), (7, 1)))
 
 
+def test_a_drive_shows_no_pose_to_learn_by_heart() -> None:
+    names = {feature.name for feature in feature_set("drive", 7).inputs}
+    assert not {"position_1", "acceleration_1"} & names
+    assert {"velocity_1", "rotation_since_reversal_1", "rigid_body_torque_1"} <= names
+
+
+def test_what_is_left_out_leaves_the_other_columns_alone() -> None:
+    q = np.linspace(0.0, 0.3, 20)
+    whole = inputs(Features(7, stop_widths=(0.05,)), q, "stop_0.05rad_3")
+    part = Features(7, stop_widths=(0.05,), without=("position", "rigid_body_torque"))
+    np.testing.assert_array_equal(inputs(part, q, "stop_0.05rad_3"), whole)
+    assert part.columns.shape == (7, 4 * 7)
+
+
 @pytest.mark.parametrize("name", ["own-joint", "drive"])
 def test_own_joint_networks_see_no_other_joint(name: str) -> None:
     features = feature_set(name, 7)

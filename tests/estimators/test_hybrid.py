@@ -53,9 +53,10 @@ def test_hybrid_is_the_sum_of_its_parts(model: HybridModel, test_recording: Reco
 
 def test_a_manifest_says_what_the_network_sees(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["inputs"][0]["name"] == "position_1"
-    assert manifest["inputs"][0]["unit"] == "rad"
-    assert {"mean", "std"} <= set(manifest["inputs"][0])
+    assert manifest["inputs"][0]["name"] == "velocity_1"
+    assert manifest["inputs"][0]["unit"] == "rad/s"
+    assert {"mean", "std", "lowest", "highest"} <= set(manifest["inputs"][0])
+    assert all(0.0 <= output["gain"] <= 1.0 for output in manifest["outputs"])
     assert manifest["joints"] == ["shoulder", "elbow"]
     assert (round(manifest["rate"]), manifest["bandwidth"]) == (100, 10.0)
     assert manifest["training"]["recordings"][0]["samples"] == 6000
@@ -65,6 +66,27 @@ def test_a_manifest_says_what_the_network_sees(folder: Path) -> None:
         "model.safetensors",
         "sim.yaml",
     }
+
+
+def test_outside_the_training_range_the_network_adds_what_it_adds_at_the_border(
+    model: HybridModel,
+) -> None:
+    inputs = model.fitted.inputs
+    far = np.stack([inputs.highest + 100 * inputs.std, inputs.lowest - 100 * inputs.std])
+    border = np.stack([inputs.highest, inputs.lowest])
+    np.testing.assert_array_equal(inputs.normalise(far), inputs.normalise(border))
+    inside = (inputs.lowest + inputs.highest)[None] / 2
+    np.testing.assert_allclose(inputs.restore(inputs.normalise(inside)), inside, atol=1e-12)
+
+
+def test_the_gain_scales_the_network_of_its_joint(
+    model: HybridModel, test_recording: Recording
+) -> None:
+    scaled = HybridModel(model.simulation)
+    scaled.fitted_ = replace(model.fitted, gain=model.fitted.gain * [0.5, 0.0])
+    np.testing.assert_allclose(
+        scaled.parts(test_recording).network, model.parts(test_recording).network * [0.5, 0.0]
+    )
 
 
 def test_predicting_needs_no_torch(folder: Path) -> None:

@@ -8,8 +8,10 @@ import pytest
 
 from estimators.features import feature_set
 from estimators.hybrid import HybridModel
-from estimators.training import Epoch, TrainingSettings, train
-from estimators.training_data import HELD_OUT, LEFT_OUT, TRAINING, prepare
+from estimators.neural import Mlp, Network
+from estimators.training import Epoch, TrainingSettings, train, usual_settings
+from estimators.training_data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData, prepare
+from estimators.training_gain import gain
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
@@ -108,9 +110,12 @@ def test_training_leaves_the_random_state_and_threads_alone(
 def test_epochs_are_reported_and_recorded(rigid: Simulation, training_recording: Recording) -> None:
     seen: list[Epoch] = []
     fitted = train(rigid, [training_recording], QUICK, seen.append)
-    assert [epoch.number for epoch in seen] == [1, 2]
+    assert [(epoch.fold, epoch.number) for epoch in seen] == [
+        *((0, 1), (0, 2)),  # the network that is kept
+        *((1, 1), (1, 2), (2, 1), (2, 2)),
+    ]
     assert [item["held_out_loss"] for item in fitted.record["epochs"]] == [
-        epoch.held_out_loss for epoch in seen
+        epoch.held_out_loss for epoch in seen[:2]
     ]
     assert set(fitted.record["rmse"]) == {"training", "held_out"}
 
@@ -150,6 +155,64 @@ def test_a_gap_parts_the_training_motion(rigid: Simulation, training_recording: 
     assert data.stretches == (slice(0, 3000), slice(3000, 6000))
 
 
+def test_a_network_that_carries_over_is_trusted(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    settings = TrainingSettings(features="drive", epochs=15, rate=50.0, learning_rate=3e-3)
+    assert (train(rigid, [training_recording], settings).gain > 0.95).all()
+
+
+def test_a_network_that_learns_by_heart_is_switched_off(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    """What the halves of the second joint leave unexplained contradicts each other."""
+    early = (training_recording.time < training_recording.time[3000])[:, None]
+    motion = training_recording.motion(10.0)
+    unexplained = np.where(early, 1.0, -1.0) * np.sign(motion.velocity) * [0.0, 2.0]
+    contradicting = Recording.from_arrays(
+        training_recording.time,
+        training_recording.position,
+        rigid.predict(motion) + 0.3 * np.tanh(motion.velocity / 0.05) * [1.0, 0.0] + unexplained,
+    )
+    settings = TrainingSettings(features="drive", epochs=5, rate=50.0, learning_rate=3e-3)
+    found = train(rigid, [contradicting], settings).gain
+    assert found[0] > 0.9
+    assert found[1] == 0.0
+    trusting = replace(settings, epochs=1, folds=1)
+    np.testing.assert_array_equal(train(rigid, [contradicting], trusting).gain, 1.0)
+
+
+def test_whole_recordings_judge_where_there_are_enough(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    data = prepare(
+        rigid,
+        [training_recording[:2000], training_recording[2000:]],
+        feature_set("own-joint", 2),
+        bandwidth=10.0,
+        rate=100.0,
+        held_out=0.2,
+        random=np.random.default_rng(0),
+    )
+    seen: list[TrainingData] = []
+
+    def fit(rest: TrainingData, fold: int) -> Network:
+        seen.append(rest)
+        assert fold == len(seen)
+        zero = {"hidden_weight": (2, 5, 1), "hidden_bias": (2, 1)}
+        zero |= {"output_weight": (2, 1, 1), "output_bias": (2, 1)}
+        columns = feature_set("own-joint", 2).columns
+        return Mlp(columns, {name: np.zeros(shape) for name, shape in zero.items()})
+
+    gain(data, 2, fit)
+    for rest, out in zip(seen, (slice(0, 2000), slice(2000, 6000)), strict=True):
+        kept = np.delete(np.arange(6000), out)
+        assert (rest.use[out] == LEFT_OUT).all()
+        np.testing.assert_array_equal(rest.use[kept], data.use[kept])
+        training = rest.inputs[rest.use == TRAINING]
+        assert (rest.inputs[out] <= training.max(axis=0)).all()
+
+
 def test_a_recording_shorter_than_a_sequence_is_refused(
     rigid: Simulation, training_recording: Recording
 ) -> None:
@@ -183,6 +246,7 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
         ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-fcl"),
         ({"schedule": "step"}, "'step'; known: cosine, plateau"),
         ({"epochs": 0}, "epochs = 0"),
+        ({"folds": 0}, "folds = 0"),
         ({"held_out": 1.0}, "held_out = 1.0"),
         ({"learning_rate": float("nan")}, "learning_rate = nan"),
     ],
@@ -190,3 +254,8 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
 def test_settings_that_cannot_be_are_refused(setting: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         TrainingSettings(**setting)
+
+
+def test_only_a_drive_departs_from_the_paper() -> None:
+    assert usual_settings("all-joints") == TrainingSettings()
+    assert usual_settings("drive") != TrainingSettings(features="drive")
