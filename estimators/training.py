@@ -51,7 +51,7 @@ class TrainingSettings:
     learning_rate: float = 1e-3
     weight_decay: float = 0.01
     held_out: float = 0.2  # part of the motion
-    folds: int = 2  # stretches of motion that judge how the network carries over; 1: none do
+    folds: int = 3  # stretches of motion that judge how the network carries over; 1: none do
     hidden: int = 0  # units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from estimators.rigid_body.least_squares import BaseFit, choose_sign_widths, fit
 from estimators.rigid_body.normal_equations import NormalEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.terms import JointTerms, Term
+from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:
@@ -98,8 +99,12 @@ def identify(
         progress: Called with the number of samples done since the last call.
 
     Raises:
-        RecordingError: A recording is of another robot, or no row is left.
+        ConfigError: A tolerance that is not greater than 0.
+        RecordingError: A recording is of another robot or given twice, nothing moves, no torque was
+            measured, or no row is left.
     """
+    if tolerance is not None and not 0 < tolerance < np.inf:
+        raise ConfigError(f"inertia tolerance {tolerance:g}: has to be greater than 0")
     terms, rows = terms or JointTerms(), rows or Rows()
     base = find_base_parameters(model, terms)
     nominal = nominal_parameters(model, terms)

@@ -40,6 +40,9 @@ class JointTerms:
         offset: Model a constant offset of each torque sensor.
         armature: Model the inertia of each drive, where it can be told from the links'.
         chosen: The width of each joint, once chosen [rad/s].
+
+    Raises:
+        ConfigError: A width that is not greater than 0.
     """
 
     sign_widths: tuple[float, ...] = SIGN_WIDTHS
@@ -48,8 +51,9 @@ class JointTerms:
     chosen: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        if not self.sign_widths or min(self.sign_widths) <= 0:
-            raise ConfigError(f"sign widths {self.sign_widths} rad/s have to be greater than 0")
+        if not self.sign_widths or not all(0 < width < np.inf for width in self.sign_widths):
+            listed = ", ".join(f"{width:g}" for width in self.sign_widths)
+            raise ConfigError(f"sign width {listed or '(none)'} rad/s: has to be greater than 0")
 
     def with_choice(self, choice: tuple[int, ...]) -> JointTerms:
         """Return the terms with one of the widths, by its index, for each joint."""

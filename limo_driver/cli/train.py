@@ -63,7 +63,7 @@ def command(  # one argument for each option
             help="Stretches of motion, each predicted by a network that did not see it, that judge "
             "the gain of each joint; 1: none do, and the gain is 1."
         ),
-    ] = 2,
+    ] = 3,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Train a network on the torque that a simulation leaves unexplained.

@@ -36,7 +36,12 @@ def mse(model: HybridModel, recording: Recording) -> tuple[float, float]:
     ("settings", "factor"),
     [
         (TrainingSettings(features="drive", epochs=25, rate=50.0, learning_rate=3e-3), 30),
-        (TrainingSettings(features="own-joint", epochs=25, rate=50.0, learning_rate=3e-3), 4),
+        (
+            TrainingSettings(
+                features="own-joint", epochs=25, rate=50.0, learning_rate=3e-3, folds=1
+            ),
+            4,
+        ),
         (
             TrainingSettings(
                 model="lstm-fcl",
@@ -47,6 +52,7 @@ def mse(model: HybridModel, recording: Recording) -> tuple[float, float]:
                 batch=4,
                 hidden=8,
                 learning_rate=1e-2,
+                folds=1,
             ),
             4,
         ),
@@ -70,7 +76,13 @@ def test_recurrent_memory_does_not_drift(
 ) -> None:
     """Sequences of training are 0.5 s; five minutes later the error is what it was."""
     settings = TrainingSettings(
-        model="lstm-fcl", features="own-joint", epochs=10, sequence_length=50, batch=4, hidden=8
+        model="lstm-fcl",
+        features="own-joint",
+        epochs=10,
+        sequence_length=50,
+        batch=4,
+        hidden=8,
+        folds=1,
     )
     model = HybridModel(rigid, settings).fit([record(1, 40.0)])
     long = record(3, 300.0)
@@ -81,7 +93,9 @@ def test_recurrent_memory_does_not_drift(
 
 def test_same_seed_same_weights(rigid: Simulation, training_recording: Recording) -> None:
     for model in ("mlp7", "lstm-fcl"):
-        settings = TrainingSettings(model=model, features="own-joint", epochs=1, hidden=4, seed=3)
+        settings = TrainingSettings(
+            model=model, features="own-joint", epochs=1, hidden=4, seed=3, folds=2
+        )
         first, second = (train(rigid, [training_recording], settings).network for _ in range(2))
         for name, weight in first.weights.items():
             np.testing.assert_array_equal(weight, second.weights[name])
@@ -112,7 +126,7 @@ def test_epochs_are_reported_and_recorded(rigid: Simulation, training_recording:
     fitted = train(rigid, [training_recording], QUICK, seen.append)
     assert [(epoch.fold, epoch.number) for epoch in seen] == [
         *((0, 1), (0, 2)),  # the network that is kept
-        *((1, 1), (1, 2), (2, 1), (2, 2)),
+        *((1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2)),
     ]
     assert [item["held_out_loss"] for item in fitted.record["epochs"]] == [
         epoch.held_out_loss for epoch in seen[:2]
@@ -174,7 +188,7 @@ def test_a_network_that_learns_by_heart_is_switched_off(
         training_recording.position,
         rigid.predict(motion) + 0.3 * np.tanh(motion.velocity / 0.05) * [1.0, 0.0] + unexplained,
     )
-    settings = TrainingSettings(features="drive", epochs=5, rate=50.0, learning_rate=3e-3)
+    settings = TrainingSettings(features="drive", epochs=5, rate=50.0, learning_rate=3e-3, folds=2)
     found = train(rigid, [contradicting], settings).gain
     assert found[0] > 0.9
     assert found[1] == 0.0
