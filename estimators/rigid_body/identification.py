@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 TOLERANCES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # relative, of inertias in a URDF
+_TOLERABLE = (1e-4, 10.0)  # beyond, the prior or the data vanish in rounding
 _SIGNIFICANT = 3.0  # standard deviations below which an armature is left out
 _NEGLIGIBLE = 1e-3  # [N m], an error that no sensor shows
 _MUCH_WORSE = 1.1  # ratio of errors above which a consistent fit is worth a warning
@@ -99,12 +100,13 @@ def identify(
         progress: Called with the number of samples done since the last call.
 
     Raises:
-        ConfigError: A tolerance that is not greater than 0.
+        ConfigError: A tolerance outside 1e-4 to 10.
         RecordingError: A recording is of another robot or given twice, nothing moves, no torque was
             measured, or no row is left.
     """
-    if tolerance is not None and not 0 < tolerance < np.inf:
-        raise ConfigError(f"inertia tolerance {tolerance:g}: has to be greater than 0")
+    low, high = _TOLERABLE
+    if tolerance is not None and not low <= tolerance <= high:
+        raise ConfigError(f"inertia tolerance {tolerance:g}: has to lie in {low:g} to {high:g}")
     terms, rows = terms or JointTerms(), rows or Rows()
     base = find_base_parameters(model, terms)
     nominal = nominal_parameters(model, terms)

@@ -68,10 +68,11 @@ def command(  # one argument for each option
     from limo_driver.recording import Recording
 
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    _require_writable(out)
     model = RobotModel.load(robot)
-    measured = [Recording.load(path) for path in recordings]
-    terms = JointTerms((sign_width,) if sign_width else SIGN_WIDTHS, offset, armature)
+    terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
     rows = Rows(bandwidth, moving_only, weighting)
+    measured = [Recording.load(path) for path in recordings]
     found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
     found.simulation.save(out)
     if as_json:
@@ -90,6 +91,28 @@ def command(  # one argument for each option
     _show(found, out)
 
 
+def _require_writable(out: Path) -> None:
+    """Refuse to work for a minute and then find no place to write to."""
+    import os
+    from tempfile import TemporaryFile
+
+    from limo_driver.errors import ConfigError
+
+    if out.is_dir():
+        raise ConfigError("cannot be written: is a folder, expected a file", path=out)
+    if not out.parent.is_dir():
+        raise ConfigError(f"cannot be written: there is no folder {out.parent}", path=out)
+    if out.exists():
+        if not os.access(out, os.W_OK):
+            raise ConfigError("cannot be written: the file is read-only", path=out)
+        return
+    try:
+        with TemporaryFile(dir=out.parent):
+            pass
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", path=out) from None
+
+
 def _identify(
     model: RobotModel,
     measured: list[Recording],
@@ -102,7 +125,8 @@ def _identify(
 
     from estimators.rigid_body import identify
 
-    with Progress(console=console, transient=True) as progress:
+    # where nobody watches, the bar would leave an empty line before the message of an error
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("identify", total=sum(map(len, measured)))
         return identify(
             model,

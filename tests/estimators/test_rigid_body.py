@@ -344,7 +344,7 @@ def test_thickened_points_and_rods_exist():
 def test_bad_requests_are_refused(iiwa):
     with pytest.raises(ConfigError, match="weighting 'speed' is not one of error, torque"):
         Rows(weighting="speed")
-    with pytest.raises(ConfigError, match="sign widths"):
+    with pytest.raises(ConfigError, match="sign width 0 rad"):
         JointTerms((0.0,))
     six = Recording(np.arange(100) / RATE, np.zeros((100, 6)), np.zeros((100, 6)))
     with pytest.raises(RecordingError, match="has 6 joints"):

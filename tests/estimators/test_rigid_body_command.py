@@ -82,10 +82,65 @@ def test_json_holds_the_findings(recording, identify):
         (("--robot", "robot9"), "'robot9' is neither built in"),
         (("--bandwidth", "70"), "a bandwidth of 70 Hz does not suit"),
         (("--weighting", "mood"), "weighting 'mood'"),
+        *(
+            (("--bandwidth", value), f"bandwidth {value} Hz: has to be greater than 0")
+            for value in ("0", "-3", "nan", "inf")
+        ),
+        *(
+            (("--sign-width", value), f"sign width {value} rad/s: has to be greater than 0")
+            for value in ("0", "-0.01", "nan")
+        ),
+        *(
+            (("--inertia-tolerance", value), f"inertia tolerance {value}: has to lie in")
+            for value in ("0", "-1", "nan", "1e-12")
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(tmp_path, recording, identify, more, message):
     status, _, notes = identify(recording, *more)
     assert status == 2
     assert message in notes
+    assert notes.startswith("limo: ")
+    assert notes.count("\n") == 1
     assert not (tmp_path / "sim.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        ("missing/sim.yaml", "there is no folder"),
+        (".", "is a folder, expected a file"),
+        ("/proc/sim.yaml", "cannot be written"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_told_before_the_work(
+    tmp_path, recording, identify, monkeypatch, out, message
+):
+    monkeypatch.setattr(Recording, "load", lambda _: pytest.fail("began to work"))
+    status, _, notes = identify(recording, "--out", tmp_path / out)
+    assert (status, notes.count("\n")) == (2, 1)
+    assert message in notes
+
+
+def test_the_same_samples_are_no_new_evidence(tmp_path, recording, identify):
+    again = tmp_path / "again.parquet"
+    again.write_bytes(recording.read_bytes())
+    for second in (recording, again):
+        status, _, notes = identify(recording, second)
+        assert (status, notes.count("\n")) == (2, 1)
+        assert f"{second}: holds the same samples as {recording}" in notes
+
+
+@pytest.mark.parametrize(
+    ("quantity", "message"),
+    [("torque", "every torque is 0 N m"), ("position", "no joint moves")],
+)
+def test_a_recording_of_nothing_is_refused(tmp_path, recording, identify, quantity, message):
+    whole = Recording.load(recording)
+    arrays = {"position": whole.position, "torque": whole.torque}
+    arrays[quantity] = np.zeros_like(arrays[quantity])
+    path = tmp_path / "nothing.parquet"
+    Recording(whole.time, **arrays).save(path)
+    status, _, notes = identify(path)
+    assert (status, notes.count("\n")) == (2, 1)
+    assert f"{path}: {message}" in notes
