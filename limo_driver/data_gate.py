@@ -75,6 +75,7 @@ class Columns:
     velocity: FloatArray | None = None  # (T, n) [rad/s]
     extras: dict[str, FloatArray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    robot: str = ""  # as the file names it, if it does
 
 
 @dataclass(frozen=True)

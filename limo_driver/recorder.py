@@ -14,7 +14,7 @@ import json
 import os
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -178,9 +178,19 @@ def read_log(path: Path | str) -> pa.Table:
 
 
 def read_header(table: pa.Table) -> dict[str, Any]:
-    """Return what the recorder was told about a recording; empty for tables from elsewhere."""
-    header: dict[str, Any] = json.loads((table.schema.metadata or {}).get(METADATA_KEY, b"{}"))
-    return header
+    """Return what the recorder was told about a recording; empty for tables from elsewhere.
+
+    Raises:
+        RecordingError: There is a header, but it is no JSON object.
+    """
+    text = (table.schema.metadata or {}).get(METADATA_KEY, b"{}")
+    try:
+        header: object = json.loads(text)
+    except (ValueError, RecursionError):
+        header = None
+    if not isinstance(header, dict):
+        raise RecordingError(f"its header {METADATA_KEY.decode()} is no JSON object; not read")
+    return cast("dict[str, Any]", header)
 
 
 def _complete_batches(stream: pa.ipc.RecordBatchStreamReader) -> Iterator[pa.RecordBatch]:

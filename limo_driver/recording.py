@@ -42,6 +42,7 @@ class Recording:
     rows_total: int = 0  # rows of the file
     left_out: tuple[LeftOut, ...] = ()
     warnings: tuple[str, ...] = ()  # what a user should know of the rows that were kept
+    robot: str = ""  # name of the robot that was recorded, where the file says it
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
@@ -113,13 +114,21 @@ class Recording:
             rows_total=columns.time.size,
             left_out=findings.left_out,
             warnings=(*columns.warnings, *findings.warnings),
+            robot=columns.robot,
         )
 
     def save(self, path: Path | str) -> None:
         """Write Parquet that `load` reads back, without the rows that were left out."""
         from limo_driver.recording_file import write_columns
 
-        columns = Columns(self.time, self.position, self.torque, self.velocity, dict(self.extras))
+        columns = Columns(
+            self.time,
+            self.position,
+            self.torque,
+            self.velocity,
+            dict(self.extras),
+            robot=self.robot,
+        )
         write_columns(columns, Path(path))
 
     def __len__(self) -> int:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from typing import TYPE_CHECKING
 
@@ -47,13 +48,15 @@ def read_columns(path: Path) -> Columns:
     partial = sorted(quantity for quantity, names in by_quantity.items() if len(names) != n)
     if partial:
         warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
+    robot, unread = _robot(table)
     return Columns(
         time=_values(table, "time", path),
         position=arrays.pop("position"),
         torque=arrays.pop("torque"),
         velocity=arrays.pop("velocity", None),
         extras=arrays,
-        warnings=warnings,
+        warnings=warnings + unread,
+        robot=robot,
     )
 
 
@@ -61,13 +64,27 @@ def write_columns(columns: Columns, path: Path) -> None:
     """Write Parquet: time, position_j, torque_j and what else there is; 1-based joints."""
     import pyarrow.parquet as pq
 
+    from limo_driver.recorder import METADATA_KEY
+
     quantities = {"position": columns.position, "torque": columns.torque, **columns.extras}
     if columns.velocity is not None:
         quantities["velocity"] = columns.velocity
     table: dict[str, FloatArray] = {"time": columns.time}
     for quantity, values in quantities.items():
         table |= {f"{quantity}_{j + 1}": values[:, j] for j in range(values.shape[1])}
-    pq.write_table(pa.table(table), path, use_dictionary=False)
+    header = {METADATA_KEY: json.dumps({"robot": columns.robot})} if columns.robot else None
+    written = pa.table(table).replace_schema_metadata(header)
+    pq.write_table(written, path, use_dictionary=False)
+
+
+def _robot(table: pa.Table) -> tuple[str, tuple[str, ...]]:
+    """Return the robot that the header names, and a warning if there is a header but unreadable."""
+    from limo_driver.recorder import read_header
+
+    try:
+        return str(read_header(table).get("robot") or ""), ()
+    except RecordingError as error:
+        return "", (str(error),)
 
 
 def _read_table(path: Path) -> pa.Table:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cache
+from pathlib import PurePath
 from typing import TypeAlias
 
 import numpy as np
@@ -74,6 +75,14 @@ class RobotSpec:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+
+def same_robot(first: str, second: str) -> bool:
+    """Say whether two names can be of one robot: built-in names, or paths to a URDF.
+
+    A URDF may have moved from one machine to another, so only its file name counts.
+    """
+    return PurePath(first).name == PurePath(second).name
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from limo_driver.errors import RecordingError
-from limo_driver.recorder import Recorder, partial_path, read_header, read_log
+from limo_driver.recorder import METADATA_KEY, Recorder, partial_path, read_header, read_log
+from limo_driver.recording import Recording
 from limo_driver.types import JointState
 
 WRITER = """
@@ -58,6 +59,32 @@ def test_recording_has_the_columns_of_the_format(tmp_path):
     assert np.array_equal(table["target_position_1"].to_numpy(), np.arange(1000) + 0.5)
     assert read_header(table) == {"robot": "two"}
     assert list(tmp_path.iterdir()) == [path]  # nothing else is left
+
+
+def sine_run(path, robot):
+    with Recorder(path, 2, {"robot": robot}) as recorder:
+        for k in range(600):
+            wave = np.sin(0.01 * k + np.arange(2))
+            recorder.append(JointState(k * 1e-3, wave, wave, 5 * wave, k), wave)
+    return path
+
+
+def test_recording_knows_its_robot_and_keeps_it(tmp_path):
+    recording = Recording.load(sine_run(tmp_path / "run.parquet", "iiwa14"))
+    assert recording[:200].robot == "iiwa14"
+    recording.save(tmp_path / "copy.parquet")
+    assert Recording.load(tmp_path / "copy.parquet").robot == "iiwa14"
+
+
+@pytest.mark.parametrize("header", [b"{", b"[1]", b"\xff", None])
+def test_recording_without_a_readable_header_names_no_robot(tmp_path, header):
+    path = sine_run(tmp_path / "run.parquet", "iiwa14")
+    metadata = None if header is None else {METADATA_KEY: header}
+    pq.write_table(pq.read_table(path).replace_schema_metadata(metadata), path)
+    recording = Recording.load(path)
+    assert recording.robot == ""
+    warned = any("header limo.recording is no JSON object" in text for text in recording.warnings)
+    assert warned == (header is not None)
 
 
 def test_finished_log_reads_the_same(tmp_path):
