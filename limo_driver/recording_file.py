@@ -100,7 +100,7 @@ def _read_table(path: Path) -> pa.Table:
         ) from None
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise RecordingError(f"has more than one column {_shorten(repeated)}", path=path)
-    return table.rename_columns(names)
+    return table.rename_columns(names).replace_schema_metadata(table.schema.metadata)
 
 
 def _read_format(path: Path) -> pa.Table:
