@@ -92,9 +92,10 @@ def main() -> None:
         truth = true_mse(test, given.bandwidth)
     print("\njoint  rigid body  hybrid  noise floor [N m RMS]  MSE ratio  (true simulation)")
     for j, ratio in enumerate(found["mse_ratio"]):
+        floor = found["noise_floor"][j]
         print(
             f"{j + 1:5d}  {found['rmse_rigid_body'][j]:10.4f}  {found['rmse_hybrid'][j]:6.4f}  "
-            f"{found['noise_floor'][j]:11.4f}  {ratio:19.1f}  "
+            f"{np.nan if floor is None else floor:11.4f}  {ratio:19.1f}  "
             f"{found['mse_rigid_body'][j] / truth[j]:17.1f}"
         )
     mean = found["mean_mse_ratio"]

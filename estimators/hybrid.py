@@ -124,10 +124,12 @@ class TorqueParts:
 
 
 class HybridModel:
-    """Predict tau_HYB = tau_RBD + F_NN(q, dq, ddq, r, tau_RBD).
+    """Predict tau_HYB = tau_RBD + g F_NN(q, dq, ddq, r, tau_RBD).
 
     tau_RBD is the prediction of a simulation, normally an identified one; the network learns
-    tau_meas - tau_RBD. Neither `predict` nor `step` needs PyTorch.
+    tau_meas - tau_RBD. Its inputs are clipped to what training saw, and the gain g of each joint,
+    in [0, 1], is what motion held out from training confirms; g = 1 is the paper's. Neither
+    `predict` nor `step` needs PyTorch.
 
     Args:
         simulation: Gives tau_RBD.

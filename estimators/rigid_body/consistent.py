@@ -57,8 +57,13 @@ class ConsistentFit:
     """Full parameters that a robot can have."""
 
     parameters: FloatArray  # (p,)
-    deviation: FloatArray  # (p,), standard deviations; 0 where held at zero
+    covariance: FloatArray  # (p, p); 0 where held at zero
     log_evidence: float  # log-likelihood of the data under the tolerance, plus a constant
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations (p,); 0 where held at zero."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
 
 def fit_consistent(
@@ -91,7 +96,7 @@ def fit_consistent(
         released = held & ~absent & (problem.gradient(phi) < -_RELEASE)
         if not negative.any() and not released.any():
             return ConsistentFit(
-                phi, problem.deviation(phi, ~held), problem.log_evidence(phi, ~absent)
+                phi, problem.covariance(phi, ~held), problem.log_evidence(phi, ~absent)
             )
         held = (held | negative) if negative.any() else (held & ~released)
     raise DivergedError("the friction parameters found no consistent set of signs")
@@ -132,20 +137,18 @@ class _Problem:
     def hessian(self, phi: FloatArray) -> FloatArray:
         hessian = self.data.gram + np.diag(self.ridge)
         for i in range(self.links):
-            inverse = np.linalg.inv(pseudo_inertia(phi[_of(i)]))
-            turned = inverse @ _BASIS
-            hessian[_of(i), _of(i)] += self.precision * np.einsum("kab,lba->kl", turned, turned)
+            hessian[_of(i), _of(i)] += self.precision * body_metric(phi[_of(i)])
         return hessian
 
-    def deviation(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-        """Return the standard deviation of each parameter (p,) at the minimum."""
-        deviation = np.zeros(phi.size)
+    def covariance(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+        """Return the covariance of the parameters (p, p) at the minimum."""
+        covariance = np.zeros((phi.size, phi.size))
         H, scale = self._scaled(phi, free)
         inverse = np.linalg.inv(H)
         prior = self.hessian(phi) - self.data.gram
         spread = (self.data.spread + prior)[np.ix_(free, free)] * np.outer(scale, scale)
-        deviation[free] = scale * np.sqrt(np.sum((inverse @ spread) * inverse, axis=1))
-        return deviation
+        covariance[np.ix_(free, free)] = inverse @ spread @ inverse * np.outer(scale, scale)
+        return covariance
 
     def log_evidence(self, phi: FloatArray, present: NDArray[np.bool_]) -> float:
         """Integrate likelihood and prior over the parameters by Laplace's approximation.
@@ -195,6 +198,12 @@ def _of(link: int) -> slice:
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
     """Return J (4, 4) of (m, m c, I at the joint frame) of one link."""
     return np.tensordot(parameters, _BASIS, 1)
+
+
+def body_metric(parameters: FloatArray) -> FloatArray:
+    """Return the second derivative of D at a body of its own parameters, (10, 10)."""
+    turned = np.linalg.inv(pseudo_inertia(parameters)) @ _BASIS
+    return np.einsum("kab,lba->kl", turned, turned)
 
 
 def _basis() -> FloatArray:

@@ -19,6 +19,7 @@ from estimators.rigid_body.least_squares import BaseFit, choose_sign_widths, fit
 from estimators.rigid_body.normal_equations import NormalEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.terms import JointTerms, Term
+from estimators.rigid_body.tolerances import tolerances_of
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
+    from limo_driver.physics import Tolerances
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -70,9 +72,9 @@ class Identification:
     rows: Rows
     base: BaseParameters
     fit: BaseFit  # of the base parameters
-    simulation: Simulation  # physically consistent
+    simulation: Simulation  # physically consistent; its tolerances say how well it is known
     rmse_consistent: FloatArray  # (n,) [N m], in sample
-    tolerance: float  # relative standard deviation of the nominal inertias, given or found
+    tolerance: float  # relative standard deviation of inertias before the data, given or found
     estimates: tuple[TermEstimate, ...]
     links: tuple[LinkChange, ...]
     samples: int
@@ -129,7 +131,9 @@ def identify(
         rows,
         base,
         fit,
-        _simulation(model, terms, consistent),
+        _simulation(
+            model, terms, consistent, tolerances_of(consistent, equations.mean_gram(), terms)
+        ),
         rmse,
         tolerance,
         estimates,
@@ -178,7 +182,9 @@ class _Bodies:
         return self.fit(tolerance, absent)
 
 
-def _simulation(model: RobotModel, terms: JointTerms, fit: ConsistentFit) -> Simulation:
+def _simulation(
+    model: RobotModel, terms: JointTerms, fit: ConsistentFit, known: Tolerances
+) -> Simulation:
     bodies = {
         link: inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
         for i, link in enumerate(model.link_names)
@@ -188,7 +194,7 @@ def _simulation(model: RobotModel, terms: JointTerms, fit: ConsistentFit) -> Sim
         for term, joint, value, deviation in _by_joint(model.n, terms, fit)
         if deviation > 0 or term.effect.endswith("friction")
     )
-    return Simulation(robot=model.name, effects=effects, inertials=bodies)
+    return Simulation(robot=model.name, effects=effects, inertials=bodies, tolerances=known)
 
 
 def _by_joint(

@@ -90,8 +90,11 @@ class NormalEquations:
 
     def effective_rows(self, parameters: FloatArray) -> FloatArray:
         """Return how many independent rows each joint's are worth, (n,), by their errors."""
-        mean = self.gram / np.maximum(self.count, 1)[:, None, None]
-        return effective_rows(self.chain, self.thinned, mean, parameters)
+        return effective_rows(self.chain, self.thinned, self.mean_gram(), parameters)
+
+    def mean_gram(self) -> FloatArray:
+        """Return the mean of y yᵀ over each joint's rows, (n, p, p)."""
+        return self.gram / np.maximum(self.count, 1)[:, None, None]
 
     def choose(self, terms: JointTerms, choice: Sequence[int]) -> NormalEquations:
         """Return the equations with one sign width, by its index, for each joint."""

@@ -201,6 +201,26 @@ def test_moved_masses_are_found_as_bodies_that_exist(iiwa):
     assert found.tolerance >= 0.1
 
 
+def test_simulation_says_how_well_it_is_known(iiwa):
+    heavier = {
+        link: Inertial(1.5 * body.mass, body.com, body.inertia)
+        for link, body in iiwa.inertials.items()
+    }
+    quiet, loud = (
+        identify(iiwa, [record(Simulation("iiwa14", FRICTION, heavier), T, noise=noise)], PAPER)
+        for T, noise in ((3000, NOISE), (1000, 20.0))
+    )
+    known = quiet.simulation.tolerances
+    assert quiet.tolerance >= 0.2
+    assert 0.02 < known.inertia < quiet.tolerance  # the motion reveals most, but not all
+    assert known.friction == 0.15  # known better; the default is the floor
+    assert loud.simulation.tolerances.friction > 0.15
+    noisy = record(Simulation("iiwa14", FRICTION), 1000, noise=200.0)
+    blind = identify(iiwa, [noisy], PAPER, tolerance=0.3)
+    print(quiet.simulation.tolerances,loud.simulation.tolerances,loud.tolerance,quiet.tolerance,blind.simulation.tolerances)
+    assert blind.simulation.tolerances.inertia == pytest.approx(0.3, rel=0.1)
+
+
 @pytest.fixture(scope="module")
 def hysteretic():
     stiffness = (300.0, 330.0, 220.0, 230.0, 120.0, 60.0, 50.0)
@@ -349,6 +369,7 @@ def test_bad_requests_are_refused(iiwa):
     six = Recording(np.arange(100) / RATE, np.zeros((100, 6)), np.zeros((100, 6)))
     with pytest.raises(RecordingError, match="has 6 joints"):
         identify(iiwa, [six])
-    rest = Recording(np.arange(100) / RATE, np.zeros((100, 7)), np.ones((100, 7)))
+    t = np.arange(100) / RATE
+    rest = Recording(t, np.tile(0.01 * t[:, None], 7), np.ones((100, 7)))
     with pytest.raises(RecordingError, match="no row is left"):
         identify(iiwa, [rest], PAPER, Rows(moving_only=True))
