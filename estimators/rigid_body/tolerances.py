@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 
+_DIGITS = 3  # a deviation is not known to more
+
 
 def tolerances_of(fit: ConsistentFit, gram: FloatArray, terms: JointTerms) -> Tolerances:
     """Return the relative standard deviations of inertias and friction.
@@ -42,8 +44,8 @@ def tolerances_of(fit: ConsistentFit, gram: FloatArray, terms: JointTerms) -> To
     """
     default = Tolerances()
     return Tolerances(
-        max(default.inertia, _of_inertias(fit, len(gram))),
-        max(default.friction, _of_friction(fit, gram, terms)),
+        max(default.inertia, round(_of_inertias(fit, len(gram)), _DIGITS)),
+        max(default.friction, round(_of_friction(fit, gram, terms), _DIGITS)),
     )
 
 

@@ -163,6 +163,11 @@ def _show(found: Identification, out: Path) -> None:
         f"inertias of the description are held to {found.tolerance:.0%} (1 sigma)",
         highlight=False,
     )
+    known = found.simulation.tolerances
+    console.print(
+        f"known to (1 sigma): inertias {known.inertia:.0%}, friction {known.friction:.0%}",
+        highlight=False,
+    )
     console.print(joint_table(found))
     console.print(link_table(found))
     for warning in found.warnings:

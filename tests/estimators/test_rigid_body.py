@@ -217,7 +217,6 @@ def test_simulation_says_how_well_it_is_known(iiwa):
     assert loud.simulation.tolerances.friction > 0.15
     noisy = record(Simulation("iiwa14", FRICTION), 1000, noise=200.0)
     blind = identify(iiwa, [noisy], PAPER, tolerance=0.3)
-    print(quiet.simulation.tolerances,loud.simulation.tolerances,loud.tolerance,quiet.tolerance,blind.simulation.tolerances)
     assert blind.simulation.tolerances.inertia == pytest.approx(0.3, rel=0.1)
 
 
