@@ -38,6 +38,9 @@ _UNIT_HINT = {
 }
 _TURNS = 4 * np.pi  # [rad]; no arm turns farther
 _DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says degrees (57.3)
+_FACTORS = (0.5, 2.0)  # of velocity to rate of change, that filters and noise may make
+_SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
+_SWEEP = 0.1  # [s] over which velocity and change of position are compared
 _SPIKE_WINDOW = 7  # samples
 _SPIKE_FACTOR = 20.0  # over the 99th percentile of the deviation from the median
 _SPIKE_FLOOR = {"position": 0.05, "torque": 5.0}  # rad, N m
@@ -270,27 +273,41 @@ class _Gate:
                 f"position_{j + 1} reaches {farthest:.4g}, more than two turns; expected rad; "
                 "is it in degrees?"
             )
-        ratio = self._velocity_ratio()
-        if ratio is not None and _DEGREES[0] < ratio < _DEGREES[1]:
+        factors = self._velocity_factors()
+        usual = float(np.median(list(factors.values()))) if factors else 1.0
+        if 1 / _DEGREES[1] < abs(usual) < 1 / _DEGREES[0]:
             raise RecordingError(
-                f"positions change {ratio:.3g} times as fast as the velocities say; expected rad "
-                "and rad/s; are the positions in degrees?"
+                f"positions change {1 / usual:.3g} times as fast as the velocities say; expected "
+                "rad and rad/s; are the positions in degrees?"
             )
 
-    def _velocity_ratio(self) -> float | None:
-        """Return how many times faster the positions change than the velocity columns say."""
+    def _velocity_factors(self) -> dict[int, float]:
+        """Return how many times the rate of change of position each moving joint's velocity is."""
         if self.columns.velocity is None:
-            return None
-        step = np.diff(self.time)
-        near = step < _longest_step(step)
-        slope = np.diff(self.columns.position[self.rows], axis=0)[near] / step[near, None]
-        velocity = self.columns.velocity[self.rows][1:][near]
-        known = np.isfinite(velocity)
-        energy = float(np.sum(velocity[known] ** 2))
-        return float(np.sum(slope[known] * velocity[known])) / energy if energy > 0 else None
+            return {}
+        position = self.columns.position[self.rows]
+        velocity = self.columns.velocity[self.rows]
+        return {
+            j: factor
+            for j in np.flatnonzero(np.ptp(position, axis=0) > _SWUNG).tolist()
+            if (factor := velocity_factor(self.time, position[:, j], velocity[:, j])) is not None
+        }
 
     def warnings(self) -> tuple[str, ...]:
-        return (*self._about_gaps(), *self._about_joints(), *self._about_holes())
+        return (
+            *self._about_gaps(),
+            *self._about_joints(),
+            *self._about_velocity(),
+            *self._about_holes(),
+        )
+
+    def _about_velocity(self) -> list[str]:
+        return [
+            f"velocity_{j + 1} is {factor:.3g} times the rate of change of position_{j + 1}; "
+            "it is not used"
+            for j, factor in self._velocity_factors().items()
+            if not _FACTORS[0] < factor < _FACTORS[1]
+        ]
 
     def _about_gaps(self) -> list[str]:
         time = self.time
@@ -327,6 +344,23 @@ class _Gate:
             if holes := int((~np.isfinite(values[self.rows])).any(axis=1).sum()):
                 found.append(f"{quantity} is missing in {holes} rows")
         return found
+
+
+def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray) -> float | None:
+    """Return velocity over rate of change of position, by least squares; None if nothing moves.
+
+    All are (T,), of one joint. Sums over stretches are compared, since a difference quotient of
+    close samples is all noise.
+    """
+    step = np.diff(time)
+    swept = (velocity[1:] + velocity[:-1]) / 2 * step
+    known = np.isfinite(swept) & (step < _longest_step(step))
+    stride = max(1, round(_SWEEP / float(np.median(step))))
+    starts = np.arange(0, step.size, stride)
+    says = np.add.reduceat(np.where(known, swept, 0.0), starts)
+    does = np.add.reduceat(np.where(known, np.diff(position), 0.0), starts)
+    energy = float(does @ does)
+    return float(says @ does) / energy if energy > 0 else None
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,12 +12,12 @@ import numpy as np
 from limo_driver.data_gate import Columns, LeftOut, contiguous, inspect
 from limo_driver.differentiation import EDGE, differentiate, smooth
 from limo_driver.errors import RecordingError, ShapeError
-from limo_driver.types import FloatArray, Motion, readonly
+from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from limo_driver.model import RobotModel
 
@@ -46,16 +46,8 @@ class Recording:
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
-        if len(shape) != 2:  # noqa: PLR2004  # (T, n)
-            raise ShapeError("position", shape, "(T, n)")
-        arrays = {"position": self.position, "torque": self.torque, **self.extras}
-        if self.velocity is not None:
-            arrays["velocity"] = self.velocity
-        for name, values in arrays.items():
-            if np.shape(values) != shape:
-                raise ShapeError(name, np.shape(values), f"{shape}")
-        if np.shape(self.time) != shape[:1]:
-            raise ShapeError("time", np.shape(self.time), f"({shape[0]},)")
+        by_name = {"torque": self.torque, "velocity": self.velocity, **self.extras}
+        _check_shapes(self.time, self.position, by_name)
         for name in ("time", "position", "torque", "velocity"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, readonly(getattr(self, name)))
@@ -84,19 +76,28 @@ class Recording:
     @classmethod
     def from_arrays(
         cls,
-        time: FloatArray,
-        position: FloatArray,
-        torque: FloatArray,
-        velocity: FloatArray | None = None,
-        extras: Mapping[str, FloatArray] | None = None,
+        time: ArrayLike,
+        position: ArrayLike,
+        torque: ArrayLike,
+        velocity: ArrayLike | None = None,
+        extras: Mapping[str, ArrayLike] | None = None,
         source: str = "",
     ) -> Recording:
         """Check arrays as `load` checks a file; shapes and units as in the class.
 
         Raises:
             RecordingError: The data cannot be used.
+            ShapeError: An array has another shape than the positions.
         """
-        columns = Columns(time, position, torque, velocity, dict(extras or {}))
+        columns = Columns(
+            _numbers("time", time),
+            _numbers("position", position),
+            _numbers("torque", torque),
+            None if velocity is None else _numbers("velocity", velocity),
+            {name: _numbers(name, values) for name, values in (extras or {}).items()},
+        )
+        by_name = {"torque": columns.torque, "velocity": columns.velocity, **columns.extras}
+        _check_shapes(columns.time, columns.position, by_name)
         return cls._checked(columns, source)
 
     @classmethod
@@ -200,8 +201,13 @@ class Recording:
         """Check that the recording can be of this robot.
 
         Raises:
-            RecordingError: Other joint count, or positions that the joints cannot reach.
+            RecordingError: Other name, joint count, or positions that the joints cannot reach.
         """
+        # a URDF called iiwa14.urdf may well be of the built-in iiwa14
+        if self.robot and not same_robot(PurePath(self.robot).stem, PurePath(model.name).stem):
+            raise RecordingError(
+                f"is of robot {self.robot}, expected {model.name}", path=self.source or None
+            )
         if self.n != model.n:
             raise RecordingError(
                 f"has {self.n} joints, but {model.name} has {model.n}", path=self.source or None
@@ -219,6 +225,26 @@ class Recording:
                 f"{model.limits.position_max[j]:.3g} rad; is it in degrees, or another robot?",
                 path=self.source or None,
             )
+
+
+def _numbers(name: str, values: ArrayLike) -> FloatArray:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RecordingError(f"{name} is no array of real numbers: {type(values)}") from None
+
+
+def _check_shapes(
+    time: FloatArray, position: FloatArray, others: Mapping[str, FloatArray | None]
+) -> None:
+    shape = np.shape(position)
+    if len(shape) != 2 or not shape[1]:  # noqa: PLR2004  # (T, n)
+        raise ShapeError("position", shape, "(T, n)")
+    for name, values in others.items():
+        if values is not None and np.shape(values) != shape:
+            raise ShapeError(name, np.shape(values), f"{shape}")
+    if np.shape(time) != shape[:1]:
+        raise ShapeError("time", np.shape(time), f"({shape[0]},)")
 
 
 BEYOND_LIMIT = 0.5  # [rad]; limits in a URDF are often a little narrower than the arm's

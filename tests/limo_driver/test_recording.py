@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 
 import numpy as np
@@ -169,6 +170,68 @@ def test_small_angles_in_degrees_show_against_the_velocity(tmp_path):
     refuse(in_degrees, r"57\.3 times as fast as the velocities", tmp_path)
 
 
+@pytest.mark.parametrize("factor", [180 / np.pi, -1.0, -np.pi / 180 * 0.5, 0.0])
+def test_velocities_of_other_units_or_sign_are_told_but_not_used(tmp_path, factor):
+    columns = make_columns()
+    for j in (1, 2, 3):
+        scale = factor if j == 2 else 1.0
+        columns[f"velocity_{j}"] = scale * np.gradient(columns[f"position_{j}"], 1 / RATE)
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    (warning,) = recording.warnings
+    said = re.fullmatch(
+        r"velocity_2 is (\S+) times the rate of change of position_2; it is not used", warning
+    )
+    assert float(said[1]) == pytest.approx(factor, rel=0.02, abs=1e-9)
+
+
+def test_noisy_velocities_with_holes_of_joints_that_hardly_move_are_no_news():
+    random = np.random.default_rng(0)
+    t = np.arange(4000) / 1000.0
+    position = np.array([0.5, 0.004]) * np.sin(t)[:, None]
+    velocity = np.array([0.5, 0.004]) * np.cos(t)[:, None] + 0.2 * random.standard_normal((4000, 2))
+    velocity[::50] = np.nan
+    position += 1e-4 * random.standard_normal(position.shape)
+    recording = Recording.from_arrays(t, position, position, velocity)
+    assert recording.warnings == ("velocity is missing in 80 rows",)
+
+
+def test_lists_are_read_as_arrays():
+    columns = make_columns()
+    position = [[row] for row in columns["position_1"]]
+    recording = Recording.from_arrays(columns["time"].tolist(), position, position)
+    np.testing.assert_array_equal(recording.position[:, 0], columns["position_1"])
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "error", "message"),
+    [
+        ("time", np.zeros(49), ShapeError, r"time has shape \(49,\), expected \(50,\)"),
+        ("time", np.zeros((50, 1)), ShapeError, r"time has shape \(50, 1\)"),
+        ("time", None, ShapeError, r"time has shape \(\)"),
+        ("position", np.zeros(50), ShapeError, r"position has shape \(50,\), expected \(T, n\)"),
+        ("position", np.zeros((50, 0)), ShapeError, r"position has shape \(50, 0\)"),
+        (
+            "torque",
+            np.zeros((50, 3)),
+            ShapeError,
+            r"torque has shape \(50, 3\), expected \(50, 2\)",
+        ),
+        ("velocity", np.zeros(50), ShapeError, r"velocity has shape \(50,\)"),
+        ("extras", {"temperature": [1.0]}, ShapeError, r"temperature has shape \(1,\)"),
+        ("torque", [[1.0, 2.0], [1.0]], RecordingError, "torque is no array of real numbers"),
+        ("torque", "high", RecordingError, "torque is no array of real numbers"),
+    ],
+)
+def test_arrays_of_other_shapes_are_refused(name, values, error, message):
+    arrays = {
+        "time": np.arange(50) / RATE,
+        "position": np.zeros((50, 2)),
+        "torque": np.zeros((50, 2)),
+    }
+    with pytest.raises(error, match=message):
+        Recording.from_arrays(**arrays | {name: values})
+
+
 def test_files_that_are_no_recording(tmp_path):
     with pytest.raises(RecordingError, match="no such file"):
         Recording.load(tmp_path / "none.parquet")
@@ -301,6 +364,16 @@ def test_recording_of_another_robot_is_refused(tmp_path):
     recording = Recording.load(write(columns, tmp_path / "far.parquet"))
     with pytest.raises(RecordingError, match=r"position_4 spans -4 to 4 rad, but joint 4"):
         recording.check_robot(model)
+
+
+def test_recording_that_names_another_robot_is_refused():
+    t = np.arange(100) / RATE
+    arrays = t, np.zeros((100, 7)), np.zeros((100, 7))
+    model = RobotModel.load("iiwa14")
+    for name in ("", "iiwa14", "/elsewhere/iiwa14.urdf"):
+        Recording(*arrays, robot=name).check_robot(model)
+    with pytest.raises(RecordingError, match=r"^run: is of robot arms/panda.urdf, expected iiwa14"):
+        Recording(*arrays, source="run", robot="arms/panda.urdf").check_robot(model)
 
 
 @settings(max_examples=40, deadline=None)
