@@ -1,12 +1,15 @@
 """Trajectory: joint motion that is commanded, and its Parquet file."""
 
+# pyright: reportUnknownParameterType=false
+# pyarrow ships no stubs.
+
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
 from math import perm
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,10 +19,14 @@ from limo_driver.types import FloatArray, Motion
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import pyarrow as pa
     from numpy.typing import NDArray
 
 _METADATA_KEY = b"limo.trajectory"
 _QUANTITIES = ("position", "velocity", "acceleration")
+LONGEST_STEP = 10.0  # [s] from one sample to the next
+LONGEST = 8 * 3600.0  # [s]; at 1 kHz, eight hours of seven joints already take gigabytes
+LARGEST = 1e6  # [rad, rad/s, rad/s^2]; no arm does more, and the quintics stay finite
 _BLOCK = 16_384  # rows evaluated at once: bounds the memory of an hour at 1 kHz
 
 
@@ -47,10 +54,30 @@ class Trajectory(Motion):
 
     The quintic takes position, velocity and acceleration of the two samples, so the motion is
     twice continuously differentiable at any control rate.
+
+    Raises:
+        ConfigError: Fewer than two samples or no joint, values that no arm can follow, times that
+            do not increase or leap, or a segment beyond the samples.
     """
 
     robot: str = ""  # name of the robot it was planned for
     segments: tuple[Segment, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self) < 2 or self.n < 1:  # noqa: PLR2004  # samples that make a motion
+            raise ConfigError(
+                f"holds {len(self)} samples of {self.n} joints, expected 2 or more of 1 or more"
+            )
+        for quantity in _QUANTITIES:
+            _check_values(getattr(self, quantity), quantity)
+        _check_times(self.time)
+        for segment in self.segments:
+            if not 0 <= segment.start < segment.stop <= len(self):
+                raise ConfigError(
+                    f"segment {segment.kind!r} spans samples {segment.start} to {segment.stop}, "
+                    f"expected a stretch of 0 to {len(self)}"
+                )
 
     @property
     def duration(self) -> float:
@@ -145,7 +172,8 @@ class Trajectory(Motion):
         """Read a trajectory.
 
         Raises:
-            ConfigError: The file is missing, is no Parquet, or lacks a column.
+            ConfigError: The file is missing, is no Parquet, lacks a column, has a column or header
+                of another kind, or holds what a trajectory may not.
         """
         import pyarrow.parquet as pq
         from pyarrow import ArrowException
@@ -154,21 +182,80 @@ class Trajectory(Motion):
             table = pq.read_table(Path(path))
         except (OSError, ArrowException) as error:
             raise ConfigError(f"cannot be read as a trajectory: {error}", path=path) from None
-        n = sum(name.startswith("position_") for name in table.column_names)
-        expected = ["time", *_columns(n)]
-        if missing := [name for name in expected if name not in table.column_names]:
-            raise ConfigError(f"is no trajectory: it lacks {', '.join(missing)}", path=path)
-        header = json.loads((table.schema.metadata or {}).get(_METADATA_KEY, b"{}"))
-        arrays = {
-            quantity: np.stack([table[f"{quantity}_{j + 1}"].to_numpy() for j in range(n)], axis=1)
-            for quantity in _QUANTITIES
-        }
-        return cls(
-            time=table["time"].to_numpy(),
-            **arrays,
-            robot=header.get("robot", ""),
-            segments=tuple(Segment(*segment) for segment in header.get("segments", ())),
+        try:
+            robot, segments = _parse_header((table.schema.metadata or {}).get(_METADATA_KEY, b"{}"))
+            return cls(**_arrays(table), robot=robot, segments=segments)
+        except ConfigError as error:
+            raise ConfigError(str(error), path=path) from None
+
+
+def _check_values(values: FloatArray, quantity: str) -> None:
+    usable = np.abs(values) <= LARGEST  # a NaN is not
+    if not usable.all():
+        row, joint = (int(i) for i in np.argwhere(~usable)[0])
+        raise ConfigError(
+            f"{quantity}_{joint + 1} is {values[row, joint]:g} in row {row}, expected a number "
+            f"within {LARGEST:g}"
         )
+
+
+def _check_times(time: FloatArray) -> None:
+    if not np.isfinite(time).all():
+        row = int(np.argmin(np.isfinite(time)))
+        raise ConfigError(f"time is {time[row]:g} in row {row}, expected a number")
+    steps = np.diff(time)
+    bad = (steps <= 0) | (steps > LONGEST_STEP)
+    if bad.any():
+        row = int(bad.argmax())
+        raise ConfigError(
+            f"time goes from {time[row]:.9g} to {time[row + 1]:.9g} s in row {row + 1}, expected "
+            f"a step above 0 and up to {LONGEST_STEP:g} s"
+        )
+    if time[-1] - time[0] > LONGEST:
+        raise ConfigError(f"lasts {time[-1] - time[0]:.6g} s, expected up to {LONGEST:g} s")
+
+
+def _parse_header(text: bytes) -> tuple[str, tuple[Segment, ...]]:
+    """Return robot and segments of a file's header."""
+    try:
+        header: Any = json.loads(text)
+        robot, listed = header.get("robot", ""), header.get("segments", [])
+        segments = tuple(Segment(kind, start, stop) for kind, start, stop in listed)
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        robot, segments = None, ()
+    kinds = [(str, robot), *((str, s.kind) for s in segments)]
+    kinds += [(int, row) for s in segments for row in (s.start, s.stop)]
+    if any(type(value) is not kind for kind, value in kinds):
+        raise ConfigError(
+            f"its header {_METADATA_KEY.decode()} cannot be read; expected JSON with a robot's "
+            "name and segments of kind, first row and row after the last"
+        )
+    return str(robot), segments
+
+
+def _arrays(table: pa.Table) -> dict[str, FloatArray]:
+    """Return time, position, velocity and acceleration of a table."""
+    n = max(1, sum(name.startswith("position_") for name in table.column_names))
+    expected = ["time", *_columns(n)]
+    if missing := [name for name in expected if name not in table.column_names]:
+        raise ConfigError(f"is no trajectory: it lacks {', '.join(missing)}")
+    columns = {name: _numbers(table, name) for name in expected}
+    return {"time": columns["time"]} | {
+        quantity: np.stack([columns[f"{quantity}_{j + 1}"] for j in range(n)], axis=1)
+        for quantity in _QUANTITIES
+    }
+
+
+def _numbers(table: pa.Table, name: str) -> FloatArray:
+    """Return one column; empty cells are NaN."""
+    import pyarrow as pa
+
+    if table.column_names.count(name) > 1:
+        raise ConfigError(f"has more than one column {name}")
+    column = table[name]
+    if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
+        raise ConfigError(f"column {name} holds {column.type}, expected numbers")
+    return column.cast(pa.float64(), safe=False).to_numpy()
 
 
 def _columns(n: int) -> Iterator[str]:
