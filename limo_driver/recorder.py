@@ -1,8 +1,9 @@
 """Recorder: stream what a robot measures to disk, so that a killed process keeps its data.
 
 Samples go to `NAME.partial`, an Arrow stream that is complete up to its last batch at any moment;
-`close` turns it into the Parquet file NAME. A thread writes, so that a slow disk does not hold up
-the control loop.
+`close` turns it into the Parquet file NAME, replacing an older one only then. A `NAME.partial` that
+is there already is what a killed run left, so nothing is recorded over it. A thread writes, so that
+a slow disk does not hold up the control loop.
 """
 
 # pyright: reportUnknownParameterType=false
@@ -47,7 +48,7 @@ class Recorder:
         header: What a reader should know, as JSON: robot, segments, provenance.
 
     Raises:
-        RecordingError: The file cannot be written.
+        RecordingError: The file cannot be written, or an unfinished log of that name exists.
     """
 
     def __init__(self, path: Path | str, n: int, header: Mapping[str, Any]) -> None:
@@ -59,8 +60,16 @@ class Recorder:
         self._rows: list[FloatArray] = []
         self._lock = threading.Lock()
         self._failure: OSError | None = None
+        if self.path.is_dir():
+            raise RecordingError("cannot be written: it is a folder", path=self.path)
         try:
-            self._file = self.partial.open("wb")
+            self._file = self.partial.open("xb")
+        except FileExistsError:
+            raise RecordingError(
+                f"{self.partial.name} beside it is the log of a run that is under way or was cut "
+                f"off; rename it to keep it (limo reads NAME.partial), or delete it",
+                path=self.path,
+            ) from None
         except OSError as error:
             raise RecordingError(f"cannot be written: {error.strerror}", path=self.path) from None
         self._stream = pa.ipc.new_stream(self._file, self._schema)

@@ -37,6 +37,11 @@ def read_columns(path: Path) -> Columns:
     if not path.exists() and unfinished.exists():
         warnings = (f"{path.name} was never finished; read what {unfinished.name} holds",)
         path = unfinished
+    elif unfinished.exists():
+        warnings = (
+            f"{unfinished.name} beside it is the log of a run that never finished, or is under "
+            f"way; this is the finished recording {path.name}",
+        )
     table = _read_table(path)
     by_quantity = _joint_columns(table, path)
     n = len(by_quantity["position"])

@@ -144,6 +144,46 @@ def test_killed_process_loses_at_most_the_last_second(tmp_path, after):
     assert written[-1] * 1e-3 - kept[-1] <= 1.0
 
 
+def killed_run(path):
+    """Record over `path` in another process and kill it with -9."""
+    child = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
+    )
+    child.stdout.readline()
+    time.sleep(0.6)
+    os.kill(child.pid, signal.SIGKILL)
+    child.stdout.close()
+    assert child.wait() == -signal.SIGKILL
+
+
+def test_a_killed_rerun_is_told_when_the_older_recording_is_read(tmp_path):
+    path = sine_run(tmp_path / "run.parquet", "iiwa14")
+    assert not any("never finished" in text for text in Recording.load(path).warnings)
+    killed_run(path)
+    recording = Recording.load(path)
+    assert len(recording) == 600  # the older one, and it says so
+    assert any("run.parquet.partial beside it" in text for text in recording.warnings)
+
+
+def test_the_log_of_a_killed_run_is_not_written_over(tmp_path):
+    path = tmp_path / "run.parquet"
+    killed_run(path)
+    left = partial_path(path).read_bytes()
+    with pytest.raises(RecordingError, match="rename it to keep it"):
+        Recorder(path, 2, {})
+    assert partial_path(path).read_bytes() == left
+    partial_path(path).rename(tmp_path / "kept.parquet.partial")
+    record(path, 3)
+    assert read_log(path).num_rows == 3
+    assert read_log(tmp_path / "kept.parquet.partial").num_rows > 0
+
+
+def test_a_folder_is_refused_before_anything_is_recorded(tmp_path):
+    with pytest.raises(RecordingError, match="it is a folder"):
+        Recorder(tmp_path, 2, {})
+    assert not partial_path(tmp_path).exists()
+
+
 def test_log_cut_anywhere_reads_up_to_its_last_complete_batch(tmp_path):
     path = tmp_path / "run.parquet"
     recorder = Recorder(path, 2, {"robot": "two"})
