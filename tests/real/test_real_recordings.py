@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 import pyarrow.parquet as pq
 import pytest
 
 from estimators.rigid_body import RigidBodyModel, Rows, identify
 from estimators.rigid_body.terms import JointTerms
+from limo_driver.cli import main
+from limo_driver.differentiation import smooth
 from limo_driver.model import RobotModel
+from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
 
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 BANDWIDTH = 8.0  # [Hz], of the published baselines
+REGRESSION = 1.05  # of the errors once reached; not a claim to be as good as a baseline
+EXAMPLE_ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
 
 pytestmark = pytest.mark.skipif(
     not DATA.is_dir(),
@@ -28,9 +35,10 @@ def load(name):
 
 
 def heldout_rmse(model, recording):
-    from limo_driver.differentiation import smooth
+    return rmse_of(model.predict(recording), recording)
 
-    torque = model.predict(recording)
+
+def rmse_of(torque, recording):
     predicted = smooth(recording.time, torque, BANDWIDTH, recording.segments)
     error = recording.filtered_torque(BANDWIDTH) - predicted
     return np.sqrt(np.mean(error**2, axis=0))
@@ -104,4 +112,89 @@ def test_lwr4_with_the_weights_of_the_baseline_reaches_it():
     model.fit([load(f"kuka_lwr4/measurements_{run}.parquet") for run in (2, 3)])
     baseline = np.array([0.34, 0.62, 0.29, 0.48, 0.23, 0.18, 0.19])  # [N m]
     rmse = heldout_rmse(model, load("kuka_lwr4/measurements_1.parquet"))
-    assert (rmse / baseline).max() < 1.055  # the baseline is rounded to two digits
+    assert (rmse / baseline).max() < 1.05
+
+
+@pytest.fixture
+def identified(tmp_path, monkeypatch):
+    """Run `limo identify` as a user does, and read what it wrote."""
+
+    def run(recordings, urdf):
+        out = tmp_path / "sim.yaml"
+        options = ("--robot", urdf, "--bandwidth", BANDWIDTH, "--out", out)
+        monkeypatch.setattr("sys.argv", ["limo", "identify", *map(str, (*recordings, *options))])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code
+        return Simulation.load(out)
+
+    return run
+
+
+def test_lwr4_sim_yaml_holds_what_it_reached(identified):
+    """Hold the figures reached, which miss the baseline by up to 24 % (joint 7).
+
+    Joints 2 and 4 are 40 % better than the baseline, the others worse. Joints count by the inverse
+    variance of their error, and bodies have to exist; the baseline does neither.
+    """
+    folder = DATA / "kuka_lwr4"
+    runs = [folder / f"measurements_{run}.parquet" for run in (2, 3)]
+    simulation = identified(runs, folder / "kuka_lwr4.urdf")
+    reached = np.array([0.381, 0.375, 0.298, 0.279, 0.257, 0.193, 0.235])  # [N m]
+    test = load("kuka_lwr4/measurements_1.parquet")
+    rmse = rmse_of(simulation.predict(test.motion(BANDWIDTH)), test)
+    assert (rmse / reached).max() < REGRESSION
+    assert all(body.is_consistent() for body in simulation.inertials.values())
+    assert simulation.tolerances.inertia > 0.2  # the description was far off, and is known so
+
+
+@pytest.fixture
+def panda():
+    urdf = EXAMPLE_ROBOTS / "panda_description/urdf/panda.urdf"
+    if not urdf.is_file():
+        pytest.skip(f"no {urdf}; the package example-robot-data has it")
+    return urdf
+
+
+def thirds(recording):
+    """Fit on the first two thirds, test on the last."""
+    split = 2 * len(recording) // 3
+    return recording[:split], recording[split:]
+
+
+def test_panda_base_parameters_hold_what_they_reached(panda):
+    """Hold the figures reached at 1 kHz; the baseline was fitted at 500 Hz."""
+    train, test = thirds(load("panda/exciting_trajectory.parquet"))
+    model = RigidBodyModel(panda, JointTerms(), Rows(BANDWIDTH)).fit([train])
+    reached = np.array([0.180, 0.224, 0.173, 0.171, 0.0695, 0.0301, 0.0435])  # [N m]
+    assert (heldout_rmse(model, test) / reached).max() < REGRESSION
+
+
+def test_panda_sim_yaml_holds_what_it_reached(panda, identified, tmp_path):
+    """Hold the figures reached, which miss the baseline by up to 14 % (joint 1).
+
+    The baseline was fitted at 500 Hz, and its bodies need not exist.
+    """
+    train, test = thirds(load("panda/exciting_trajectory.parquet"))
+    train.save(tmp_path / "train.parquet")
+    simulation = identified([tmp_path / "train.parquet"], panda)
+    reached = np.array([0.183, 0.232, 0.167, 0.212, 0.0747, 0.0383, 0.0464])  # [N m]
+    motion = test.motion(BANDWIDTH)
+    rmse = rmse_of(simulation.predict(motion), test)
+    assert (rmse / reached).max() < REGRESSION
+    nominal = rmse_of(Simulation(str(panda)).predict(motion), test)
+    assert (rmse / nominal).max() < 0.3
+    assert all(body.is_consistent() for body in simulation.inertials.values())
+
+
+def test_a_recording_that_names_another_robot_is_refused(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "named.parquet"
+    named = replace(load("kuka_lwr4/measurements_1.parquet"), robot="kuka_lwr4.urdf")
+    named.save(path)
+    options = ("--robot", "iiwa14", "--out", str(tmp_path / "sim.yaml"))
+    monkeypatch.setattr("sys.argv", ["limo", "identify", str(path), *options])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    told = f"limo: {path}: is of robot kuka_lwr4.urdf, expected iiwa14\n"
+    assert capsys.readouterr().err == told
