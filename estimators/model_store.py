@@ -34,6 +34,9 @@ MANIFEST: Final = "manifest.json"
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"
 _COLUMNS: Final = "columns"  # which inputs each part of the network sees
+_REQUIRED: Final = frozenset(
+    ("joints", "features", "inputs", "outputs", "weights", "simulation", "rate", "bandwidth")
+)
 _PACKAGES: Final = ("limo", "numpy", "torch", "safetensors", "pin")
 
 
@@ -47,7 +50,7 @@ def save(model: HybridModel, folder: Path | str) -> None:
     fitted, folder = model.fitted, Path(folder)
     tensors: dict[str, Any] = {**fitted.network.weights, _COLUMNS: fitted.network.columns}
     weights = save_tensors({name: np.ascontiguousarray(value) for name, value in tensors.items()})
-    manifest = {
+    manifest: dict[str, Any] = {
         "schema": SCHEMA,
         "estimator": model.name,
         "network": fitted.network.kind,
@@ -70,7 +73,7 @@ def save(model: HybridModel, folder: Path | str) -> None:
             gain=fitted.gain,
         ),
         "weights": {"file": WEIGHTS, "sha256": sha256(weights).hexdigest()},
-        "simulation": SIMULATION,
+        "simulation": {"file": SIMULATION},
         "training": dict(fitted.record),
         "packages": {name: version(name) for name in _PACKAGES},
     }
@@ -78,6 +81,7 @@ def save(model: HybridModel, folder: Path | str) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / WEIGHTS).write_bytes(weights)
         model.simulation.save(folder / SIMULATION)
+        manifest["simulation"]["sha256"] = _digest(folder / SIMULATION)
         (folder / MANIFEST).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
     except OSError as error:
         raise ModelStoreError(f"{folder}: cannot be written: {error.strerror}") from None
@@ -95,6 +99,11 @@ def load(folder: Path | str) -> HybridModel:
         simulation = Simulation.load(folder / SIMULATION)
     except ConfigError as error:
         raise ModelStoreError(str(error)) from None
+    if _digest(folder / SIMULATION) != manifest["simulation"].get("sha256"):
+        raise ModelStoreError(
+            f"{folder}: {SIMULATION} is not the one of the manifest (sha256 differs); "
+            "the network learned what another simulation left over"
+        )
     joints = list(simulation.model.joint_names)
     if manifest["joints"] != joints:
         raise ModelStoreError(
@@ -103,8 +112,8 @@ def load(folder: Path | str) -> HybridModel:
         )
     try:
         fitted = _fitted(manifest, (folder / WEIGHTS).read_bytes(), len(joints))
-    except FileNotFoundError:
-        raise ModelStoreError(f"{folder}: has no {WEIGHTS}") from None
+    except OSError as error:
+        raise ModelStoreError(f"{folder / WEIGHTS}: cannot be read: {error.strerror}") from None
     except ModelStoreError as error:
         raise ModelStoreError(f"{folder}: {error}") from None
     except (KeyError, TypeError, ValueError) as error:
@@ -145,6 +154,10 @@ def check_simulation(model: HybridModel, simulation: Simulation) -> None:
         )
 
 
+def _digest(path: Path) -> str:
+    return sha256(path.read_bytes()).hexdigest()
+
+
 def _close(a: dict[str, Any], b: dict[str, Any]) -> bool:
     return all(np.allclose(a[key], b[key], rtol=1e-9, atol=1e-12) for key in a)
 
@@ -155,8 +168,8 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise ModelStoreError(f"{folder}: no such model folder")
     try:
         manifest = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise ModelStoreError(f"{folder}: has no {MANIFEST}") from None
+    except OSError as error:
+        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise ModelStoreError(f"{path}: no JSON: {error}") from None
     if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
@@ -165,11 +178,11 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise ModelStoreError(
             f"{path}: network {manifest.get('network')!r} is unknown; known: {', '.join(NETWORKS)}"
         )
-    missing = {"joints", "features", "inputs", "outputs", "weights", "rate", "bandwidth"} - set(
-        manifest
-    )
+    missing = _REQUIRED - set(manifest)
     if missing:
         raise ModelStoreError(f"{path}: lacks {', '.join(sorted(missing))}")
+    if not isinstance(manifest["simulation"], dict):
+        raise ModelStoreError(f"{path}: simulation names no file and sha256")
     return manifest
 
 

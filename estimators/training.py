@@ -72,6 +72,9 @@ class TrainingSettings:
         ):
             if not getattr(self, name) > 0:
                 raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0")
+        for name in ("seed", "hidden", "weight_decay"):
+            if not getattr(self, name) >= 0:
+                raise ConfigError(f"{name} = {getattr(self, name)} has to be 0 or more")
         if not 0 < self.held_out < 1:
             raise ConfigError(f"held_out = {self.held_out} has to lie between 0 and 1")
 

@@ -60,7 +60,7 @@ def commands(out: Path, scaffolds: int, epochs: int) -> list[tuple[str, str]]:
         (
             "Train a network on what the rigid body leaves unexplained",
             f"train {out}/train.parquet --sim {out}/sim.yaml --model mlp7 --features drive "
-            f"--bandwidth 20 --rate 25 --learning-rate 3e-3 --epochs {epochs} --out {out}/model",
+            f"--bandwidth 20 --rate 25 --epochs {epochs} --out {out}/model",
         ),
         (
             "Evaluate rigid body and hybrid on the second motion",
@@ -88,12 +88,17 @@ def picture(path: Path, caption: str) -> str:
     )
 
 
+def figure(value: float | None) -> str:
+    """Return a figure of the table; a noise floor can be unknown."""
+    return "unknown" if value is None else f"{value:.3f}"
+
+
 def table(evaluation: dict) -> str:
     """Return the errors per joint as an HTML table."""
     columns = ("rmse_rigid_body", "rmse_hybrid", "noise_floor")
     rows = [
         f"<tr><td>{html.escape(joint)}</td>"
-        + "".join(f"<td>{evaluation[key][j]:.3f}</td>" for key in columns)
+        + "".join(f"<td>{figure(evaluation[key][j])}</td>" for key in columns)
         + f"<td>{evaluation['mse_ratio'][j]:.0f}</td></tr>"
         for j, joint in enumerate(evaluation["joints"])
     ]

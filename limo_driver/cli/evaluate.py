@@ -46,6 +46,10 @@ def command(
     if sim is not None:
         check_simulation(hybrid, Simulation.load(sim))
     measured = Recording.load(recording)
+    measured.check_robot(hybrid.simulation.model)
+    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    for item in (*measured.left_out, *measured.warnings):
+        notes.print(f"{recording}: {item}", markup=False)
     evaluation = evaluate(hybrid, measured)
     values = json.dumps(evaluation.as_values())
     if out is not None:
@@ -53,9 +57,6 @@ def command(
     if as_json:
         Console().print_json(values)
         return
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
-    for item in measured.left_out:
-        notes.print(f"{recording}: {item}", markup=False)
     Console(highlight=False).print(table(evaluation))
 
 

@@ -86,9 +86,12 @@ def command(  # one argument for each option
 
     from estimators.hybrid import HybridModel
     from estimators.training import usual_settings
+    from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
+    if out.exists() and not out.is_dir():
+        raise ConfigError("is a file, expected a folder for the model", path=out)
     usual = usual_settings(features)
     settings = replace(
         usual,
@@ -110,7 +113,8 @@ def command(  # one argument for each option
     measured = [Recording.load(path) for path in recordings]
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     for recording in measured:
-        for item in recording.left_out:
+        recording.check_robot(simulation.model)
+        for item in (*recording.left_out, *recording.warnings):
             notes.print(f"{recording.source}: {item}", markup=False)
     hybrid = HybridModel(simulation, settings)
     hybrid.fitted_ = _train(simulation, measured, settings, notes)

@@ -113,6 +113,7 @@ def edit(folder: Path, **changes: object) -> None:
         ({"inputs": []}, "inputs: number 1 is nothing"),
         ({"outputs": [{"name": "x", "unit": "N m", "mean": 0, "std": 1}]}, "number 1 is"),
         ({"weights": {"sha256": "0"}}, "sha256 differs"),
+        ({"simulation": "sim.yaml"}, "names no file and sha256"),
         ({"features": {}}, "cannot be understood"),
         ({"rate": None}, "cannot be understood"),
     ],
@@ -129,6 +130,13 @@ def test_a_manifest_that_does_not_fit_is_refused(
 def test_a_missing_file_is_named(folder: Path, name: str) -> None:
     (folder / name).unlink()
     with pytest.raises(ModelStoreError, match=name):
+        HybridModel.load(folder)
+
+
+def test_a_changed_simulation_is_refused(folder: Path) -> None:
+    path = folder / "sim.yaml"
+    path.write_text(path.read_text() + "# changed\n")
+    with pytest.raises(ModelStoreError, match=r"sim.yaml is not the one of the manifest"):
         HybridModel.load(folder)
 
 
