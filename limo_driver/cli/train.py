@@ -135,7 +135,8 @@ def _train(
 
     trainings = settings.folds + 1 if settings.folds > 1 else 1
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=notes, transient=True) as progress:
+    silent = not notes.is_terminal  # else a blank line, which is no message
+    with Progress(*columns, console=notes, transient=True, disable=silent) as progress:
         bar = progress.add_task("computing inputs", total=trainings * settings.epochs)
 
         def on_epoch(epoch: Epoch) -> None:
