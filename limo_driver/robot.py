@@ -97,7 +97,7 @@ class Robot(ABC):
         """
         if not self._open:
             raise HoldingError("the robot is closed")
-        starts = self._contract.idle
+        starts = self._contract.at_rest
         sent = self._contract.admit(command)
         if starts:
             self._begin()
@@ -111,6 +111,8 @@ class Robot(ABC):
 
     def resume(self) -> None:
         """Take commands again, starting from the measured pose.
+
+        An arm that still brakes goes on braking until a command comes.
 
         Raises:
             ConnectionLostError: The robot is closed.

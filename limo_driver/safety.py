@@ -2,7 +2,8 @@
 
 Idle until the first command, which has to start from the measured pose; active while valid
 commands come; holding after anything else: an expired command, a fault, a request. A hold slows
-down within the limits, then keeps the pose, and ends only by `resume`.
+down within the limits, then keeps the pose, and ends only by `resume`; braking that was begun is
+finished after it, too. Another control mode starts from the measured pose, like a new stream.
 
 Every cycle has exactly one set-point, and every set-point keeps the limits of position, velocity,
 acceleration, torque and torque rate, whatever was commanded. A command that cannot be read (not
@@ -96,9 +97,9 @@ class SafetyContract:
         return self._memory.phase is Phase.HOLDING
 
     @property
-    def idle(self) -> bool:
-        """Whether the next command starts a new stream."""
-        return self._memory.phase is Phase.IDLE
+    def at_rest(self) -> bool:
+        """Whether the next command starts a stream, from the measured pose at rest."""
+        return self._memory.phase is Phase.IDLE and self.standing
 
     @property
     def standing(self) -> bool:
@@ -157,11 +158,12 @@ class SafetyContract:
         return path, names_of(hit)
 
     def stand_in(self) -> JointCommand | None:
-        """Return what to send in a cycle for which no command came; None while idle."""
+        """Return what to send in a cycle for which no command came; None if nothing changes."""
         memory, now = self._memory, self._memory.now
         if memory.phase is Phase.ACTIVE and memory.command is not None:
             return self._limited(memory.command)
-        if memory.phase is Phase.HOLDING and memory.state is not None:
+        holds = memory.phase is Phase.HOLDING and memory.state is not None
+        if holds or now.velocity.any():  # also a hold that was ended finishes braking
             position, velocity = slow_down(
                 now.position, now.velocity, self.spec.limits.acceleration, self.spec.period
             )
@@ -174,11 +176,8 @@ class SafetyContract:
         memory = self._memory
         if memory.phase is Phase.HOLDING:
             return
-        if memory.state is not None and not _moves(memory.command):
-            moving = memory.state.velocity if memory.phase is Phase.ACTIVE else 0.0
-            memory.now = replace(
-                memory.now, position=memory.state.position, velocity=moving + np.zeros(self.spec.n)
-            )
+        if memory.phase is Phase.ACTIVE and not isinstance(memory.command, PositionCommand):
+            self._anchor()
         memory.phase, memory.reason = Phase.HOLDING, reason
         memory.command = memory.after = None
 
@@ -196,6 +195,14 @@ class SafetyContract:
         if not isinstance(saved, _Memory):
             raise TypeError(f"expected what save() returned, given {type(saved).__name__}")
         self._memory = deepcopy(saved)
+
+    def _anchor(self) -> None:
+        """Move the set-point to where a compliant arm is and to how it moves."""
+        memory = self._memory
+        if (state := memory.state) is not None:
+            # A lost measurement is carried on by its velocity; nothing is added to a fresh one.
+            position = state.position + (memory.time - state.time) * state.velocity
+            memory.now = replace(memory.now, position=position, velocity=state.velocity)
 
     def _fault(self, state: JointState) -> str:
         """Say why the arm has to hold; empty if it need not."""
@@ -218,7 +225,7 @@ class SafetyContract:
         if memory.state is None:
             raise BackendError("a command answers a state; call receive() before the first send()")
         check_readable(command, self.spec.n)
-        if memory.phase is Phase.IDLE or _moves(command) != _moves(memory.command):
+        if memory.phase is Phase.IDLE or type(command) is not type(memory.command):
             self._start(command, memory.state)
         memory.phase, memory.command, memory.command_time = Phase.ACTIVE, command, memory.time
 
@@ -228,8 +235,13 @@ class SafetyContract:
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
             self._check_start(command.position, state.position)
             goal = command.position
-        moving = self._memory.phase is Phase.ACTIVE  # another control mode takes over
-        self._memory.now = _Setpoint(state.position, state.velocity if moving else zero, zero, goal)
+        now = self._memory.now
+        if self._memory.phase is Phase.ACTIVE:  # another control mode takes over
+            self._memory.now = _Setpoint(state.position, state.velocity, zero, goal)
+        elif now.velocity.any():  # still braking: go on from the set-point, which the arm follows
+            self._memory.now = replace(now, torque=zero, goal=goal)
+        else:
+            self._memory.now = _Setpoint(state.position, zero, zero, goal)
 
     def _check_start(self, position: FloatArray, measured: FloatArray) -> None:
         off = np.abs(position - measured)
@@ -291,8 +303,3 @@ _READ = (
     ("stiffness", "N m/rad", 0.0),
     ("damping", "N m s/rad", 0.0),
 )
-
-
-def _moves(command: JointCommand | None) -> bool:
-    """Say whether a command has a position set-point."""
-    return isinstance(command, (PositionCommand, ImpedanceCommand))

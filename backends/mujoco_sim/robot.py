@@ -150,7 +150,7 @@ class MujocoRobot(SimulatedRobot):
         targets = np.ascontiguousarray(targets, dtype=float)
         if targets.ndim != 2 or targets.shape[1] != self.spec.n or not len(targets):  # noqa: PLR2004
             raise ShapeError("targets", targets.shape, f"(T, {self.spec.n})")
-        starts = self._contract.idle
+        starts = self._contract.at_rest
         path, limited_by = self._contract.admit_path(targets)
         if starts:
             self._begin()
@@ -192,9 +192,12 @@ class MujocoRobot(SimulatedRobot):
             self._command[layout.FEED_FORWARD] = command.torque
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
             self._command[layout.TARGET] = command.position
-        if mode == layout.POSITION and (self._fresh or mode != self._mode):
-            self._memory[layout.LAST_TARGET] = self._command[layout.TARGET]
-            self._memory[layout.TARGET_VELOCITY] = self._arrays.velocity * (mode != self._mode)
+        if isinstance(command, PositionCommand) and (self._fresh or mode != self._mode):
+            # The servo feeds forward the target's motion: that of the arm, unless it rests.
+            rate = self._arrays.velocity * (mode != self._mode)
+            self._memory[layout.LAST_TARGET] = command.position - rate * self.spec.period
+            self._memory[layout.TARGET_VELOCITY] = rate
+            self._memory[layout.INTEGRAL] *= mode == self._mode
         self._fresh, self._mode = False, mode
 
     def _cycle_once(self) -> Measurement:

@@ -344,6 +344,76 @@ def test_changing_the_control_mode_starts_from_the_measured_pose(robot):
     assert np.abs(sent.position - state.position).max() < 1e-2
 
 
+def impedance(values, stiffness=300.0, damping=30.0, torque=None):
+    zero = np.zeros(7)
+    return ImpedanceCommand(
+        position=np.asarray(values, dtype=float),
+        stiffness=zero + stiffness,
+        damping=zero + damping,
+        torque=zero if torque is None else np.asarray(torque, dtype=float),
+    )
+
+
+def deflect(robot, stiffness=300.0):
+    """Push joint 1 off its set-point under impedance control, by some 0.1 rad."""
+    robot.receive()
+    for k in range(2000):
+        push = min(30.0, 0.03 * k) * np.eye(7)[0]
+        robot.send(impedance(START, stiffness, 0.1 * stiffness, push))
+        state = robot.receive()
+    assert state.position[0] - START[0] > 0.09
+    return state
+
+
+@pytest.mark.parametrize("how", ["hold", "expiry"])
+def test_deflected_arm_is_held_where_it_is(robot, how):
+    deflected = deflect(robot)
+    if how == "hold":
+        robot.hold()
+    states = [robot.receive() for _ in range(400)]
+    assert states[-1].holding
+    # The push goes on until the command expires; then nothing jumps.
+    assert max(np.abs(state.velocity).max() for state in states) < 0.15
+    assert np.abs(states[-1].position - deflected.position).max() < 0.01
+
+
+def test_deflected_arm_takes_positions_only_from_its_pose(robot):
+    deflected = deflect(robot)
+    with pytest.raises(JointLimitError, match="joint 1: first position"):
+        robot.send(position(START))
+    targets = [robot.send(position(deflected.position)).position]
+    states = [robot.receive()]
+    for _ in range(100):
+        targets.append(robot.send(position(deflected.position)).position)
+        states.append(robot.receive())
+    assert np.abs(np.array(targets) - deflected.position).max() < 2e-3
+    assert max(np.abs(state.velocity).max() for state in states) < 0.15
+
+
+@pytest.mark.parametrize("commanded", [False, True])
+def test_resuming_while_braking_keeps_the_limits(robot, commanded):
+    _, sent = follow(robot, smooth_move(0.3, 400)[:200])
+    robot.hold()
+    path = [command.position for command in sent]
+    for _ in range(2):
+        state = robot.receive()
+        path.append(robot.setpoint)
+    robot.resume()
+    assert not robot.standing
+    goal = state.position
+    for _ in range(800):
+        if commanded:
+            robot.send(position(goal))
+        robot.receive()
+        path.append(robot.setpoint)
+    acceleration = np.diff(path, n=2, axis=0) / robot.spec.period**2
+    assert (np.abs(acceleration) <= robot.spec.limits.acceleration * (1 + 1e-5)).all()
+    if commanded:
+        assert np.abs(path[-1] - goal).max() < 1e-9
+    else:
+        assert robot.standing
+
+
 def test_last_command_of_a_cycle_counts(robot):
     robot.receive()
     robot.send(position(START))
