@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 ORDER = 4  # of the Butterworth filter; run twice, hence 8
 HIGHEST_BANDWIDTH = 0.4  # of the sampling rate; nearer to 0.5 the filter has no room to fall
+LEAST_PERIODS = 0.5  # [1/bandwidth] that a recording has to last
 EDGE = 0.5  # [1/bandwidth] from an end of a stretch within which derivatives are less sure
 _PADDING = 6.0  # [1/bandwidth]; the filter has forgotten 1 - 5e-7 of what was before
 _FIT = 2.0  # [1/bandwidth], window of the quintic that continues an end
@@ -54,8 +55,9 @@ def differentiate(
         segments: Contiguous stretches that cover all rows; nothing passes between them.
 
     Raises:
-        RecordingError: The bandwidth is too high for the sampling rate.
+        RecordingError: The bandwidth is too high for the sampling rate, or too low for its length.
     """
+    _check_lowest(bandwidth, time)
     result = Derivatives(*(np.empty(values.shape) for _ in range(3)))
     for rows in segments:
         stretch = _Stretch(time[rows], bandwidth)
@@ -70,6 +72,7 @@ def smooth(
     time: FloatArray, values: FloatArray, bandwidth: float, segments: Sequence[slice]
 ) -> FloatArray:
     """Smooth `values` exactly as `differentiate` does; same arguments, (T, k)."""
+    _check_lowest(bandwidth, time)
     result = np.empty(values.shape)
     for rows in segments:
         stretch = _Stretch(time[rows], bandwidth)
@@ -129,6 +132,16 @@ def _check_bandwidth(bandwidth: float, rate: float) -> None:
         raise RecordingError(
             f"a bandwidth of {bandwidth:g} Hz does not suit a recording sampled at {rate:.4g} Hz; "
             f"give more than 0 and at most {HIGHEST_BANDWIDTH * rate:.3g} Hz"
+        )
+
+
+def _check_lowest(bandwidth: float, time: FloatArray) -> None:
+    """Refuse a bandwidth that would make the padding far longer than the recording."""
+    duration = float(time[-1] - time[0])
+    if 0 < bandwidth < LEAST_PERIODS / duration:
+        raise RecordingError(
+            f"a bandwidth of {bandwidth:g} Hz is too low for a recording of {duration:.3g} s; "
+            f"give at least {LEAST_PERIODS / duration:.3g} Hz"
         )
 
 

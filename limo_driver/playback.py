@@ -15,7 +15,7 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.recorder import Recorder
 from limo_driver.registry import ROBOTS, find
-from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
+from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand, same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -168,7 +168,8 @@ def open_for(
 
     Raises:
         BackendNotFoundError: Names the known backends.
-        ConfigError: Another number of joints, or options that the backend does not have.
+        ConfigError: Another robot than the trajectory's, or options that the backend does not
+            have.
     """
     opener: type[Robot] = find(ROBOTS, backend)
     if not opener.simulated:
@@ -176,7 +177,7 @@ def open_for(
             raise ConfigError(f"backend {backend!r} is no simulation; it takes no --sim or --robot")
         return _checked(opener(), trajectory)  # type: ignore[call-arg]  # each backend's own
     arm = _arm_of(simulation, robot, trajectory)
-    _check_joints(arm.model.n, arm.robot, trajectory)
+    _check_robot(arm.model.n, arm.model.name, trajectory)
     options: dict[str, Any] = {
         "simulation": arm,
         "initial_position": trajectory.position[0],
@@ -199,14 +200,19 @@ def _arm_of(simulation: Simulation | None, robot: str | None, trajectory: Trajec
 
 def _checked(robot: Robot, trajectory: Trajectory) -> Robot:
     try:
-        _check_joints(robot.spec.n, robot.spec.name, trajectory)
+        _check_robot(robot.spec.n, robot.spec.name, trajectory)
     except ConfigError:
         robot.close()
         raise
     return robot
 
 
-def _check_joints(n: int, name: str, trajectory: Trajectory) -> None:
+def _check_robot(n: int, name: str, trajectory: Trajectory) -> None:
+    if trajectory.robot and not same_robot(trajectory.robot, name):
+        raise ConfigError(
+            f"the trajectory was planned for {trajectory.robot}, but the robot is {name}; "
+            f"plan again with `limo plan --robot {name}`"
+        )
     if trajectory.n != n:
         raise ConfigError(f"the trajectory moves {trajectory.n} joints, but {name} has {n}")
 

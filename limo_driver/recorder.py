@@ -53,6 +53,8 @@ class Recorder:
 
     def __init__(self, path: Path | str, n: int, header: Mapping[str, Any]) -> None:
         self.path = Path(path)
+        if self.path.is_dir():
+            raise RecordingError("cannot be written: it is a folder", path=self.path)
         self.partial = partial_path(self.path)
         self.samples = 0
         self._schema = _schema(n, header)
@@ -60,8 +62,6 @@ class Recorder:
         self._rows: list[FloatArray] = []
         self._lock = threading.Lock()
         self._failure: OSError | None = None
-        if self.path.is_dir():
-            raise RecordingError("cannot be written: it is a folder", path=self.path)
         try:
             self._file = self.partial.open("xb")
         except FileExistsError:

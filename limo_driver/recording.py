@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -203,8 +203,7 @@ class Recording:
         Raises:
             RecordingError: Other name, joint count, or positions that the joints cannot reach.
         """
-        # a URDF called iiwa14.urdf may well be of the built-in iiwa14
-        if self.robot and not same_robot(PurePath(self.robot).stem, PurePath(model.name).stem):
+        if self.robot and not same_robot(self.robot, model.name):
             raise RecordingError(
                 f"is of robot {self.robot}, expected {model.name}", path=self.source or None
             )

@@ -80,9 +80,10 @@ class RobotSpec:
 def same_robot(first: str, second: str) -> bool:
     """Say whether two names can be of one robot: built-in names, or paths to a URDF.
 
-    A URDF may have moved from one machine to another, so only its file name counts.
+    A URDF may have moved from one machine to another, and `iiwa14.urdf` may well be of the built-in
+    iiwa14, so only the file name without its ending counts.
     """
-    return PurePath(first).name == PurePath(second).name
+    return PurePath(first).stem == PurePath(second).stem
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,16 @@ if TYPE_CHECKING:
     from limopa import Plan, PlanRequest, Statistics
 
 
+PICTURES = (".png", ".pdf", ".svg")
+
+
 def command(
     out: Annotated[Path, typer.Option(help="Where to write the trajectory (Parquet).")],
     robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")] = "iiwa14",
     scaffolds: Annotated[
         int, typer.Option(help="Configurations to reach and explore; 150 last about an hour.")
     ] = 150,
-    seed: Annotated[int, typer.Option(help="Seed; the same seed gives the same file.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")] = 0,
     rate: Annotated[
         float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
     ] = 250.0,
@@ -61,7 +64,7 @@ def command(
     from limo_driver.model import RobotModel
     from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
 
-    _require_folder(out, picture)
+    _require_writable(out, picture)
     request = PlanRequest(
         scaffolds=scaffolds,
         rate=rate,
@@ -81,13 +84,26 @@ def command(
     _report(summarise(planned, model), as_json=as_json)
 
 
-def _require_folder(*paths: Path | None) -> None:
-    """Refuse to plan for minutes and then find no folder to write to."""
+def _require_writable(out: Path, picture: Path | None) -> None:
+    """Refuse to plan for minutes and then find that the results cannot be written."""
+    from tempfile import TemporaryFile
+
     from limo_driver.errors import ConfigError
 
-    for path in paths:
-        if path is not None and not path.parent.is_dir():
+    if picture is not None and picture.suffix.lower() not in PICTURES:
+        raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
+    for path in (out, picture):
+        if path is None:
+            continue
+        if path.is_dir():
+            raise ConfigError("cannot be written: it is a folder", path=path)
+        if not path.parent.is_dir():
             raise ConfigError(f"cannot be written: there is no folder {path.parent}", path=path)
+        try:
+            with path.open("ab") if path.exists() else TemporaryFile(dir=path.parent):
+                pass
+        except OSError as error:
+            raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
 
 
 def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:
@@ -107,7 +123,9 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
         TextColumn("planning"), BarColumn(), MofNCompleteColumn(), TextColumn("scaffolds"),
         TimeRemainingColumn(),
     )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
+    console = Console(stderr=True)
+    disable = quiet or not console.is_terminal
+    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
         task = bar.add_task("planning", total=request.scaffolds)
         return plan(model, request, seed, lambda done, _wanted: bar.update(task, completed=done))
 

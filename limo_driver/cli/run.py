@@ -28,12 +28,13 @@ def command(
     robot: Annotated[
         str | None, typer.Option(help="Built-in name or URDF; else the trajectory's robot.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of a simulated arm's sensor noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of a simulated arm's sensor noise.")] = 0,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory [s].")
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(min=0.0, help="Record at this rate [Hz]; else every cycle.")
+        float | None,
+        typer.Option(help="Record at this rate [Hz], a whole part of the control rate."),
     ] = None,
     impedance: Annotated[
         float | None,
@@ -54,7 +55,6 @@ def command(
 
         limo run --backend virtual --trajectory limo.traj.parquet --record ideal.parquet --json
     """
-    from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
     from limo_driver.playback import Playback, open_for
     from limo_driver.trajectory import Trajectory
@@ -64,11 +64,7 @@ def command(
         motion = _shortened(motion, duration)
     simulation = None if sim is None else Simulation.load(sim)
     with open_for(backend, motion, simulation=simulation, robot=robot, seed=seed) as arm:
-        every = 1 if rate is None else round(1.0 / (rate * arm.spec.period))
-        if every < 1:
-            raise ConfigError(
-                f"--rate {rate:g} Hz is above the control rate of {1 / arm.spec.period:g} Hz"
-            )
+        every = 1 if rate is None else _cycles_per_row(rate, arm.spec.period)
         provenance = {
             "backend": backend,
             "trajectory": trajectory.name,
@@ -83,6 +79,24 @@ def command(
     _report(summary, as_json=as_json)
     if summary.interrupted:
         raise typer.Exit(INTERRUPTED)
+
+
+def _cycles_per_row(rate: float, period: float) -> int:
+    """Return after how many control cycles of `period` [s] to record a row at `rate` [Hz]."""
+    from limo_driver.errors import ConfigError
+
+    control = 1 / period
+    if not 0 < rate < float("inf"):
+        raise ConfigError(f"--rate is {rate:g} Hz, expected above 0 and up to {control:g} Hz")
+    if rate > control * (1 + 1e-9):
+        raise ConfigError(f"--rate {rate:g} Hz is above the control rate of {control:g} Hz")
+    every = round(control / rate)
+    if abs(control / rate - every) > 1e-6 * every:
+        raise ConfigError(
+            f"--rate {rate:g} Hz does not divide the control rate of {control:g} Hz; "
+            f"the nearest that does is {control / every:g} Hz"
+        )
+    return every
 
 
 def _shortened(motion: Trajectory, duration: float) -> Trajectory:

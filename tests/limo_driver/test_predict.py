@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -75,6 +76,21 @@ def test_json_names_the_rows(recording, predict):
         "used": 399,
         "left_out": {"a value is missing or not finite": [40]},
     }
+
+
+def test_a_recording_of_another_robot_is_refused(recording, predict):
+    replace(Recording.load(recording), robot="ur5.urdf").save(recording)
+    status, _, notes = predict(recording)
+    assert status == 2
+    assert "is of robot ur5.urdf, expected iiwa14" in notes
+    replace(Recording.load(recording), robot="elsewhere/iiwa14.urdf").save(recording)
+    assert predict(recording)[0] == 0
+
+
+def test_a_bandwidth_too_low_for_the_recording_is_refused(recording, predict):
+    status, _, notes = predict(recording, "--bandwidth", "1e-4")
+    assert status == 2
+    assert "too low for a recording of 3.99 s; give at least 0.125 Hz" in notes
 
 
 def test_memory_starts_anew_after_a_gap():

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,11 @@ def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path):
         ({"sim": "absent.yaml"}, "absent.yaml: cannot be read"),
         ({"robot": "r2d2"}, "'r2d2' is neither built in"),
         ({"rate": "5000"}, "--rate 5000 Hz is above the control rate of 1000 Hz"),
+        ({"rate": "0"}, "--rate is 0 Hz, expected above 0"),
+        ({"rate": "nan"}, "--rate is nan Hz, expected above 0"),
+        ({"rate": "700"}, "the nearest that does is 1000 Hz"),
+        ({"record": "."}, "cannot be written: it is a folder"),
+        ({"record": "/proc/run.parquet"}, "cannot be written"),
         ({"duration": "0.001"}, "shorter than one sample"),
         ({"record": "nowhere/run.parquet"}, "cannot be written"),
     ],
@@ -140,6 +146,17 @@ def test_trajectory_for_another_arm_is_refused(tmp_path, monkeypatch, capsys):
     options = {"backend": "virtual", "trajectory": trajectory, "record": tmp_path / "r.parquet"}
     assert run_here(monkeypatch, options) == 2
     assert "the trajectory moves 6 joints, but iiwa14 has 7" in capsys.readouterr().err
+
+
+def test_trajectory_planned_for_another_robot_is_refused(tmp_path, trajectory, monkeypatch, capsys):
+    other = tmp_path / "other7.urdf"
+    other.write_bytes((files("limo_driver") / "assets" / "iiwa14.urdf").read_bytes())
+    options = {"backend": "virtual", "trajectory": trajectory, "record": tmp_path / "r.parquet"}
+    assert run_here(monkeypatch, options | {"robot": other}) == 2
+    stderr = capsys.readouterr().err
+    assert "was planned for iiwa14, but the robot is" in stderr
+    assert "plan again" in stderr
+    assert not (tmp_path / "r.parquet").exists()
 
 
 def run_here(monkeypatch, options):

@@ -41,6 +41,9 @@ def test_plan_prints_a_table(run, tmp_path):
         (("--scaffolds", 0), ConfigError, "number of scaffolds is 0, expected 1 or more"),
         (("--robot", "kr16"), ConfigError, "'kr16' is neither built in"),
         (("--joint-margin", 130), InfeasiblePathError, "leaves joint 2 no range"),
+        (("--out", "."), ConfigError, "cannot be written: it is a folder"),
+        (("--out", "/proc/x.parquet"), ConfigError, "cannot be written"),
+        (("--picture", "x.foo"), ConfigError, "expected .png, .pdf, .svg"),
         (("--out", "no/such/folder/a.parquet"), ConfigError, "there is no folder no/such/folder"),
     ],
 )
