@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
-from limo_driver.errors import BackendError
+from limo_driver.errors import BackendError, JointLimitError
 from limo_driver.robot import Measurement
 from limo_driver.safety import START_TOLERANCE
 from limo_driver.types import ImpedanceCommand, JointSample, PositionCommand, TorqueCommand
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray, JointCommand
+
+LARGEST_GAIN = 1e6  # [N m/rad] and [N m s/rad], beyond any drive
 
 
 class VirtualRobot(SimulatedRobot):
@@ -54,9 +56,18 @@ class VirtualRobot(SimulatedRobot):
         self._effects = self.simulation.init()
         self._random = np.random.default_rng(seed)
 
-    def _send(self, command: JointCommand) -> None:
+    def _check(self, command: JointCommand) -> None:
+        if isinstance(command, ImpedanceCommand):
+            for name, unit in (("stiffness", "N m/rad"), ("damping", "N m s/rad")):
+                values: FloatArray = getattr(command, name)
+                if values.max() > LARGEST_GAIN:
+                    j = int(np.argmax(values))
+                    given = float(values[j])
+                    raise JointLimitError(j + 1, name, given, (0.0, LARGEST_GAIN), unit)
         if not isinstance(command, (PositionCommand, ImpedanceCommand, TorqueCommand)):
             raise BackendError(f"the virtual backend knows no {type(command).__name__}")
+
+    def _send(self, command: JointCommand) -> None:
         self._command = command
 
     def _cycle_once(self) -> Measurement:

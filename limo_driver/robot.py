@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from limo_driver.errors import ConnectionLostError, CycleTimeoutError, HoldingError
+from limo_driver.errors import ConnectionLostError, CycleTimeoutError
 from limo_driver.safety import START_TOLERANCE, SafetyContract
 from limo_driver.types import JointState
 
@@ -53,7 +53,7 @@ class Robot(ABC):
 
     def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
         self.spec = spec
-        self._contract = SafetyContract(spec, start_tolerance)
+        self._contract = SafetyContract(spec, start_tolerance, self._check)
         self._state: JointState | None = None
         self._answered = True  # the set-point of this cycle was sent
         self._open = True
@@ -91,12 +91,14 @@ class Robot(ABC):
             What was really sent: the command within the limits, with the limits that changed it.
 
         Raises:
+            ConnectionLostError: The robot is closed.
             HoldingError: The arm holds; call `resume` first.
+            BackendError: A stream cannot start from a lost measurement.
             JointLimitError: Not finite, or the first position is far from the measured pose.
             ShapeError: Another number of joints.
         """
         if not self._open:
-            raise HoldingError("the robot is closed")
+            raise ConnectionLostError("the robot is closed; open it again")
         starts = self._contract.at_rest
         sent = self._contract.admit(command)
         if starts:
@@ -181,6 +183,9 @@ class Robot(ABC):
     @abstractmethod
     def _close(self) -> None:
         """Let go of the robot; called once."""
+
+    def _check(self, command: JointCommand) -> None:  # noqa: B027  # most take every command
+        """Raise if the robot cannot carry out a command; nothing is sent then."""
 
     def _begin(self) -> None:  # noqa: B027  # most backends have nothing to forget
         """Prepare for a new stream of commands, which starts from the measured pose."""

@@ -6,8 +6,10 @@ down within the limits, then keeps the pose, and ends only by `resume`; braking 
 finished after it, too. Another control mode starts from the measured pose, like a new stream.
 
 Every cycle has exactly one set-point, and every set-point keeps the limits of position, velocity,
-acceleration, torque and torque rate, whatever was commanded. A command that cannot be read (not
-finite, wrong length) is refused before anything is sent.
+acceleration, torque and torque rate, whatever was commanded; with one exception: under impedance
+control the torque limits hold for the feed-forward alone, so a step of stiffness or damping away
+from the set-point is met by the drives' saturation only. A command that cannot be read (not
+finite, wrong length) or that the backend cannot carry out is refused before anything is sent.
 """
 
 from __future__ import annotations
@@ -32,11 +34,14 @@ from limo_driver.setpoints import (
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
 
 START_TOLERANCE = 0.02  # [rad], distance of the first command from the measured pose
 RANGE_TOLERANCE = 0.01  # [rad], how far outside its range a joint may be carried
 VELOCITY_TOLERANCE = 1.2  # times the velocity limit that a measured velocity may reach
+LONGEST_VALIDITY = 1.0  # [s], of a command; an arm whose sender is gone holds by then
 STALE_TIMEOUT = 0.1  # [s] without a measurement after which the arm holds
 
 
@@ -78,10 +83,17 @@ class SafetyContract:
     Args:
         spec: The robot and its limits.
         start_tolerance: How far the first position may be from the measured pose [rad].
+        check: Raises for a readable command that this robot cannot carry out.
     """
 
-    def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
+    def __init__(
+        self,
+        spec: RobotSpec,
+        start_tolerance: float = START_TOLERANCE,
+        check: Callable[[JointCommand], None] | None = None,
+    ) -> None:
         self.spec = spec
+        self._check = check
         self.start_tolerance = start_tolerance
         zero = np.zeros(spec.n)
         self._memory = _Memory(_Setpoint(zero, zero, zero, zero))
@@ -132,7 +144,7 @@ class SafetyContract:
             HoldingError: The arm holds.
             JointLimitError: Not finite, or the first position is far from the measured pose.
             ShapeError: Another number of joints.
-            ConfigError: `valid_for` is no positive time.
+            ConfigError: `valid_for` is not positive or above 1 s.
         """
         self._take(command)
         return self._limited(command)
@@ -225,12 +237,16 @@ class SafetyContract:
         if memory.state is None:
             raise BackendError("a command answers a state; call receive() before the first send()")
         check_readable(command, self.spec.n)
+        if self._check is not None:
+            self._check(command)
         if memory.phase is Phase.IDLE or type(command) is not type(memory.command):
             self._start(command, memory.state)
         memory.phase, memory.command, memory.command_time = Phase.ACTIVE, command, memory.time
 
     def _start(self, command: JointCommand, state: JointState) -> None:
         """Begin a stream of commands at the measured pose."""
+        if state.stale:
+            raise BackendError("a stream starts from a measured pose; the measurement is lost")
         goal, zero = state.position, np.zeros(self.spec.n)
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
             self._check_start(command.position, state.position)
@@ -282,10 +298,12 @@ def check_readable(command: JointCommand, n: int) -> None:
     Raises:
         ShapeError: Another number of joints.
         JointLimitError: Not finite, or a negative stiffness or damping.
-        ConfigError: `valid_for` is no positive time.
+        ConfigError: `valid_for` is not positive or above 1 s.
     """
-    if not 0 < command.valid_for < np.inf:
-        raise ConfigError(f"valid_for = {command.valid_for} s has to be positive and finite")
+    if not 0 < command.valid_for <= LONGEST_VALIDITY:
+        raise ConfigError(
+            f"valid_for = {command.valid_for} s has to be positive, at most {LONGEST_VALIDITY:g} s"
+        )
     for name, unit, lowest in _READ:
         values = getattr(command, name, None)
         if values is None:

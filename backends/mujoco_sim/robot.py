@@ -17,9 +17,14 @@ from backends.mujoco_sim.realisation import draft_of
 from backends.mujoco_sim.sampled import SampledEffects
 from backends.mujoco_sim.scene import compile_model
 from backends.mujoco_sim.sensor_noise import SensorNoise
-from backends.mujoco_sim.stability import check_elements, check_stiffness, effective_inertia
+from backends.mujoco_sim.stability import (
+    check_damping,
+    check_elements,
+    check_stiffness,
+    effective_inertia,
+)
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
-from limo_driver.errors import BackendError, ConfigError, ShapeError
+from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, ShapeError
 from limo_driver.robot import Measurement
 from limo_driver.safety import START_TOLERANCE
 from limo_driver.types import (
@@ -150,6 +155,8 @@ class MujocoRobot(SimulatedRobot):
         targets = np.ascontiguousarray(targets, dtype=float)
         if targets.ndim != 2 or targets.shape[1] != self.spec.n or not len(targets):  # noqa: PLR2004
             raise ShapeError("targets", targets.shape, f"(T, {self.spec.n})")
+        if not self._open:
+            raise ConnectionLostError("the robot is closed; open it again")
         starts = self._contract.at_rest
         path, limited_by = self._contract.admit_path(targets)
         if starts:
@@ -180,12 +187,16 @@ class MujocoRobot(SimulatedRobot):
     def _begin(self) -> None:
         self._fresh = True
 
-    def _send(self, command: JointCommand) -> None:
-        mode = _MODES.get(type(command))
-        if mode is None:
+    def _check(self, command: JointCommand) -> None:
+        if type(command) not in _MODES:
             raise BackendError(f"the mujoco backend knows no {type(command).__name__}")
         if isinstance(command, ImpedanceCommand):
             check_stiffness(command.stiffness, self._inertia, self.spec.period)
+            check_damping(command.damping, self._inertia, self.spec.period)
+
+    def _send(self, command: JointCommand) -> None:
+        mode = _MODES[type(command)]
+        if isinstance(command, ImpedanceCommand):
             self._command[layout.STIFFNESS] = command.stiffness
             self._command[layout.DAMPING] = command.damping
         if isinstance(command, (ImpedanceCommand, TorqueCommand)):

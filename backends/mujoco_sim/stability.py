@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # A spring on an inertia is stable while h sqrt(k / M) < 2; at half of that it is still followed.
 LARGEST_STEP_RATIO = 1.0
+LARGEST_DAMPING_RATIO = 100.0  # h d / M; implicit, so stable, but no drive damps faster
 LARGEST_WIND_UP_RATIO = 0.5  # presliding stiffness over joint stiffness
 _POSES = 50
 
@@ -65,3 +66,16 @@ def check_stiffness(stiffness: FloatArray, inertia: FloatArray, period: float) -
         raise JointLimitError(
             j + 1, "stiffness", float(stiffness[j]), (0.0, float(most[j])), "N m/rad"
         )
+
+
+def check_damping(damping: FloatArray, inertia: FloatArray, period: float) -> None:
+    """Refuse a damping that no drive has.
+
+    Raises:
+        JointLimitError: Names the joint and what is allowed.
+    """
+    most = inertia * LARGEST_DAMPING_RATIO / period
+    if (damping > most).any():
+        j = int(np.argmax(damping / most))
+        given, bounds = float(damping[j]), (0.0, float(most[j]))
+        raise JointLimitError(j + 1, "damping", given, bounds, "N m s/rad")

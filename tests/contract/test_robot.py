@@ -170,7 +170,7 @@ def test_command_for_another_number_of_joints_is_refused(robot):
         robot.send(position([0.0] * 6))
 
 
-@pytest.mark.parametrize("valid_for", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("valid_for", [0.0, -1.0, 1.001, 1e300, np.nan, np.inf])
 def test_validity_has_to_be_a_time(robot, valid_for):
     robot.receive()
     with pytest.raises(ConfigError, match="valid_for"):
@@ -414,6 +414,34 @@ def test_resuming_while_braking_keeps_the_limits(robot, commanded):
         assert robot.standing
 
 
+@pytest.mark.parametrize("name", ["stiffness", "damping"])
+def test_gain_beyond_the_robot_is_refused_and_not_in_force(robot, name):
+    robot.receive()
+    for _ in range(3):
+        robot.send(impedance(START))
+        robot.receive()
+    with pytest.raises(JointLimitError, match=name):
+        robot.send(impedance(START, **{name: 1e300}))
+    states = [robot.receive() for _ in range(50)]
+    assert not states[-1].holding
+    assert np.abs(states[-1].position - START).max() < 1e-3
+
+
+def test_stream_starts_only_from_a_fresh_measurement(robot):
+    robot.receive()
+    robot.lose_measurements(2)
+    robot.receive()
+    with pytest.raises(BackendError, match="measurement is lost"):
+        robot.send(position(START))
+    robot.hold()
+    robot.receive()
+    robot.resume()
+    with pytest.raises(BackendError, match="measurement is lost"):
+        robot.send(position(START))
+    robot.receive()
+    robot.send(position(START))
+
+
 def test_last_command_of_a_cycle_counts(robot):
     robot.receive()
     robot.send(position(START))
@@ -428,7 +456,7 @@ def test_close_is_idempotent_and_final(backend):
     state = robot.receive()
     robot.close()
     robot.close()
-    with pytest.raises(HoldingError, match="closed"):
+    with pytest.raises(ConnectionLostError, match="closed"):
         robot.send(position(state.position))
     with pytest.raises(ConnectionLostError, match="closed"):
         robot.receive()
