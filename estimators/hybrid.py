@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ModelStoreError, NotFittedError, ShapeError
-from limo_driver.types import FloatArray, JointSample, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from estimators.training import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray, JointSample, Motion
 
 _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed
 _ROWS: Final = 100_000  # evaluated at once, to bound memory
@@ -244,12 +244,7 @@ class HybridModel:
             ShapeError: The sample has another number of joints.
         """
         self._check_joints(sample.position.shape)
-        motion = Motion(
-            np.array([sample.time]),
-            sample.position[None],
-            sample.velocity[None],
-            sample.acceleration[None],
-        )
+        motion = sample.motion()
         parts, after = self._advance(state, motion)
         return parts.hybrid[0], after
 

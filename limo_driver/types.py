@@ -143,6 +143,15 @@ class JointSample(ArrayFields):
     velocity: FloatArray  # (n,) [rad/s]
     acceleration: FloatArray  # (n,) [rad/s^2]
 
+    def motion(self) -> Motion:
+        """Return the sample as a motion of one row."""
+        return Motion(
+            np.array([self.time]),
+            self.position[None],
+            self.velocity[None],
+            self.acceleration[None],
+        )
+
 
 @dataclass(frozen=True)
 class Motion:

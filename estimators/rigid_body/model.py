@@ -14,7 +14,6 @@ from estimators.rigid_body.regressor import PER_LINK, Chain
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.errors import NotFittedError, ShapeError
 from limo_driver.model import RobotModel
-from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from limo_driver.recording import Recording
-    from limo_driver.types import JointSample
+    from limo_driver.types import FloatArray, JointSample, Motion
 
 
 class RigidBodyModel:
@@ -100,10 +99,5 @@ class RigidBodyModel:
         Raises:
             NotFittedError: `fit` has not been called.
         """
-        motion = Motion(
-            np.array([sample.time]),
-            sample.position[None],
-            sample.velocity[None],
-            sample.acceleration[None],
-        )
+        motion = sample.motion()
         return self.torque(motion)[0], state

@@ -13,12 +13,12 @@ from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics.effect import Effect, JointMotion, MotionEffect, State, TorqueEffect
 from limo_driver.physics.sensing import Sensors
-from limo_driver.types import FloatArray, JointSample, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray, JointSample, Motion
 
 
 @dataclass(frozen=True)
@@ -136,12 +136,7 @@ class Simulation:
         Returns:
             Joint torques (n,) [N m] and the memory after this sample.
         """
-        motion = Motion(
-            np.array([sample.time]),
-            sample.position[None],
-            sample.velocity[None],
-            sample.acceleration[None],
-        )
+        motion = sample.motion()
         torque, after = self.advance(state, motion)
         return torque[0], after
 
