@@ -1,0 +1,93 @@
+"""Diagnosis: the result of comparing a simulation with recordings, and all that a report shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.verdict import Verdict
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+    from limo_driver.trajectory import Trajectory
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Traces:
+    """Filtered signals of all recordings on a slow grid of K rows, in order of time."""
+
+    time: FloatArray  # (K,) [s], of the recording
+    recording: NDArray[np.int64]  # (K,) which recording, 0-based
+    position: FloatArray  # (K, n) [rad]
+    velocity: FloatArray  # (K, n) [rad/s]
+    load: FloatArray  # (K, n) nominal rigid-body torque [N m]
+    since_reversal: FloatArray  # (K, n) distance travelled since the last reversal [rad]
+    measured: FloatArray  # (K, n) [N m]
+    before: FloatArray  # (K, n) torque of the given simulation [N m]
+    after: FloatArray  # (K, n) torque of the improved simulation [N m]
+    held_out: NDArray[np.bool_]  # (K,) rows that the proof was made on
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One hypothesis that competed."""
+
+    effects: tuple[str, ...]
+    joints: tuple[tuple[int, ...], ...]  # of each effect, 1-based
+    log_evidence: float  # against no effect at all, natural logarithm
+    share: float  # of the reducible error that it removes
+    note: str = ""  # e.g. "cannot be told apart from ..."
+
+
+@dataclass(frozen=True)
+class Test:
+    """One node of the tree of nested tests at one joint."""
+
+    joint: int  # 1-based
+    question: str  # e.g. "Does the residual depend on the distance since reversal?"
+    share: float  # of the joint's reducible error that saying yes explains
+    yes: bool
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How far a nuisance parameter moved from its nominal value."""
+
+    name: str  # e.g. "mass of link_4" or "tau_c of joint 1"
+    nominal: float
+    fitted: float
+    unit: str
+    sigmas: float  # in its prior standard deviation
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found, the improved simulation, and the evidence."""
+
+    verdict: Verdict
+    before: Simulation
+    after: Simulation
+    recordings: tuple[Recording, ...]
+    traces: Traces
+    explanations: tuple[Explanation, ...]  # best first
+    tests: tuple[Test, ...] = ()
+    shifts: tuple[Shift, ...] = ()
+    next_motion: Trajectory | None = None
+    next_motion_purpose: str = ""  # one sentence: what it would decide
+    bandwidth: float = 10.0  # of the zero-phase filter [Hz]
+    replay: tuple[Replay, ...] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A recorded motion run on the simulated robot, T samples on the slow grid."""
+
+    time: FloatArray  # (T,) [s]
+    measured: FloatArray  # (T, n) recorded torque [N m]
+    before: FloatArray  # (T, n) measured on the robot of the given simulation [N m]
+    after: FloatArray  # (T, n) measured on the robot of the improved simulation [N m]
+    tracking: FloatArray  # (n,) RMS distance of simulated from recorded position [rad]

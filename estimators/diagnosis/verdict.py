@@ -1,0 +1,168 @@
+"""Verdict: what a diagnosis found, as values and as `verdict.json`."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+SCHEMA = 1
+UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
+
+Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]
+Value: TypeAlias = "float | str | tuple[Value, ...]"
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A fitted parameter; lists have one interval per entry."""
+
+    value: Value
+    unit: str
+    ci95: tuple[Any, ...] | None = None  # (lower, upper), or one pair per entry; None for texts
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a mismatch shows."""
+
+    time: tuple[tuple[float, float], ...] = ()  # [s], stretches of the recording
+    region: str = ""  # in words: speeds, positions, loads
+    figure: str = ""  # anchor in the report
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that was left out of the simulation, or has a wrong parameter there."""
+
+    effect: str
+    kind: Literal["missing", "wrong_parameter"]
+    joints: tuple[int, ...]  # 1-based
+    equivalent: tuple[str, ...]  # effects that these recordings cannot tell apart from it
+    confidence: float  # calibrated probability that effect and joints are right
+    parameters: Mapping[str, Interval]
+    where: Where
+    share: float  # part of the reducible error that it removes
+    heldout_rmse: BeforeAfter
+    evidence: str  # one sentence
+
+
+@dataclass(frozen=True)
+class BeforeAfter:
+    """Held-out RMSE of each joint without and with a finding, (n,) [N m]."""
+
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What nothing in the catalogue explains."""
+
+    joints: tuple[int, ...] = ()  # 1-based
+    share: tuple[float, ...] = ()  # of each of those joints' reducible error
+    where: Where = field(default_factory=Where)
+
+
+@dataclass(frozen=True)
+class NotObservable:
+    """An effect of which these recordings say nothing."""
+
+    effect: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class NextMotion:
+    """The motion that would tell the pairs apart."""
+
+    separates: tuple[tuple[str, str], ...]
+    file: str
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How far the improved simulation closes the gap on motion that nothing was fitted to."""
+
+    heldout_rmse_before: tuple[float, ...]  # (n,) [N m]
+    heldout_rmse_after: tuple[float, ...]
+    noise_floor: tuple[float, ...]
+    reducible_error_removed: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class RowCount:
+    """Rows of all recordings."""
+
+    used: int
+    left_out: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result of a diagnosis; `save` writes `verdict.json`."""
+
+    verdict: Summary
+    findings: tuple[Finding, ...]
+    unexplained: Unexplained
+    not_observable: tuple[NotObservable, ...]
+    next_motion: NextMotion | None
+    fit: Fit
+    rows: RowCount
+    notes: tuple[str, ...] = ()  # what a reader should know of data and priors, one sentence each
+
+    def as_values(self) -> dict[str, Any]:
+        """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""
+        content = _plain(asdict(self))
+        content["unexplained"]["joints"] = list(self.unexplained.joints)
+        return {"schema": SCHEMA} | content
+
+    def save(self, path: Path) -> None:
+        """Write `verdict.json`."""
+        path.write_text(json.dumps(self.as_values(), indent=1) + "\n", encoding="utf-8")
+
+    def sentence(self) -> str:
+        """Say the verdict in one sentence."""
+        if self.verdict == "consistent":
+            return "Recording and simulation agree within tolerances and noise."
+        named = [item for item in self.findings if item.effect != UNKNOWN]
+        texts = [f"{_spoken(item)} ({_joints(item.joints)})" for item in named]
+        unknown = [j for item in self.findings if item.effect == UNKNOWN for j in item.joints]
+        unknown = sorted({*unknown, *self.unexplained.joints})
+        if not texts:
+            return f"Something that no known effect explains acts at {_joints(tuple(unknown))}."
+        said = "; ".join(texts)
+        if unknown:
+            return f"Found {said}; at {_joints(tuple(unknown))} something unknown is left."
+        return f"Found {said}; that explains the difference."
+
+
+def _spoken(item: Finding) -> str:
+    kind = "a wrong parameter of " if item.kind == "wrong_parameter" else "missing "
+    return kind + item.effect.replace("_", " ")
+
+
+def _joints(joints: tuple[int, ...]) -> str:
+    if not joints:
+        return "the whole arm"
+    return ("joint " if len(joints) == 1 else "joints ") + ", ".join(map(str, joints))
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401  # JSON values
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
