@@ -80,6 +80,7 @@ class Diagnosis:
     next_motion_purpose: str = ""  # one sentence: what it would decide
     bandwidth: float = 10.0  # of the zero-phase filter [Hz]
     replay: tuple[Replay, ...] = field(default_factory=tuple)
+    replay_note: str = ""  # why there is no replay
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,311 @@
+"""The charts of a report as plotly figures: plain values that become JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from estimators.diagnosis.report.binning import edges_of, profile, residual_map
+from estimators.diagnosis.report.stretch import contiguous_runs
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.diagnosis import Explanation, Replay, Shift, Traces
+    from estimators.diagnosis.report.stretch import Stretch
+    from estimators.diagnosis.verdict import Fit
+    from limo_driver.trajectory import Trajectory
+    from limo_driver.types import FloatArray
+
+Figure: TypeAlias = dict[str, Any]
+
+MEASURED, BEFORE, AFTER, FLOOR = "#a3abb3", "#d9730d", "#0b559f", "#8a939c"
+_BANDS = {BEFORE: "rgba(217,115,13,0.16)", AFTER: "rgba(11,85,159,0.16)"}
+# Of joints: none of the colours that tell simulations apart.
+_JOINTS = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#66707a")
+_DIVERGING = [[0.0, "#0b559f"], [0.25, "#8fb4d9"], [0.5, "#f7f7f5"], [0.75, "#efb27a"],
+              [1.0, "#b4560a"]]  # fmt: skip
+_DRAWN = 1200  # samples of a curve: more cannot be seen
+_CELLS = 22  # of a map, to either side
+_LABELS = {
+    "position": "position [rad]",
+    "velocity": "velocity [rad/s]",
+    "load": "rigid-body torque [N m]",
+    "since_reversal": "distance since reversal [rad]",
+    "time": "time, recordings end to end [s]",
+}
+
+
+def summary(fit: Fit) -> Figure:
+    """Held-out RMSE of each joint before and after, beside the noise floor."""
+    joints = [f"joint {j + 1}" for j in range(len(fit.noise_floor))]
+    lines: list[float | None] = []
+    where: list[str | None] = []
+    for name, a, b in zip(joints, fit.heldout_rmse_before, fit.heldout_rmse_after, strict=True):
+        lines += [a, b, None]
+        where += [name, name, None]
+    data = [
+        {"x": lines, "y": where, "mode": "lines", "hoverinfo": "skip", "showlegend": False,
+         "line": {"color": "#c9ced4", "width": 3}},
+        _dots(fit.noise_floor, joints, "noise floor", {
+            "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
+        _dots(fit.heldout_rmse_before, joints, "given simulation", {
+            "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
+        _dots(fit.heldout_rmse_after, joints, "improved simulation", {
+            "symbol": "circle", "size": 11, "color": AFTER}),
+    ]  # fmt: skip
+    layout = _layout("held-out RMSE [N m], logarithmic", "")
+    layout["xaxis"] |= _log_axis()
+    layout["yaxis"] |= {"autorange": "reversed", "showgrid": False}
+    layout["margin"] |= {"l": 62}
+    return {"data": data, "layout": layout, "height": 90 + 34 * len(joints)}
+
+
+def dependence(traces: Traces, j: int, quantity: str, floor: float) -> Figure:
+    """Mean and spread of a joint's residual over one quantity, before and after."""
+    after_reversal, over_time = quantity == "since_reversal", quantity == "time"
+    values = _end_to_end(traces) if over_time else getattr(traces, quantity)[:, j]
+    # Friction points against the motion: after a reversal only its size is alike both ways.
+    sign = np.sign(traces.velocity[:, j]) if after_reversal else 1.0
+    edges = edges_of(values, 60 if over_time else 32, logarithmic=after_reversal)
+    data: list[Figure] = []
+    for name, torque, colour in (
+        ("given simulation", traces.before, BEFORE),
+        ("improved simulation", traces.after, AFTER),
+    ):
+        found = profile(values, (traces.measured[:, j] - torque[:, j]) * sign, edges)
+        shown = found.rms if over_time else found.mean
+        if not over_time:
+            data.append(_band(found.centre, found.mean, found.spread, colour))
+        data.append(_curve(found.centre, shown, name, colour) | {"showlegend": False})
+    what = {"since_reversal": "residual along motion [N m]", "time": "residual, RMS [N m]"}
+    layout = _layout(_LABELS[quantity], what.get(quantity, "residual [N m]"))
+    layout["shapes"] = [_level(y) for y in ((floor,) if over_time else (-floor, floor))]
+    if over_time:
+        layout["yaxis"] |= {"rangemode": "tozero"}
+        layout["shapes"] += [_divider(x) for x in _joins(traces)]
+    if after_reversal:
+        layout["xaxis"] |= _log_axis(decades=True)
+    return {"data": data, "layout": layout, "height": 230}
+
+
+def maps(traces: Traces, j: int) -> tuple[Figure, Figure]:
+    """Mean residual of a joint over position and velocity, before and after, on one scale."""
+    q, v = traces.position[:, j], traces.velocity[:, j]
+    x, y = edges_of(q, _CELLS), edges_of(v, _CELLS)
+    found = [
+        residual_map(q, v, traces.measured[:, j] - torque[:, j], x, y)
+        for torque in (traces.before, traces.after)
+    ]
+    known = np.abs(np.concatenate([item.mean[np.isfinite(item.mean)] for item in found]))
+    scale = max(float(np.percentile(known, 98)), 1e-9) if known.size else 1.0
+    figures: list[Figure] = []
+    for item in found:
+        layout = _layout(_LABELS["position"], _LABELS["velocity"])
+        heat = {
+            "type": "heatmap", "x": numbers(item.x), "y": numbers(item.y),
+            "z": [numbers(row) for row in item.mean], "zmin": -scale, "zmax": scale,
+            "colorscale": _DIVERGING, "hoverongaps": False,
+            "hovertemplate": "%{x} rad, %{y} rad/s: %{z} N m<extra></extra>",
+            "colorbar": {"thickness": 8, "outlinewidth": 0, "tickfont": {"size": 10},
+                         "title": {"text": "N m", "font": {"size": 10}}},
+        }  # fmt: skip
+        figures.append({"data": [heat], "layout": layout, "height": 260})
+    return figures[0], figures[1]
+
+
+def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
+    """Torque beyond the rigid body over position: measured, and simulated before and after."""
+    q, load = traces.position[:, j], traces.load[:, j]
+    curves = _three(traces, j)
+    data = [
+        _curve(q[rows], (torque - load)[rows], name, colour, width)
+        for name, torque, colour, width in curves
+        for rows in [_thin(stretch.rows)]
+    ]
+    layout = _layout(_LABELS["position"], "torque beyond the rigid body [N m]")
+    return {"data": data, "layout": layout, "height": 320}
+
+
+def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
+    """Torque beyond the rigid body over time: measured, and simulated before and after."""
+    rows = _thin(stretch.rows)
+    load = traces.load[rows, j]
+    data = [
+        _curve(traces.time[rows], torque[rows] - load, name, colour, width)
+        for name, torque, colour, width in _three(traces, j)
+    ]
+    layout = _layout("time [s]", "torque beyond the rigid body [N m]")
+    return {"data": data, "layout": layout, "height": 320}
+
+
+def explanations(candidates: Sequence[Explanation], names: Sequence[str]) -> Figure:
+    """Log evidence of what competed, against no effect at all."""
+    bars = {
+        "type": "bar", "orientation": "h", "y": list(names),
+        "x": numbers(np.array([item.log_evidence for item in candidates])),
+        "marker": {"color": [AFTER] + ["#b8c4d0"] * (len(names) - 1)},
+        "hovertemplate": "%{y}: %{x}<extra></extra>",
+    }  # fmt: skip
+    layout = _layout("log evidence against no effect (natural logarithm)", "")
+    layout["yaxis"] |= {"autorange": "reversed", "automargin": True, "showgrid": False}
+    layout["bargap"] = 0.35
+    return {"data": [bars], "layout": layout, "height": 80 + 28 * len(names)}
+
+
+def shifts(moved: Sequence[Shift]) -> Figure:
+    """How far nuisance parameters moved, in standard deviations of their prior."""
+    far = [abs(item.sigmas) > 2 for item in moved]  # noqa: PLR2004  # sigma
+    dots = {
+        "type": "scatter", "mode": "markers", "y": [item.name for item in moved],
+        "x": numbers(np.array([item.sigmas for item in moved])),
+        "marker": {"size": 9, "color": [BEFORE if f else AFTER for f in far]},
+        "hovertemplate": "%{y}: %{x} sigma<extra></extra>",
+    }  # fmt: skip
+    layout = _layout("shift from the nominal value [standard deviations of its tolerance]", "")
+    layout["yaxis"] |= {"autorange": "reversed", "automargin": True}
+    reach = max(2.5, 1.1 * max((abs(item.sigmas) for item in moved), default=0.0))
+    layout["xaxis"] |= {"range": [-reach, reach], "zeroline": True}
+    layout["shapes"] = [
+        {"type": "rect", "x0": -1, "x1": 1, "y0": 0, "y1": 1, "yref": "paper", "layer": "below",
+         "fillcolor": "rgba(11,85,159,0.07)", "line": {"width": 0}}
+    ]  # fmt: skip
+    return {"data": [dots], "layout": layout, "height": 80 + 24 * len(moved)}
+
+
+def motion(trajectory: Trajectory) -> Figure:
+    """Positions of the joints that move, from where they start."""
+    step = max(1, len(trajectory) // _DRAWN)
+    moved = trajectory.position[::step] - trajectory.position[0]
+    data = [
+        _curve(trajectory.time[::step], moved[:, j], f"joint {j + 1}", _JOINTS[j % len(_JOINTS)])
+        for j in range(trajectory.n)
+        if np.ptp(trajectory.position[:, j]) > 1e-6  # noqa: PLR2004  # [rad], rounding
+    ]
+    layout = _layout("time [s]", "position from the start [rad]")
+    return {"data": data, "layout": layout | {"showlegend": True}, "height": 300}
+
+
+def replayed(replay: Replay, j: int) -> Figure:
+    """Recorded torque of one joint beside both free runs of the simulated robot."""
+    rows = slice(None, None, max(1, len(replay.time) // _DRAWN))
+    data = [
+        _curve(replay.time[rows], torque[rows, j], name, colour, width)
+        for name, torque, colour, width in (
+            ("measured", replay.measured, MEASURED, 4.0),
+            ("robot of the given simulation", replay.before, BEFORE, 1.4),
+            ("robot of the improved simulation", replay.after, AFTER, 1.4),
+        )
+    ]
+    layout = _layout("time [s]", "torque [N m]")
+    return {"data": data, "layout": layout | {"showlegend": True}, "height": 290}
+
+
+def replay_error(replay: Replay, j: int) -> Figure:
+    """Recorded torque of one joint less that of both free runs."""
+    rows = slice(None, None, max(1, len(replay.time) // _DRAWN))
+    data = [
+        _curve(replay.time[rows], (replay.measured - torque)[rows, j], name, colour)
+        for name, torque, colour in (
+            ("given simulation", replay.before, BEFORE),
+            ("improved simulation", replay.after, AFTER),
+        )
+    ]
+    layout = _layout("time [s]", "measured minus robot [N m]")
+    return {"data": data, "layout": layout | {"showlegend": True}, "height": 290}
+
+
+def numbers(values: FloatArray, digits: int = 4) -> list[float | None]:
+    """Return plain numbers of few digits, as JSON wants them; what is not finite is None."""
+    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
+
+
+def _three(traces: Traces, j: int) -> tuple[tuple[str, FloatArray, str, float], ...]:
+    return (
+        ("measured", traces.measured[:, j], MEASURED, 4.0),
+        ("given simulation", traces.before[:, j], BEFORE, 1.4),
+        ("improved simulation", traces.after[:, j], AFTER, 1.4),
+    )
+
+
+def _thin(rows: slice) -> slice:
+    return slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // _DRAWN))
+
+
+def _end_to_end(traces: Traces) -> FloatArray:
+    """Return a time that runs on from one recording to the next, (K,) [s]."""
+    shift, end = np.zeros(len(traces.time)), 0.0
+    for number in np.unique(traces.recording):
+        rows = traces.recording == number
+        shift[rows] = end - traces.time[rows][0]
+        end += float(np.ptp(traces.time[rows]))
+    return traces.time + shift
+
+
+def _joins(traces: Traces) -> list[float]:
+    time = _end_to_end(traces)
+    starts = [run.start for run in contiguous_runs(traces)]
+    return [float(time[a]) for a in starts[1:] if traces.recording[a] != traces.recording[a - 1]]
+
+
+def _dots(values: Sequence[float], joints: list[str], name: str, marker: Figure) -> Figure:
+    return {
+        "x": numbers(np.array(values, dtype=float)), "y": joints, "mode": "markers", "name": name,
+        "marker": marker, "hovertemplate": "%{y}, " + name + ": %{x} N m<extra></extra>",
+    }  # fmt: skip
+
+
+def _curve(x: FloatArray, y: FloatArray, name: str, colour: str, width: float = 1.8) -> Figure:
+    return {
+        "x": numbers(x, 6), "y": numbers(y, 5), "mode": "lines", "name": name,
+        "line": {"color": colour, "width": width},
+    }  # fmt: skip
+
+
+def _band(x: FloatArray, mean: FloatArray, spread: FloatArray, colour: str) -> Figure:
+    """Return the area of one standard deviation to either side, as one closed outline."""
+    known = np.isfinite(mean)
+    x, low, high = x[known], (mean - spread)[known], (mean + spread)[known]
+    return {
+        "x": numbers(np.concatenate([x, x[::-1]]), 6),
+        "y": numbers(np.concatenate([high, low[::-1]])),
+        "fill": "toself", "fillcolor": _BANDS[colour], "line": {"width": 0}, "mode": "lines",
+        "hoverinfo": "skip", "showlegend": False,
+    }  # fmt: skip
+
+
+def _level(y: float) -> Figure:
+    return {
+        "type": "line", "x0": 0, "x1": 1, "xref": "paper", "y0": y, "y1": y,
+        "line": {"color": FLOOR, "width": 1, "dash": "dot"},
+    }  # fmt: skip
+
+
+def _divider(x: float) -> Figure:
+    return {
+        "type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper",
+        "line": {"color": "#c9ced4", "width": 1},
+    }  # fmt: skip
+
+
+def _log_axis(*, decades: bool = False) -> Figure:
+    ticks: Figure = {"dtick": 1, "exponentformat": "power"} if decades else {"dtick": "D2"}
+    return {"type": "log", "tickfont": {"size": 10}} | ticks
+
+
+def _layout(x: str, y: str) -> Figure:
+    axis = {"gridcolor": "#eceef0", "zerolinecolor": "#c9ced4", "linecolor": "#c9ced4",
+            "ticks": "outside", "ticklen": 3, "tickcolor": "#c9ced4",
+            "exponentformat": "none"}  # fmt: skip
+    return {
+        "xaxis": axis | {"title": {"text": x, "standoff": 8}},
+        "yaxis": axis | {"title": {"text": y, "standoff": 6}, "automargin": True},
+        "font": {"family": "inherit", "size": 11.5, "color": "#3d4650"},
+        "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
+        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0,
+                   "font": {"size": 11}},
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "hovermode": "closest",
+    }  # fmt: skip

@@ -1,0 +1,117 @@
+"""Pieces of HTML: texts, tables and the places of charts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from html import escape
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from estimators.diagnosis.report.figures import Figure
+
+UNSAID = "\N{EN DASH}"  # a figure that is not known
+
+
+@dataclass
+class Charts:
+    """The charts of a page, in the order in which it refers to them."""
+
+    figures: list[Figure] = field(default_factory=list)
+
+    def place(self, figure: Figure, caption: str, note: str = "") -> str:
+        """Add a chart and return its place in the page."""
+        self.figures.append(figure)
+        heading = f"<figcaption>{escape(caption)}{_small(note)}</figcaption>"
+        return (
+            f'<figure>{heading}<div class="chart" role="img" aria-label="{escape(caption)}" '
+            f'data-figure="{len(self.figures) - 1}" style="height:{figure["height"]}px"></div>'
+            "</figure>"
+        )
+
+    def as_json(self) -> str:
+        """Return all charts as JSON that may stand inside a script element."""
+        content: list[dict[str, Any]] = [
+            {"data": item["data"], "layout": item["layout"]} for item in self.figures
+        ]
+        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+        return text.replace("</", "<\\/")
+
+
+def section(title: str, body: str, anchor: str, lead: str = "") -> str:
+    """Return a section with a heading; empty if it has no content."""
+    if not body:
+        return ""
+    intro = f'<p class="lead">{escape(lead)}</p>' if lead else ""
+    return f'<section id="{anchor}"><h2>{escape(title)}</h2>{intro}{body}</section>'
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], numeric: int = 0) -> str:
+    """Return a table of HTML cells; columns from `numeric` on are numbers (0: none is)."""
+    kinds = [' class="n"' if numeric and k >= numeric else "" for k in range(len(headings))]
+    head = "".join(f"<th{k}>{_heading(h)}</th>" for k, h in zip(kinds, headings, strict=True))
+    body = "".join(
+        "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kinds, cells, strict=True)) + "</tr>"
+        for cells in rows
+    )
+    return (
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def folded(title: str, body: str) -> str:
+    """Return content that opens on demand."""
+    return f"<details><summary>{escape(title)}</summary>{body}</details>"
+
+
+def grid(items: Iterable[str], kind: str = "two") -> str:
+    """Return items side by side where there is room."""
+    return f'<div class="grid {kind}">{"".join(items)}</div>'
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """Return a paragraph."""
+    return f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>"
+
+
+def meter(share: float) -> str:
+    """Return a small bar for a share of 0 to 1, with its figure."""
+    width = min(max(share, 0.0), 1.0) * 100
+    return (
+        f'<span class="meter"><span style="width:{width:.0f}%"></span></span>'
+        f"<span>{percent(share)}</span>"
+    )
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number of few digits; a dash if it is not known."""
+    return f"{value:.{digits}g}" if isfinite(value) else UNSAID
+
+
+def percent(share: float) -> str:
+    """Return a share as a percentage."""
+    return f"{100 * share:.0f} %" if isfinite(share) else UNSAID
+
+
+def spoken(effect: str) -> str:
+    """Return an effect's ID in words."""
+    return effect.replace("_", " ")
+
+
+def of_joints(joints: Sequence[int]) -> str:
+    """Return which joints, in words."""
+    if not joints:
+        return "whole arm"
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
+
+
+def _heading(text: str) -> str:
+    return escape(text).replace("[N m]", "[N&nbsp;m]")  # no break inside a unit
+
+
+def _small(text: str) -> str:
+    return f" <small>{escape(text)}</small>" if text else ""

@@ -1,0 +1,282 @@
+"""The evidence under the verdict: where, how, what competed, what is unsure, what comes next."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.report import figures
+from estimators.diagnosis.report.markup import (
+    Charts,
+    folded,
+    grid,
+    meter,
+    number,
+    of_joints,
+    paragraph,
+    section,
+    spoken,
+    table,
+)
+from estimators.diagnosis.report.stretch import loop_stretch
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Replay, Shift
+
+OPEN = 3  # joints whose maps are open from the start
+LOOP = 8.0  # [s] of motion drawn as loops
+_QUANTITIES = ("position", "velocity", "since_reversal", "load", "time")
+_TITLES = {
+    "position": "over position",
+    "velocity": "over velocity",
+    "since_reversal": "over the distance since the last reversal",
+    "load": "over load",
+    "time": "over time",
+}
+_SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
+_CANDIDATES = 12  # explanations drawn
+_CLOSE = 3.0  # of log evidence; less cannot prefer one explanation (odds of 20 to 1)
+
+
+def where(diagnosis: Diagnosis, charts: Charts) -> str:
+    """Return maps, loops and traces of the joints, those that differ most first."""
+    order = _by_excess(diagnosis)
+    affected = _affected(diagnosis)
+    shown = [j for j in order if j + 1 in affected][:OPEN]
+    opened = "".join(
+        _anchored(j, f"<h3>Joint {j + 1}</h3>{_joint(diagnosis, charts, j)}") for j in shown
+    )
+    rest = "".join(
+        _anchored(j, folded(_title(diagnosis, j), _joint(diagnosis, charts, j)))
+        for j in range(len(order))
+        if j not in shown
+    )
+    lead = (
+        "Residual: recorded minus simulated torque, mean (line) and one standard deviation (band) "
+        "in bins. Orange: the given simulation. Blue: the improved one. Dotted: noise floor. "
+        "Torque curves show 8 s in which the joint differs much and moves little, less the "
+        "rigid-body torque."
+    )
+    return section("Where the difference is", opened + rest, "where", lead)
+
+
+def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
+    traces = diagnosis.traces
+    floor = np.array(diagnosis.verdict.fit.noise_floor)
+    profiles = [
+        charts.place(
+            figures.dependence(traces, j, name, float(floor[j])),
+            f"Residual {_TITLES[name]}",
+            "signed along the motion" if name == "since_reversal" else "",
+        )
+        for name in _QUANTITIES
+    ]
+    before, after = figures.maps(traces, j)
+    maps = [
+        charts.place(before, "Mean residual over position and velocity", "given"),
+        charts.place(after, "Mean residual over position and velocity", "improved"),
+    ]
+    stretch = loop_stretch(traces, j, LOOP)
+    note = f"{stretch.start:.1f} to {stretch.stop:.1f} s"
+    drawn = [
+        charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
+        charts.place(figures.torque_over_time(traces, j, stretch), "Torque over time", note),
+    ]
+    return grid(drawn) + grid(profiles, "three") + grid(maps)
+
+
+def _anchored(j: int, body: str) -> str:
+    return f'<div id="joint-{j + 1}">{body}</div>'
+
+
+def _title(diagnosis: Diagnosis, j: int) -> str:
+    fit = diagnosis.verdict.fit
+    return (
+        f"Joint {j + 1}: held-out RMSE {number(fit.heldout_rmse_before[j])} → "
+        f"{number(fit.heldout_rmse_after[j])} N m, noise floor {number(fit.noise_floor[j])} N m"
+    )
+
+
+def _affected(diagnosis: Diagnosis) -> set[int]:
+    """Return the joints that the verdict speaks of, 1-based."""
+    verdict = diagnosis.verdict
+    named = {j for item in verdict.findings for j in item.joints} | {*verdict.unexplained.joints}
+    whole_arm = any(not item.joints for item in verdict.findings)
+    return set(range(1, len(verdict.fit.noise_floor) + 1)) if whole_arm else named
+
+
+def _by_excess(diagnosis: Diagnosis) -> list[int]:
+    """Return the joints, 0-based, in the order of their error over the noise floor."""
+    fit = diagnosis.verdict.fit
+    excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
+    return [int(j) for j in np.argsort(-np.nan_to_num(excess))]
+
+
+def competing(diagnosis: Diagnosis, charts: Charts) -> str:
+    """Return the explanations that competed and the tests that narrowed them down."""
+    best = diagnosis.explanations[:_CANDIDATES]
+    body = ""
+    if best:
+        names = [_name(item) for item in best]
+        body = charts.place(figures.explanations(best, names), "Explanations that competed")
+        top = best[0].log_evidence
+        rows = [
+            [escape(_name(item)), f"{item.log_evidence:.1f}", f"{item.log_evidence - top:.1f}",
+             meter(item.share), escape(_note(item, top))]
+            for item in diagnosis.explanations
+        ]  # fmt: skip
+        headings = ("explanation", "log evidence", "to the best", "share removed", "")
+        body += table(headings, rows)
+    lead = (
+        "A difference in log evidence of 3 means odds of 20 to 1; what is closer than that, these "
+        "recordings cannot tell apart."
+    )
+    return section("What competed", body, "competing", lead)
+
+
+def _name(item: Explanation) -> str:
+    joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
+    said = [f"{spoken(e)} ({of_joints(j)})" for e, j in zip(item.effects, joints, strict=False)]
+    return " + ".join(said) or "no effect"
+
+
+def _note(item: Explanation, top: float) -> str:
+    if item.note:
+        return item.note
+    close = item.log_evidence != top and top - item.log_evidence < _CLOSE
+    return "cannot be told from the best" if close else ""
+
+
+def tests(diagnosis: Diagnosis) -> str:
+    """Return the tree of nested tests, joint by joint."""
+    rows = [
+        [str(item.joint), escape(item.question), meter(item.share),
+         f'<b class="{"yes" if item.yes else "no"}">{"yes" if item.yes else "no"}</b>']
+        for item in sorted(diagnosis.tests, key=lambda item: item.joint)
+    ]  # fmt: skip
+    headings = ("joint", "question", "share of its reducible error", "answer")
+    return section(
+        "Questions asked of the residual",
+        table(headings, rows) if rows else "",
+        "tests",
+        "Nested tests: each asks whether the residual depends on one more thing.",
+    )
+
+
+def doubts(diagnosis: Diagnosis, charts: Charts) -> str:
+    """Return what could not be observed and how far nuisance parameters moved."""
+    unseen = [
+        [escape(spoken(item.effect)), escape(item.reason)]
+        for item in diagnosis.verdict.not_observable
+    ]
+    body = ""
+    if unseen:
+        body += "<h3>Not observable</h3>" + table(("effect", "why these recordings say nothing"),
+                                                  unseen)  # fmt: skip
+    if diagnosis.shifts:
+        body += _moved(diagnosis.shifts, charts)
+    return section("What is unsure", body, "unsure")
+
+
+def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
+    ranked = sorted(shifts, key=lambda item: -abs(item.sigmas))
+    chart = charts.place(
+        figures.shifts(ranked[:_SHIFTS]),
+        "Nuisance parameters",
+        "shaded: one standard deviation of what the simulation says it knows",
+    )
+    rows = [
+        [escape(item.name), number(item.nominal, 4), number(item.fitted, 4), escape(item.unit),
+         f"{item.sigmas:+.1f}"]
+        for item in ranked
+    ]  # fmt: skip
+    listed = table(("parameter", "nominal", "fitted", "unit", "sigmas"), rows)
+    said = (
+        "Inertias and friction may move inside their tolerances, so that no missing physics is "
+        "seen where a nominal value is merely a little off."
+    )
+    return (
+        "<h3>How far nominal values moved</h3>"
+        + paragraph(said, "small")
+        + chart
+        + folded(f"All {len(rows)} values", listed)
+    )
+
+
+def next_motion(diagnosis: Diagnosis, charts: Charts) -> str:
+    """Return the motion to record next, and what it would decide."""
+    wanted = diagnosis.verdict.next_motion
+    body = ""
+    if diagnosis.next_motion_purpose:
+        body = paragraph(diagnosis.next_motion_purpose)
+    if diagnosis.next_motion is not None:
+        file = wanted.file if wanted else "next_motion.parquet"
+        minutes = diagnosis.next_motion.duration / 60
+        body += charts.place(
+            figures.motion(diagnosis.next_motion), "Joint motion", f"{minutes:.1f} min"
+        )
+        body += (
+            f"<p>Move the recorded arm along it and diagnose again with that recording added. On a "
+            f"simulated arm:</p><pre>limo run --backend mujoco --trajectory "
+            f"{escape(file)} --sim sim.yaml --record next.parquet</pre>"
+        )
+    return section("The motion to record next", body, "next")
+
+
+def replay(diagnosis: Diagnosis, charts: Charts) -> str:
+    """Return the free runs of the simulated robot beside the recording."""
+    body = "".join(_replayed(diagnosis, item, charts) for item in diagnosis.replay)
+    if diagnosis.replay_note:
+        body += paragraph(diagnosis.replay_note)
+    lead = (
+        "The proof in the other direction: the simulated robot, with its own drives and servo, "
+        "follows the recorded motion, and its torque sensors are compared with the recorded torque."
+    )
+    return section("Replay on the simulated robot", body, "replay", lead)
+
+
+def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
+    order = [j for j in _by_excess(diagnosis) if j + 1 in _affected(diagnosis)] or [0]
+    drawn = [
+        chart
+        for j in order[:OPEN]
+        for chart in (
+            charts.place(figures.replayed(item, j), f"Joint {j + 1}: torque", _span(item)),
+            charts.place(figures.replay_error(item, j), f"Joint {j + 1}: difference", _span(item)),
+        )
+    ]
+    rows = [
+        [str(j + 1), f"{_rms(item.measured - item.before, j):.4f}",
+         f"{_rms(item.measured - item.after, j):.4f}", f"{1e3 * float(item.tracking[j]):.2f}"]
+        for j in range(item.measured.shape[1])
+    ]  # fmt: skip
+    headings = ("joint", "RMSE given [N m]", "RMSE improved [N m]", "tracking [mrad]")
+    return grid(drawn) + table(headings, rows, numeric=1)
+
+
+def _span(item: Replay) -> str:
+    return f"{item.time[0]:.1f} to {item.time[-1]:.1f} s"
+
+
+def _rms(error: np.ndarray[tuple[int, int], np.dtype[np.float64]], j: int) -> float:
+    return float(np.sqrt(np.mean(error[:, j] ** 2)))
+
+
+def data(diagnosis: Diagnosis) -> str:
+    """Return what was used of the recordings, what was left out, and what to know of them."""
+    verdict = diagnosis.verdict
+    rows = [["used", f"{verdict.rows.used:,}".replace(",", " ")]]
+    rows += [
+        [escape(reason), f"{count:,}".replace(",", " ")]
+        for reason, count in verdict.rows.left_out.items()
+    ]
+    notes = [*verdict.notes]
+    for item in diagnosis.recordings:
+        notes += [f"{item.source}: {warning}" for warning in item.warnings]
+    listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    body = table(("rows", "number"), rows, numeric=1) + (f"<ul>{listed}</ul>" if notes else "")
+    return section("Data", body, "data")

@@ -1,0 +1,317 @@
+"""The report of a diagnosis, of a made-up verdict on real simulated motion."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Replay, Shift, Traces
+from estimators.diagnosis.diagnosis import Test as Question
+from estimators.diagnosis.report import worst_stretch, write_report
+from estimators.diagnosis.report.binning import edges_of, profile, residual_map
+from estimators.diagnosis.report.page import render
+from estimators.diagnosis.verdict import (
+    BeforeAfter,
+    Finding,
+    Fit,
+    Interval,
+    NextMotion,
+    NotObservable,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
+from limo_driver.differentiation import smooth
+from limo_driver.errors import ConfigError
+from limo_driver.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+
+BANDWIDTH = 10.0
+
+
+def traces_of(
+    before: Simulation, after: Simulation, recordings: Sequence[Recording], every: int = 2
+) -> Traces:
+    """Return the signals of recordings, filtered and thinned."""
+    parts = [_traces(before, after, r, k, every) for k, r in enumerate(recordings)]
+    return Traces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _traces(before, after, recording, number, every):
+    motion = recording.motion(BANDWIDTH)
+    filtered = [
+        smooth(recording.time, torque, BANDWIDTH, recording.segments)
+        for torque in (recording.torque, *(s.predict(motion) for s in (before, after)))
+    ]
+    load = before.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+    signals = (
+        motion.time,
+        np.full(len(motion), number),
+        motion.position,
+        motion.velocity,
+        load,
+        np.stack([_since_reversal(q, v) for q, v in zip(*_columns(motion), strict=True)], axis=1),
+        *filtered,
+        motion.time % 20.0 > 15.0,
+    )
+    return tuple(values[::every] for values in signals)
+
+
+def _columns(motion):
+    return motion.position.T, motion.velocity.T
+
+
+def _since_reversal(position, velocity):
+    turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0)
+    last = np.zeros(len(position), dtype=int)
+    last[turns] = turns
+    return np.abs(position - position[np.maximum.accumulate(last)])
+
+
+def made_up(before: Simulation, after: Simulation, recordings, joint: int) -> Diagnosis:
+    """Return what a diagnosis of hysteresis at one joint (1-based) might say."""
+    traces = traces_of(before, after, recordings)
+    n = traces.measured.shape[1]
+    held = traces.held_out
+    error = {
+        name: np.sqrt(np.mean((traces.measured - getattr(traces, name))[held] ** 2, axis=0))
+        for name in ("before", "after")
+    }
+    floor = 0.8 * np.minimum(error["before"], error["after"])
+    finding = Finding(
+        effect="presliding_hysteresis",
+        kind="missing",
+        joints=(joint,),
+        equivalent=("stribeck_friction",),
+        confidence=0.93,
+        parameters={
+            "law": Interval("maxwell_slip", "text"),
+            "stiffness": Interval((300.0, 88.2, 24.7), "N m/rad", ((280, 321), (80, 97), (19, 31))),
+            "width": Interval((0.0017, 0.0052, 0.013), "rad", None),
+        },
+        where=Where(((12.0, 18.5), (40.2, 44.0)), "within 0.02 rad of a reversal", ""),
+        share=0.87,
+        heldout_rmse=BeforeAfter(tuple(error["before"]), tuple(error["after"])),
+        evidence=f"At joint {joint} the residual rises over 20 mrad after each reversal, at any "
+        "speed, and returns on another path.",
+    )
+    verdict = Verdict(
+        verdict="explained",
+        findings=(finding,),
+        unexplained=Unexplained(),
+        not_observable=(
+            NotObservable("torque_gain", "no load of known mass was moved"),
+            NotObservable("temperature_dependent_friction", "the recordings last 2 minutes"),
+        ),
+        next_motion=NextMotion(
+            (("stribeck_friction", "presliding_hysteresis"),), "next_motion.parquet"
+        ),
+        fit=Fit(*(tuple(e.tolist()) for e in (error["before"], error["after"], floor)), 0.91,
+                (0.88, 0.94)),
+        rows=RowCount(26_011, {"a value is missing or not finite": 12}),
+        notes=("Torque is measured on the link's side of the gear.",),
+    )  # fmt: skip
+    time = np.linspace(0.0, 6.0, 601)
+    swing = np.zeros((601, n))
+    swing[:, joint - 1] = 0.05 * (1 - np.cos(time))
+    stretch = worst_stretch(traces, floor, 10.0)
+    rows = stretch.rows
+    return Diagnosis(
+        verdict=verdict,
+        before=before,
+        after=after,
+        recordings=tuple(recordings),
+        traces=traces,
+        explanations=(
+            Explanation(("presliding_hysteresis",), ((joint,),), 812.4, 0.87),
+            Explanation(("stribeck_friction",), ((joint,),), 810.9, 0.85),
+            Explanation(
+                ("coulomb_friction", "viscous_friction"), ((joint,), (joint,)), 301.0, 0.41
+            ),
+            Explanation(("torque_offset",), ((joint,),), 12.0, 0.02, "worse on held-out rows"),
+        ),
+        tests=(
+            Question(
+                joint, "Does the residual depend on the distance since reversal?", 0.86, yes=True
+            ),
+            Question(joint, "Does it depend on the speed?", 0.04, yes=False),
+        ),
+        shifts=(
+            Shift("mass of link_4", 3.4, 3.46, "kg", 0.9),
+            Shift(f"tau_c of joint {joint}", 1.0, 0.62, "N m", -2.5),
+            Shift("f_v of joint 1", 4.0, 4.1, "N m s/rad", 0.2),
+        ),
+        next_motion=Trajectory(time, swing, np.zeros_like(swing), np.zeros_like(swing)),
+        next_motion_purpose="Creep at five speeds, both ways; decides between the two.",
+        bandwidth=BANDWIDTH,
+        replay=(
+            Replay(
+                traces.time[rows],
+                traces.measured[rows],
+                traces.before[rows],
+                traces.after[rows],
+                np.full(n, 3e-4),
+            ),
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def diagnosis(rigid, true_arm, training_recording, test_recording):
+    return made_up(rigid, true_arm, (training_recording, test_recording), joint=2)
+
+
+@pytest.fixture(scope="module")
+def page(diagnosis):
+    return render(diagnosis)
+
+
+class _Page(HTMLParser):
+    """Checks that elements nest, and collects anchors, links and the text outside of scripts."""
+
+    void = {"meta", "br", "img", "link", "input", "hr"}  # noqa: RUF012  # a test's constant
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.anchors, self.links, self.text = [], [], [], ""
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.anchors += [given["id"]] if "id" in given else []
+        self.links += [given[key] for key in ("href", "src") if key in given]
+        if tag not in self.void:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in {"script", "style"}:
+            self.text += data
+
+
+@pytest.fixture(scope="module")
+def parsed(page):
+    parser = _Page()
+    parser.feed(page)
+    assert parser.open == []
+    return parser
+
+
+def test_the_page_needs_no_network_and_stays_small(page, parsed):
+    assert len(page.encode()) < 8e6
+    assert all(link.startswith("#") for link in parsed.links)
+    assert len(set(parsed.anchors)) == len(parsed.anchors)
+    assert {link[1:] for link in parsed.links} <= set(parsed.anchors)
+
+
+def test_the_first_screen_says_what_was_found_and_how_sure(parsed, diagnosis):
+    text = " ".join(parsed.text.split())
+    finding = diagnosis.verdict.findings[0]
+    for said in (
+        diagnosis.verdict.sentence(),
+        finding.evidence,
+        "93 %",
+        "stribeck friction",
+        "280 to 321",
+        "removes 91 % of the reducible error (95 % interval 88 % to 94 %)",
+    ):
+        assert said in text
+
+
+def test_every_part_of_the_evidence_is_there(parsed):
+    expected = {"errors", "findings", "where", "competing", "tests", "replay", "next", "unsure",
+                "data", "joint-1", "joint-2"}  # fmt: skip
+    assert expected <= set(parsed.anchors)
+    for said in ("cannot be told from the best", "no load of known mass", "tau_c of joint 2",
+                 "a value is missing or not finite", "decides between the two"):  # fmt: skip
+        assert said in parsed.text
+
+
+def test_every_chart_is_a_figure_that_plotly_accepts_with_units_on_its_axes(page):
+    text = re.search(r'id="figures">(.*?)</script>', page, re.DOTALL).group(1)
+    charts = json.loads(text)
+    places = [int(k) for k in re.findall(r'data-figure="(\d+)"', page)]
+    assert sorted(places) == list(range(len(charts)))
+    for chart in charts:
+        go.Figure(chart)  # refuses unknown properties
+        assert chart["data"]
+        titles = [chart["layout"][axis]["title"]["text"] for axis in ("xaxis", "yaxis")]
+        assert all("[" in title or "log evidence" in title for title in titles if title)
+
+
+def test_texts_from_outside_cannot_become_markup(diagnosis):
+    rows = RowCount(1, {"</script><b>reason": 1})
+    recording = replace(diagnosis.recordings[0], source="<img src=x>.csv")
+    page = render(
+        replace(diagnosis, verdict=replace(diagnosis.verdict, rows=rows), recordings=(recording,))
+    )
+    assert "<img src=x>" not in page
+    assert "</script><b>" not in page
+
+
+def test_a_consistent_verdict_has_no_findings_and_folds_every_joint(diagnosis):
+    fit = replace(diagnosis.verdict.fit, reducible_error_removed=np.nan, ci95=(np.nan, np.nan))
+    verdict = replace(
+        diagnosis.verdict, verdict="consistent", findings=(), next_motion=None, fit=fit
+    )
+    page = render(
+        replace(
+            diagnosis, verdict=verdict, explanations=(), tests=(), shifts=(), replay=(),
+            next_motion=None, next_motion_purpose="", replay_note="The motion is too fast.",
+        )
+    )  # fmt: skip
+    assert page.count("<details>") >= 2
+    assert 'id="findings"' not in page
+    assert 'id="competing"' not in page
+    assert "There is no reducible error to remove." in page
+    assert "The motion is too fast." in page
+
+
+def test_a_report_that_cannot_be_written_is_said(diagnosis, tmp_path):
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_report(diagnosis, tmp_path / "nowhere" / "report.html")
+
+
+def test_the_worst_stretch_is_of_one_recording_and_where_the_error_is(diagnosis):
+    traces = diagnosis.traces
+    before = traces.measured.copy()
+    rows = (traces.recording == 1) & (traces.time > 10.0) & (traces.time < 14.0)
+    before[rows] += 5.0
+    floor = np.full(2, 0.01)
+    found = worst_stretch(replace(traces, before=before), floor, 4.0)
+    assert found.recording == 1
+    assert found.start == pytest.approx(10.0, abs=0.1)
+    assert found.stop == pytest.approx(14.0, abs=0.1)
+
+
+def test_a_profile_finds_what_the_residual_follows():
+    random = np.random.default_rng(0)
+    x = random.uniform(-1, 1, 20_000)
+    residual = 2 * x + 0.1 * random.standard_normal(x.size)
+    found = profile(x, residual, edges_of(x))
+    assert np.allclose(found.mean, 2 * found.centre, atol=0.03)
+    assert np.allclose(
+        found.spread, np.hypot(0.1, 2 * np.diff(edges_of(x))[0] / 12**0.5), atol=0.02
+    )
+
+
+def test_a_map_leaves_cells_without_rows_empty():
+    x = np.repeat([0.1, 0.9], 50)
+    edges = np.linspace(0, 1, 3)
+    found = residual_map(x, x, x, edges, edges)
+    assert np.allclose(np.diag(found.mean), [0.1, 0.9])
+    assert np.isnan(found.mean[0, 1])
