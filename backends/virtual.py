@@ -98,7 +98,7 @@ class VirtualRobot(SimulatedRobot):
     def _free_change(self, command: JointCommand) -> FloatArray:
         """Return the change of velocity [rad/s] in a cycle, with springs and dampers implicit."""
         h, q, v = self.spec.period, self._position, self._velocity
-        model = self.simulation.model
+        model = self.simulation.body
         still = np.zeros((1, self.spec.n))
         coriolis = model.inverse_dynamics(q[None], v[None], still) - model.gravity_torque(q)
         inertia = model.mass_matrix(q)

@@ -18,12 +18,13 @@ from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.types import FloatArray, JointLimits, readonly
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 BUILT_IN = ("iiwa14",)
 ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
 JERK_PER_VELOCITY = 50.0  # [1/s^2]
 TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
+_ROUNDING = 1e-9  # of the largest second moment
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,33 @@ class Inertial:
         True if the mass is positive and the density-weighted covariance is positive definite,
         which for the tensor means positive principal moments that satisfy the triangle inequality.
         """
+        return bool(self.mass > 0 and self._second_moments().min() > 0)
+
+    def is_possible(self) -> bool:
+        """Say whether it can be fixed to a link: a rigid body, a rod, a point mass or nothing."""
+        moments = self._second_moments()
+        largest = float(np.abs(moments).max())
+        massive = self.mass > 0 or (self.mass == 0 and largest == 0)
+        return bool(massive and moments.min() >= -_ROUNDING * largest)
+
+    def joined(self, other: Inertial) -> Inertial:
+        """Return both bodies as one; both in the frame of the same link."""
+        mass = self.mass + other.mass
+        com = (self.mass * np.array(self.com) + other.mass * np.array(other.com)) / mass
+        tensor = self._tensor_at(com) + other._tensor_at(com)
+        x, y, z = com.tolist()
+        xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
+        return Inertial(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+    def _second_moments(self) -> FloatArray:
+        """Return the principal values of ∫ρ x xᵀ about the centre of mass, (3,) [kg m²]."""
         tensor = self.tensor()
-        moments = np.linalg.eigvalsh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
-        return bool(self.mass > 0 and moments.min() > 0)
+        return np.array(np.linalg.eigvalsh(0.5 * np.trace(tensor) * np.eye(3) - tensor))
+
+    def _tensor_at(self, point: FloatArray) -> FloatArray:
+        """Return the inertia tensor about a point, by Steiner's theorem, (3, 3) [kg m²]."""
+        d = np.array(self.com) - point
+        return self.tensor() + self.mass * (d @ d * np.eye(3) - np.outer(d, d))
 
 
 @dataclass(frozen=True)
@@ -71,6 +96,7 @@ class RobotModel:
         urdf: URDF file.
         name: Name by which files refer to the robot; the path if not given.
         inertials: Inertias that replace those of the URDF, by link name.
+        gravity: In the frame of the base [m/s²]; along its -z if not given.
 
     Raises:
         ConfigError: The file is missing, is no URDF, has no revolute joint, or an inertial names
@@ -82,6 +108,7 @@ class RobotModel:
         urdf: Path | str,
         name: str | None = None,
         inertials: Mapping[str, Inertial] | None = None,
+        gravity: Sequence[float] | None = None,
     ) -> None:
         self.urdf = Path(urdf)
         self.name = name or str(urdf)
@@ -101,6 +128,8 @@ class RobotModel:
             for j, link in enumerate(self.link_names)
         }
         self._override(inertials or {})
+        if gravity is not None:
+            self.pin_model.gravity.linear = np.array(gravity, dtype=float)
         self.limits = _limits(self.pin_model)
         self._data = self.pin_model.createData()
         self._pool = pin.ModelPool(self.pin_model, 1)
@@ -126,7 +155,16 @@ class RobotModel:
 
     def with_inertials(self, inertials: Mapping[str, Inertial]) -> RobotModel:
         """Return this robot with some inertias replaced, by link name."""
-        return RobotModel(self.urdf, self.name, {**self.inertials, **inertials})
+        return RobotModel(self.urdf, self.name, {**self.inertials, **inertials}, self.gravity)
+
+    def with_gravity(self, gravity: Sequence[float]) -> RobotModel:
+        """Return this robot under another gravity, (3,) [m/s²] in the frame of the base."""
+        return RobotModel(self.urdf, self.name, self.inertials, gravity)
+
+    @property
+    def gravity(self) -> tuple[float, ...]:
+        """Gravity in the frame of the base [m/s²]."""
+        return tuple(np.array(self.pin_model.gravity.linear).tolist())
 
     @property
     def n(self) -> int:
@@ -147,6 +185,18 @@ class RobotModel:
         """Return the pose of every joint frame, (n, 4, 4), for one joint position (n,) [rad]."""
         pin.forwardKinematics(self.pin_model, self._data, np.asarray(position))
         return np.array([self._data.oMi[j + 1].homogeneous for j in range(self.n)])
+
+    def flange_jacobian(self, position: FloatArray) -> FloatArray:
+        """Return the flange's Jacobian, (6, n): velocity, then angular velocity, in base axes."""
+        return np.array(
+            pin.computeFrameJacobian(
+                self.pin_model,
+                self._data,
+                np.asarray(position),
+                self._flange,
+                pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+            )
+        )
 
     def mass_matrix(self, position: FloatArray) -> FloatArray:
         """Return the joint mass matrix, (n, n) [kg m²], for one joint position (n,) [rad]."""

@@ -142,6 +142,14 @@ class JointSample(ArrayFields):
     position: FloatArray  # (n,) [rad]
     velocity: FloatArray  # (n,) [rad/s]
     acceleration: FloatArray  # (n,) [rad/s^2]
+    temperature: FloatArray | None = None  # (n,) [°C], where it is measured
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.temperature is not None:
+            object.__setattr__(self, "temperature", readonly(self.temperature))
+            if self.temperature.shape != self.position.shape:
+                raise ShapeError("temperature", self.temperature.shape, f"{self.position.shape}")
 
     def motion(self) -> Motion:
         """Return the sample as a motion of one row."""
@@ -150,6 +158,7 @@ class JointSample(ArrayFields):
             self.position[None],
             self.velocity[None],
             self.acceleration[None],
+            None if self.temperature is None else self.temperature[None],
         )
 
 
@@ -161,18 +170,21 @@ class Motion:
     position: FloatArray  # (T, n) [rad]
     velocity: FloatArray  # (T, n) [rad/s]
     acceleration: FloatArray  # (T, n) [rad/s^2]
+    temperature: FloatArray | None = None  # (T, n) [°C], where it is measured
 
     def __post_init__(self) -> None:
         for field in fields(Motion):
-            object.__setattr__(self, field.name, readonly(getattr(self, field.name)))
+            if (values := getattr(self, field.name)) is not None:
+                object.__setattr__(self, field.name, readonly(values))
         if self.position.ndim != 2:  # noqa: PLR2004  # (T, n)
             raise ShapeError("position", self.position.shape, "(T, n)")
         T, n = self.position.shape
         if self.time.shape != (T,):
             raise ShapeError("time", self.time.shape, f"({T},)")
-        for name in ("velocity", "acceleration"):
-            if getattr(self, name).shape != (T, n):
-                raise ShapeError(name, getattr(self, name).shape, f"({T}, {n})")
+        for name in ("velocity", "acceleration", "temperature"):
+            values = getattr(self, name)
+            if values is not None and values.shape != (T, n):
+                raise ShapeError(name, values.shape, f"({T}, {n})")
 
     def __len__(self) -> int:
         return self.position.shape[0]
@@ -185,11 +197,19 @@ class Motion:
     def __getitem__(self, rows: slice | NDArray[np.int64]) -> Motion:
         """Return the samples in `rows`: a slice, or increasing indices."""
         return Motion(
-            self.time[rows], self.position[rows], self.velocity[rows], self.acceleration[rows]
+            self.time[rows],
+            self.position[rows],
+            self.velocity[rows],
+            self.acceleration[rows],
+            None if self.temperature is None else self.temperature[rows],
         )
 
     def sample(self, row: int) -> JointSample:
         """Return one sample."""
         return JointSample(
-            float(self.time[row]), self.position[row], self.velocity[row], self.acceleration[row]
+            float(self.time[row]),
+            self.position[row],
+            self.velocity[row],
+            self.acceleration[row],
+            None if self.temperature is None else self.temperature[row],
         )

@@ -100,7 +100,7 @@ def _(effect: CoulombFriction, draft: Draft) -> None:
 
 @realise.register
 def _(effect: ViscousFriction, draft: Draft) -> None:
-    draft.frictions.append((effect.joint - 1, VISCOUS, (effect.f_v, 0.0, 0.0)))
+    draft.frictions.append((effect.joint - 1, VISCOUS, (effect.slopes[0], 0.0, 0.0)))
 
 
 @realise.register

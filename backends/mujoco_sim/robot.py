@@ -102,7 +102,7 @@ class MujocoRobot(SimulatedRobot):
         start_tolerance: float = START_TOLERANCE,
     ) -> None:
         super().__init__(simulation_of(simulation, robot), period, start_tolerance)
-        arm, n = self.simulation.model, self.spec.n
+        arm, n = self.simulation.body, self.spec.n
         draft = draft_of(self.simulation.effects, n)
         self._plant = draft.plant(_motor_inertia(arm.limits.torque, motor_inertia))
         self._sampled = SampledEffects(draft.sampled, n)

@@ -93,5 +93,5 @@ def _sample(
 ) -> JointMotion:
     one = slice(effect.joint - 1, effect.joint)
     return JointMotion(
-        position[one].copy(), velocity[one].copy(), acceleration[one].copy(), load[one].copy()
+        np.zeros(1), position[one].copy(), velocity[one].copy(), acceleration[one].copy(), load[one].copy()
     )

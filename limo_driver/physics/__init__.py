@@ -1,27 +1,81 @@
 """The catalogue of joint physics, and simulations made of it."""
 
+from limo_driver.physics.body import GravityDirection, Payload
 from limo_driver.physics.catalogue import CATALOGUE
-from limo_driver.physics.effect import Effect, MotionEffect, Parameter, TorqueEffect
-from limo_driver.physics.friction import CoulombFriction, StribeckFriction, ViscousFriction
+from limo_driver.physics.changing_friction import (
+    LoadDependentFriction,
+    PositionDependentFriction,
+    TemperatureDependentFriction,
+)
+from limo_driver.physics.coupling import JointCoupling
+from limo_driver.physics.delay import TimeDelay
+from limo_driver.physics.effect import (
+    ArmEffect,
+    BodyEffect,
+    Effect,
+    Friction,
+    JointEffect,
+    MotionEffect,
+    Parameter,
+    SensorEffect,
+    TorqueEffect,
+)
+from limo_driver.physics.environment import ExternalContact, SpringLoad
+from limo_driver.physics.friction import (
+    AsymmetricFriction,
+    CoulombFriction,
+    QuadraticDrag,
+    StribeckFriction,
+    ViscousFriction,
+)
 from limo_driver.physics.hysteresis import PreslidingHysteresis
-from limo_driver.physics.sensing import Sensors, TorqueOffset
+from limo_driver.physics.sensing import (
+    EncoderOffset,
+    Sensors,
+    TorqueCrosstalk,
+    TorqueDrift,
+    TorqueGain,
+    TorqueOffset,
+)
 from limo_driver.physics.simulation import Simulation, Tolerances
-from limo_driver.physics.transmission import Armature, JointElasticity
+from limo_driver.physics.transmission import Armature, Backlash, JointElasticity, TorqueRipple
 
 __all__ = [
     "CATALOGUE",
+    "ArmEffect",
     "Armature",
+    "AsymmetricFriction",
+    "Backlash",
+    "BodyEffect",
     "CoulombFriction",
     "Effect",
+    "EncoderOffset",
+    "ExternalContact",
+    "Friction",
+    "GravityDirection",
+    "JointCoupling",
+    "JointEffect",
     "JointElasticity",
+    "LoadDependentFriction",
     "MotionEffect",
     "Parameter",
+    "Payload",
+    "PositionDependentFriction",
     "PreslidingHysteresis",
+    "QuadraticDrag",
+    "SensorEffect",
     "Sensors",
     "Simulation",
+    "SpringLoad",
     "StribeckFriction",
+    "TemperatureDependentFriction",
+    "TimeDelay",
     "Tolerances",
+    "TorqueCrosstalk",
+    "TorqueDrift",
     "TorqueEffect",
+    "TorqueGain",
     "TorqueOffset",
+    "TorqueRipple",
     "ViscousFriction",
 ]

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.physics.effect import State, TorqueEffect, parameter
+from limo_driver.errors import ConfigError
+from limo_driver.physics.effect import Friction, State, parameter
 
 if TYPE_CHECKING:
     from limo_driver.physics.effect import JointMotion
@@ -18,8 +19,15 @@ SIGN_WIDTH = 0.002  # [rad/s], width of the smoothed sign where an effect has no
 _SMALL_VELOCITY = 1e-9  # [rad/s]
 
 
+def sign_width():  # noqa: ANN201  # a dataclass field
+    """Declare the parameter v_eps."""
+    return parameter(
+        "rad/s", "width of the smoothed sign", lower=1e-6, upper=1.0, default=SIGN_WIDTH
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
-class VelocityFriction(TorqueEffect):
+class VelocityFriction(Friction):
     """Friction that is a function of velocity alone."""
 
     @abstractmethod
@@ -40,9 +48,7 @@ class CoulombFriction(VelocityFriction):
 
     name: ClassVar[str] = "coulomb_friction"
     tau_c: float = parameter("N m", "friction torque while sliding", lower=0.0, upper=1e3)
-    v_eps: float = parameter(
-        "rad/s", "width of the smoothed sign", lower=1e-6, upper=1.0, default=SIGN_WIDTH
-    )
+    v_eps: float = sign_width()
 
     def torque(self, velocity: FloatArray) -> FloatArray:
         """Return tau_c tanh(v / v_eps) [N m]."""
@@ -50,25 +56,88 @@ class CoulombFriction(VelocityFriction):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AsymmetricFriction(VelocityFriction):
+    """Dry friction that differs by direction.
+
+    tau = tau_plus tanh(v / v_eps) for v > 0, tau_minus tanh(v / v_eps) for v < 0.
+
+    Source: Swevers, Verdonck and De Schutter, "Dynamic model identification for industrial
+    robots", IEEE Control Systems Magazine 27(5), 2007.
+    """
+
+    name: ClassVar[str] = "asymmetric_friction"
+    tau_plus: float = parameter("N m", "friction moving positive", lower=0.0, upper=1e3)
+    tau_minus: float = parameter("N m", "friction moving negative", lower=0.0, upper=1e3)
+    v_eps: float = sign_width()
+
+    def torque(self, velocity: FloatArray) -> FloatArray:
+        """Return the friction of the direction of motion [N m]."""
+        height = np.where(velocity > 0, self.tau_plus, self.tau_minus)
+        return height * np.tanh(velocity / self.v_eps)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ViscousFriction(VelocityFriction):
-    """Friction in proportion to velocity, tau = f_v v.
+    """Friction in proportion to velocity, tau = f_v v, or with a slope for each direction.
+
+    Raises:
+        ConfigError: Neither f_v nor both of f_v_plus and f_v_minus are given, or all of them.
 
     Source: Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, ch. 9.
     """
 
     name: ClassVar[str] = "viscous_friction"
-    f_v: float = parameter("N m s/rad", "slope", lower=0.0, upper=1e4)
+    f_v: float | None = parameter("N m s/rad", "slope", lower=0.0, upper=1e4, default=None)
+    f_v_plus: float | None = parameter(
+        "N m s/rad", "slope moving positive", lower=0.0, upper=1e4, default=None
+    )
+    f_v_minus: float | None = parameter(
+        "N m s/rad", "slope moving negative", lower=0.0, upper=1e4, default=None
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        sides = [value for value in (self.f_v_plus, self.f_v_minus) if value is not None]
+        if self.f_v is None and len(sides) < 2:  # noqa: PLR2004  # both directions
+            raise ConfigError(f"{self.place}: lacks f_v, or f_v_plus and f_v_minus")
+        if self.f_v is not None and sides:
+            raise ConfigError(f"{self.place}: has f_v and a slope by direction; give one or other")
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Slope moving positive and moving negative [N m s/rad]."""
+        return _given(self.f_v, self.f_v_plus), _given(self.f_v, self.f_v_minus)
 
     def torque(self, velocity: FloatArray) -> FloatArray:
         """Return f_v v [N m]."""
-        return self.f_v * velocity
+        plus, minus = self.slopes
+        return np.where(velocity > 0, plus, minus) * velocity
+
+
+def _given(both: float | None, one: float | None) -> float:
+    return both if both is not None else one or 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuadraticDrag(VelocityFriction):
+    """Drag that grows with the square of velocity, tau = coefficient v |v|.
+
+    Source: Bona and Indri, "Friction compensation in robotics: an overview", CDC 2005.
+    """
+
+    name: ClassVar[str] = "quadratic_drag"
+    coefficient: float = parameter("N m s^2/rad^2", "coefficient", lower=0.0, upper=1e4)
+
+    def torque(self, velocity: FloatArray) -> FloatArray:
+        """Return coefficient v |v| [N m]."""
+        return self.coefficient * velocity * np.abs(velocity)
 
 
 @dataclass(frozen=True, kw_only=True)
 class StribeckFriction(VelocityFriction):
     """Excess of dry friction at creep, tau = tau_s exp(-|v / v_s|^delta) tanh(v / v_eps).
 
-    v_eps is 2 mrad/s as for Coulomb friction: another width would look like presliding.
+    Another width of the sign than Coulomb friction's would look like presliding.
 
     Source: Armstrong-Hélouvry, Dupont and Canudas de Wit, "A survey of models, analysis tools and
     compensation methods for the control of machines with friction", Automatica 1994, eq. (3).
@@ -78,11 +147,17 @@ class StribeckFriction(VelocityFriction):
     tau_s: float = parameter("N m", "excess over Coulomb at rest", lower=0.0, upper=1e3)
     v_s: float = parameter("rad/s", "Stribeck velocity", lower=1e-5, upper=10.0)
     delta: float = parameter("1", "shape exponent", lower=0.5, upper=4.0, default=2.0)
+    v_eps: float = sign_width()
 
     def torque(self, velocity: FloatArray) -> FloatArray:
         """Return tau_s exp(-|v / v_s|^delta) tanh(v / v_eps) [N m]."""
         fade = np.exp(-(np.abs(velocity / self.v_s) ** self.delta))
-        return self.tau_s * fade * np.tanh(velocity / SIGN_WIDTH)
+        return self.tau_s * fade * np.tanh(velocity / self.v_eps)
+
+
+def away_from_rest(velocity: FloatArray) -> FloatArray:
+    """Return `velocity` [rad/s], of at least a size by which a torque can be divided."""
+    return np.where(np.abs(velocity) < _SMALL_VELOCITY, _SMALL_VELOCITY, velocity)
 
 
 def secant(friction: VelocityFriction, velocity: FloatArray) -> FloatArray:
@@ -91,5 +166,5 @@ def secant(friction: VelocityFriction, velocity: FloatArray) -> FloatArray:
     An integrator that takes this damping implicitly dissipates at any step size, where the
     friction itself, taken explicitly, would reverse the motion.
     """
-    v = np.where(np.abs(velocity) < _SMALL_VELOCITY, _SMALL_VELOCITY, velocity)
+    v = away_from_rest(velocity)
     return friction.torque(v) / v

@@ -2,81 +2,188 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 import numpy as np
-from numba import njit
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import State, TorqueEffect, parameter
+from limo_driver.physics import hysteresis_laws
+from limo_driver.physics.effect import TEXT, State, TorqueEffect, parameter
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from limo_driver.physics.effect import JointMotion
     from limo_driver.types import FloatArray
 
-LAWS = ("maxwell_slip",)
+Advance: TypeAlias = "Callable[[PreslidingHysteresis, FloatArray, JointMotion], FloatArray]"
+
+
+@dataclass(frozen=True)
+class Law:
+    """One law of hysteresis: its parameters, and how it advances a state in place."""
+
+    required: tuple[str, ...]
+    advance: Advance
+    optional: dict[str, float] = field(default_factory=dict)  # with their values if not given
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """All parameters of the law."""
+        return (*self.required, *self.optional)
+
+
+def _values(owner: PreslidingHysteresis, *names: str) -> list[float]:
+    return [float(getattr(owner, name)) for name in names]
+
+
+def _lists(owner: PreslidingHysteresis, *names: str) -> list[FloatArray]:
+    return [np.array(getattr(owner, name), dtype=float) for name in names]
+
+
+LAWS: dict[str, Law] = {
+    "maxwell_slip": Law(
+        ("stiffness", "width"),
+        lambda own, state, motion: hysteresis_laws.maxwell_slip(
+            state, motion.position, *_lists(own, "stiffness", "width")
+        ),
+    ),
+    "lugre": Law(
+        ("sigma_0", "tau_c"),
+        lambda own, state, motion: hysteresis_laws.lugre(
+            state,
+            motion.position,
+            motion.velocity,
+            *_values(own, "sigma_0", "sigma_1", "tau_c", "tau_s", "v_s"),
+        ),
+        {"sigma_1": 0.0, "tau_s": 0.0, "v_s": 0.01},
+    ),
+    "dahl": Law(
+        ("sigma_0", "tau_c"),
+        lambda own, state, motion: hysteresis_laws.dahl(
+            state, motion.position, *_values(own, "sigma_0", "tau_c", "exponent")
+        ),
+        {"exponent": 1.0},
+    ),
+    "bouc_wen": Law(
+        ("sigma_0", "tau_c"),
+        lambda own, state, motion: hysteresis_laws.bouc_wen(
+            state, motion.position, *_values(own, "sigma_0", "tau_c", "beta_ratio", "exponent")
+        ),
+        {"beta_ratio": 0.5, "exponent": 1.0},
+    ),
+    "preisach": Law(
+        ("up", "down", "weight"),
+        lambda own, state, motion: hysteresis_laws.preisach(
+            state, motion.position, *_lists(own, "up", "down", "weight")
+        ),
+    ),
+}
+
+
+def _list(unit: str, description: str, lower: float, upper: float):  # noqa: ANN202  # a field
+    return parameter(unit, description, lower=lower, upper=upper, default=())
+
+
+def _value(unit: str, description: str, lower: float, upper: float):  # noqa: ANN202  # a field
+    return parameter(unit, description, lower=lower, upper=upper, default=None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PreslidingHysteresis(TorqueEffect):
-    """Maxwell-slip friction: parallel springs that each slip at their width.
+    """Friction with memory, by one of several laws; what it carries is all sliding friction.
 
-    tau = Σ_i stiffness_i z_i,  z_i ← clip(z_i + Δq, -width_i, width_i)
+    `maxwell_slip`: springs that each slip at their width, tau = Σ stiffness_i z_i,
+    z_i ← clip(z_i + Δq, -width_i, width_i). Rate-independent with non-local memory.
 
-    where z_i is the deflection of element i and Δq the step in position. It is rate-independent,
-    has non-local memory, and slides at Σ stiffness_i width_i. The deflections start at zero.
+    `lugre`: bristles, dz = dq - sigma_0 |dq| z / g(v), g = tau_c + tau_s exp(-(v / v_s)²),
+    tau = sigma_0 z + sigma_1 dz/dt; tau_s is the excess over tau_c.
 
-    Source: Al-Bender, Lampaert and Swevers, "The generalized Maxwell-slip model", IEEE TAC 2005.
+    `dahl`: dtau/dq = sigma_0 (1 - tau sign(dq) / tau_c)^exponent.
+
+    `bouc_wen`: with zeta = tau / tau_c, dtau/dq = sigma_0 (1 - |zeta|^exponent (beta_ratio
+    sign(zeta dq) + 1 - beta_ratio)); beta_ratio is beta / (beta + gamma) of the classic form,
+    whose A is sigma_0. At least one half, or a closed loop would yield energy.
+
+    `preisach`: relays on the position, tau = Σ weight_i r_i; r_i becomes 1 above up_i and -1 below
+    down_i. Relays between their thresholds start on the side that is nearer.
+
+    All others start relaxed at the first position.
+
+    Raises:
+        ConfigError: The law is unknown; a parameter of it is missing, or one that it does not have
+            is given; lists differ in length; a relay goes up below where it goes down.
+
+    Source: Al-Bender, Lampaert and Swevers, "The generalized Maxwell-slip model", IEEE TAC 2005;
+    Canudas de Wit, Olsson, Åström and Lischinsky, "A new model for control of systems with
+    friction", IEEE TAC 1995; Dahl, "Solid friction damping of mechanical vibrations", AIAA Journal
+    1976; Wen, "Method for random vibration of hysteretic systems", J. Eng. Mech. 1976; Mayergoyz,
+    "Mathematical Models of Hysteresis", 1991.
     """
 
     name: ClassVar[str] = "presliding_hysteresis"
-    law: str = parameter("text", f"hysteresis law: {', '.join(LAWS)}", default="maxwell_slip")
-    stiffness: tuple[float, ...] = parameter(
-        "N m/rad", "stiffness of each element", lower=0.0, upper=1e7
-    )
-    width: tuple[float, ...] = parameter(
-        "rad", "deflection at which each element slips", lower=1e-7, upper=1.0
-    )
+    law: str = parameter(TEXT, f"one of {', '.join(LAWS)}", default="maxwell_slip")
+    stiffness: tuple[float, ...] = _list("N m/rad", "stiffness of each element", 0.0, 1e7)
+    width: tuple[float, ...] = _list("rad", "deflection at which each element slips", 1e-7, 1.0)
+    sigma_0: float | None = _value("N m/rad", "stiffness at small motion", 1e-3, 1e8)
+    sigma_1: float | None = _value("N m s/rad", "damping of the bristles", 0.0, 1e5)
+    tau_c: float | None = _value("N m", "sliding friction", 1e-6, 1e3)
+    tau_s: float | None = _value("N m", "excess of the breakaway torque", 0.0, 1e3)
+    v_s: float | None = _value("rad/s", "Stribeck velocity", 1e-5, 10.0)
+    exponent: float | None = _value("1", "sharpness of the knee", 0.1, 20.0)
+    beta_ratio: float | None = _value("1", "beta / (beta + gamma)", 0.5, 10.0)
+    up: tuple[float, ...] = _list("rad", "position above which a relay is on", -100.0, 100.0)
+    down: tuple[float, ...] = _list("rad", "position below which a relay is off", -100.0, 100.0)
+    weight: tuple[float, ...] = _list("N m", "torque of each relay", 0.0, 1e3)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.law not in LAWS:
             raise ConfigError(
-                f"{self.name}, joint {self.joint}: law {self.law!r} is unknown; "
-                f"known: {', '.join(LAWS)}"
+                f"{self.place}: law {self.law!r} is unknown; known: {', '.join(LAWS)}"
             )
-        if len(self.stiffness) != len(self.width):
+        self._check_parameters(LAWS[self.law])
+        for name, value in LAWS[self.law].optional.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        if lists := [name for name in LAWS[self.law].required if name in _LISTS]:
+            self._same_length(*lists)
+        for up, down in zip(self.up, self.down, strict=True):
+            if up < down:
+                raise ConfigError(
+                    f"{self.place}: a relay goes up at {up:g} rad, below its down at {down:g} rad"
+                )
+
+    def _check_parameters(self, law: Law) -> None:
+        given = {
+            known.name
+            for known in self.parameters()
+            if known.name != "law" and getattr(self, known.name) not in {None, ()}
+        }
+        if missing := [name for name in law.required if name not in given]:
+            raise ConfigError(f"{self.place}: law {self.law} lacks {', '.join(missing)}")
+        if foreign := sorted(given - set(law.parameters)):
             raise ConfigError(
-                f"{self.name}, joint {self.joint}: {len(self.stiffness)} stiffness values but "
-                f"{len(self.width)} widths; each element needs both"
+                f"{self.place}: law {self.law} has no {', '.join(foreign)}; "
+                f"it has {', '.join(law.parameters)}"
             )
+
+    @property
+    def initial_stiffness(self) -> float:
+        """The steepest slope of torque over position [N m/rad]; 0 for relays, which jump."""
+        return float(sum(self.stiffness)) if self.stiffness else self.sigma_0 or 0.0
 
     def initial_state(self) -> State:
-        """Return relaxed springs and no previous position."""
-        return np.append(np.zeros(len(self.width)), np.nan)
+        """Return relaxed memory and no previous position."""
+        size = max(len(self.width), len(self.up), 1)
+        return np.append(np.zeros(size), np.nan)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
-        """Move the springs along T positions; the state is (z_1 … z_k, last position)."""
+        """Follow T positions; the state is (deflections, torque or relays …, last position)."""
         after = state.copy()
-        torque = _maxwell_slip(
-            after, motion.position, np.array(self.stiffness), np.array(self.width)
-        )
+        torque = LAWS[self.law].advance(self, after, motion)
         return torque, after
 
 
-@njit(cache=True)
-def _maxwell_slip(
-    state: FloatArray, position: FloatArray, stiffness: FloatArray, width: FloatArray
-) -> FloatArray:
-    """Advance `state` in place over the positions and return the torques (T,) [N m]."""
-    torque = np.zeros(position.size)
-    last = state[-1]
-    for t in range(position.size):
-        step = 0.0 if np.isnan(last) else position[t] - last
-        last = position[t]
-        for i in range(width.size):
-            state[i] = min(max(state[i] + step, -width[i]), width[i])
-            torque[t] += stiffness[i] * state[i]
-    state[-1] = last
-    return torque
+_LISTS = {known.name for known in PreslidingHysteresis.parameters() if known.is_list}

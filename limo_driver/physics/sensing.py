@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import State, TorqueEffect, parameter
+from limo_driver.physics.effect import (
+    JOINT,
+    MotionEffect,
+    SensorEffect,
+    State,
+    TorqueEffect,
+    parameter,
+)
 
 if TYPE_CHECKING:
-    from limo_driver.physics.effect import JointMotion
+    from limo_driver.physics.effect import JointMotion, SensedTorque
     from limo_driver.types import FloatArray
 
 
@@ -28,6 +35,88 @@ class TorqueOffset(TorqueEffect):
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the offset [N m], (T,)."""
         return np.full(motion.position.shape, self.offset), state
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueDrift(TorqueEffect):
+    """An offset that wanders with time: linear between the times, constant before and after.
+
+    Raises:
+        ConfigError: Times do not increase, or are not as many as the offsets.
+
+    Source: Traversaro, Pucci and Nori, "In situ calibration of six-axis force-torque sensors using
+    accelerometer measurements", ICRA 2015.
+    """
+
+    name: ClassVar[str] = "torque_drift"
+    times: tuple[float, ...] = parameter("s", "times", lower=-1e12, upper=1e12)
+    offset: tuple[float, ...] = parameter("N m", "offset at each time", lower=-1e3, upper=1e3)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._same_length("times", "offset")
+        self._increasing("times")
+
+    def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
+        """Return the offset at the time of each sample [N m], (T,)."""
+        return np.interp(motion.time, self.times, self.offset), state
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderOffset(MotionEffect):
+    """A wrong zero of the encoder, q_link = q - offset.
+
+    Source: Hollerbach, Khalil and Gautier, "Model identification", Handbook of Robotics, 2016.
+    """
+
+    name: ClassVar[str] = "encoder_offset"
+    offset: float = parameter("rad", "encoder minus link", lower=-0.5, upper=0.5)
+
+    def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
+        """Return the offset [rad], (T,)."""
+        return np.full(motion.position.shape, self.offset), state
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueGain(SensorEffect):
+    """A wrong scale of the torque sensor, which adds gain times the torque.
+
+    Source: Hollerbach, Khalil and Gautier, "Model identification", Handbook of Robotics, 2016.
+    """
+
+    name: ClassVar[str] = "torque_gain"
+    gain: float = parameter("1", "relative error of scale", lower=-0.99, upper=10.0)
+
+    def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
+        """Return gain times the joint's torque [N m], (T,)."""
+        return self.gain * sensed.torque[:, self.joint - 1], state
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueCrosstalk(SensorEffect):
+    """Torque of another joint that leaks into the sensor, which adds gain times tau_source.
+
+    Raises:
+        ConfigError: The source is the joint itself, whose own gain is `torque_gain`.
+
+    Source: Cao, Laws and Rodriguez y Baena, "Six-axis force/torque sensors for robotics
+    applications: a review", IEEE Sensors Journal 21(24), 2021.
+    """
+
+    name: ClassVar[str] = "torque_crosstalk"
+    source: int = parameter(JOINT, "the other joint", lower=1, upper=64)
+    gain: float = parameter("1", "share of its torque", lower=-10.0, upper=10.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.source == self.joint:
+            raise ConfigError(
+                f"{self.place}: source = {self.source} is the joint itself; that is torque_gain"
+            )
+
+    def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
+        """Return gain times the torque of the source [N m], (T,)."""
+        return self.gain * sensed.torque[:, self.source - 1], state
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,19 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
-from limo_driver.physics.effect import Effect, JointMotion, MotionEffect, State, TorqueEffect
+from limo_driver.physics.effect import (
+    JOINT,
+    ArmEffect,
+    ArmMotion,
+    BodyEffect,
+    Effect,
+    JointMotion,
+    MotionEffect,
+    SensedTorque,
+    SensorEffect,
+    State,
+    TorqueEffect,
+)
 from limo_driver.physics.sensing import Sensors
 
 if TYPE_CHECKING:
@@ -33,11 +45,14 @@ class Tolerances:
 class Simulation:
     """A robot, what is known of its inertias and sensors, and the physics of its joints.
 
-    tau = ID(q - Σ displacement, dq, ddq) + Σ torque effects
+    tau = ID(q - Σ displacement, dq, ddq) + Σ torque of joints and arm; then the sensors, in order
+
+    ID is the inverse dynamics of `body`: the nominal rigid body after all that changes it. The load
+    that effects depend on is ID at the encoders' motion.
 
     Args:
         robot: Built-in name or path of a URDF.
-        effects: Joint physics beyond the rigid body, in the order they are added up.
+        effects: Physics beyond the nominal rigid body; sensor effects act in this order.
         inertials: Inertias that replace the URDF's, by link.
         tolerances: How well inertia and friction are known.
         sensors: What the simulated robot's sensors do.
@@ -54,18 +69,28 @@ class Simulation:
 
     def __post_init__(self) -> None:
         for effect in self.effects:
-            if not 1 <= effect.joint <= self.model.n:
-                raise ConfigError(
-                    f"{effect.name}: joint {effect.joint} does not exist; "
-                    f"{self.robot} has joints 1 to {self.model.n}"
-                )
+            for joint in _joints_of(effect):
+                if not 1 <= joint <= self.model.n:
+                    raise ConfigError(
+                        f"{effect.name}: joint {joint} does not exist; "
+                        f"{self.robot} has joints 1 to {self.model.n}"
+                    )
         for name in ("torque_noise", "torque_resolution", "encoder_resolution"):
             self.sensors.for_joints(name, self.model.n)
 
     @cached_property
     def model(self) -> RobotModel:
-        """The rigid body with the inertias of this simulation."""
+        """The nominal rigid body, with the inertias of this simulation."""
         return RobotModel.load(self.robot, self.inertials)
+
+    @cached_property
+    def body(self) -> RobotModel:
+        """The rigid body after all effects on it: payload, direction of gravity."""
+        body = self.model
+        for effect in self.effects:
+            if isinstance(effect, BodyEffect):
+                body = effect.body(body)
+        return body
 
     @classmethod
     def load(cls, path: Path | str) -> Simulation:
@@ -153,28 +178,60 @@ class Simulation:
         """
         if motion.n != self.model.n:
             raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
-        load = self.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
-        displacement, added = np.zeros_like(load), np.zeros_like(load)
-        after: list[State] = []
-        for effect, memory in zip(self.effects, state, strict=True):
-            j = effect.joint - 1
-            values, memory_after = effect.advance(memory, _of_joint(motion, load, j))
-            after.append(memory_after)
-            if isinstance(effect, MotionEffect):
-                displacement[:, j] += values
-            elif isinstance(effect, TorqueEffect):
-                added[:, j] += values
-        if displacement.any():
-            load = self.model.inverse_dynamics(
-                motion.position - displacement, motion.velocity, motion.acceleration
+        body = self.body
+        load = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        terms = _Terms(ArmMotion(motion, load, body))
+        after = [
+            terms.add(effect, memory) for effect, memory in zip(self.effects, state, strict=True)
+        ]
+        if terms.displacement.any():
+            load = body.inverse_dynamics(
+                motion.position - terms.displacement, motion.velocity, motion.acceleration
             )
-        return load + added, tuple(after)
+        torque = load + terms.torque
+        for index, effect in enumerate(self.effects):
+            if isinstance(effect, SensorEffect):
+                sensed = SensedTorque(motion.time, torque)
+                values, after[index] = effect.advance(state[index], sensed)
+                torque[:, effect.joint - 1] += values
+        return torque, tuple(after)
 
 
-def _of_joint(motion: Motion, load: FloatArray, j: int) -> JointMotion:
+class _Terms:
+    """Adds up what effects displace and what torque they need, (T, n) each."""
+
+    def __init__(self, arm: ArmMotion) -> None:
+        self.arm = arm
+        self.displacement = np.zeros_like(arm.load)
+        self.torque = np.zeros_like(arm.load)
+
+    def add(self, effect: Effect, state: State) -> State:
+        """Add an effect on motion or torque and return its memory; others add nothing here."""
+        if isinstance(effect, ArmEffect):
+            values, state = effect.advance(state, self.arm)
+            self.torque += values
+        elif isinstance(effect, (MotionEffect, TorqueEffect)):
+            j = effect.joint - 1
+            values, state = effect.advance(state, of_joint(self.arm, j))
+            total = self.displacement if isinstance(effect, MotionEffect) else self.torque
+            total[:, j] += values
+        return state
+
+
+def of_joint(arm: ArmMotion, j: int) -> JointMotion:
+    """Return the motion and load of one joint (0-based)."""
+    motion = arm.motion
     return JointMotion(
+        motion.time,
         np.ascontiguousarray(motion.position[:, j]),
-        motion.velocity[:, j],
+        np.ascontiguousarray(motion.velocity[:, j]),
         motion.acceleration[:, j],
-        load[:, j],
+        arm.load[:, j],
+        None if motion.temperature is None else motion.temperature[:, j],
     )
+
+
+def _joints_of(effect: Effect) -> tuple[int, ...]:
+    """Return every joint that an effect names."""
+    named = [known.name for known in effect.parameters() if known.unit == JOINT]
+    return (*effect.joints, *(getattr(effect, name) for name in named))

@@ -15,6 +15,7 @@ import yaml
 from limo_driver.errors import ConfigError
 from limo_driver.model import BUILT_IN, Inertial, RobotModel
 from limo_driver.physics.catalogue import CATALOGUE
+from limo_driver.physics.effect import JOINT, TEXT
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation import Simulation, Tolerances
 
@@ -66,11 +67,21 @@ def _values(section: Tolerances | Sensors) -> dict[str, Any]:
 
 
 def _effect_entry(effect: Effect) -> dict[str, Any]:
-    entry: dict[str, Any] = {"effect": effect.name, "joint": effect.joint}
+    entry: dict[str, Any] = {"effect": effect.name}
+    if _has_joint(type(effect)):
+        entry["joint"] = effect.joints[0]
     for known in effect.parameters():
         value = getattr(effect, known.name)
+        if value is None or (known.is_list and not value):
+            continue  # of another form of the effect
+        if known.columns:
+            value = [list(row) for row in value]
         entry[known.name] = list(value) if known.is_list else value
     return entry
+
+
+def _has_joint(effect: type[Effect]) -> bool:
+    return any(item.name == "joint" for item in fields(effect))
 
 
 class _Reader:
@@ -172,16 +183,19 @@ class _Reader:
             )
         effect = CATALOGUE[name]
         known = {item.name: item for item in effect.parameters()}
-        self._mapping(entry, name, ("effect", "joint", *known))
-        required = ["joint", *(key for key, item in known.items() if not item.optional)]
+        place = ("joint",) if _has_joint(effect) else ()
+        self._mapping(entry, name, ("effect", *place, *known))
+        required = [*place, *(key for key, item in known.items() if not item.optional)]
         if missing := [key for key in required if key not in given]:
             self._fail(entry, f"{name} lacks {', '.join(missing)}")
-        joint = self._joint(given["joint"], model)
-        values = {
-            key: self._parameter(given[key], item) for key, item in known.items() if key in given
+        values: dict[str, Any] = {key: self._joint(given[key], model) for key in place}
+        values |= {
+            key: self._parameter(given[key], item, model)
+            for key, item in known.items()
+            if key in given
         }
         try:
-            return effect(joint=joint, **values)
+            return effect(**values)
         except ConfigError as error:
             self._fail(entry, str(error))
 
@@ -191,9 +205,15 @@ class _Reader:
             self._fail(node, f"joint {number:g} does not exist; joints are 1 to {model.n}")
         return int(number)
 
-    def _parameter(self, node: yaml.Node, known: Parameter) -> float | str | tuple[float, ...]:
-        if known.unit == "text":
+    def _parameter(self, node: yaml.Node, known: Parameter, model: RobotModel) -> Any:  # noqa: ANN401  # of the field's own type
+        if known.unit == TEXT:
             return self._text(node)
+        if known.unit == JOINT:
+            return self._joint(node, model)
+        if known.columns:
+            if not isinstance(node, yaml.SequenceNode):
+                self._fail(node, f"{known.name} has to be a list of [{known.columns} numbers]")
+            return tuple(tuple(self._numbers(row)) for row in node.value)
         return tuple(self._numbers(node)) if known.is_list else self._number(node)
 
     def _mapping(

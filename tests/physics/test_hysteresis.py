@@ -13,7 +13,7 @@ SLIDING = 900.0 * 5e-4 + 120.0 * 4e-3
 def torque(effect: PreslidingHysteresis, position: np.ndarray) -> np.ndarray:
     zero = np.zeros_like(position)
     return effect.advance(
-        effect.initial_state(), JointMotion(np.ascontiguousarray(position), zero, zero, zero)
+        effect.initial_state(), JointMotion(zero, np.ascontiguousarray(position), zero, zero, zero)
     )[0]
 
 
@@ -58,10 +58,10 @@ def test_the_torque_never_exceeds_sliding(path):
 
 
 def test_an_unknown_law_is_refused_with_the_known_ones():
-    with pytest.raises(ValueError, match="'lugre' is unknown; known: maxwell_slip"):
-        PreslidingHysteresis(joint=1, law="lugre", stiffness=(1.0,), width=(1.0,))
+    with pytest.raises(ValueError, match="'duhem' is unknown; known: maxwell_slip"):
+        PreslidingHysteresis(joint=1, law="duhem", stiffness=(1.0,), width=(1.0,))
 
 
 def test_stiffness_and_width_come_in_pairs():
-    with pytest.raises(ValueError, match="2 stiffness values but 1 widths"):
+    with pytest.raises(ValueError, match="2 stiffness, 1 width; each entry needs all"):
         PreslidingHysteresis(joint=1, stiffness=(1.0, 2.0), width=(0.1,))

@@ -1,0 +1,68 @@
+"""Coupling: friction and inertia that two joints share, as in the gears of a wrist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.physics.effect import JOINT, ArmEffect, State, parameter
+from limo_driver.physics.friction import sign_width
+
+if TYPE_CHECKING:
+    from limo_driver.physics.effect import ArmMotion
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointCoupling(ArmEffect):
+    """Torque on one joint from a shaft that turns with w = v_joint + ratio v_other.
+
+    tau_joint = f_v w + tau_c tanh(w / v_eps) + inertia dw/dt
+
+    What the shaft does to the other joint is an entry of its own, with the joints exchanged.
+
+    Raises:
+        ConfigError: The other joint is the joint itself, or the ratio is neither 1 nor -1.
+
+    Source: Gautier, Janot and Vandanjon, "A new closed-loop output error method for parameter
+    identification of robot dynamics", IEEE TCST 21(2), 2013 (a coupled wrist).
+    """
+
+    name: ClassVar[str] = "joint_coupling"
+    joint: int  # 1-based
+    other: int = parameter(JOINT, "the other joint", lower=1, upper=64)
+    f_v: float = parameter("N m s/rad", "viscous friction", lower=0.0, upper=1e4, default=0.0)
+    tau_c: float = parameter("N m", "Coulomb friction", lower=0.0, upper=1e3, default=0.0)
+    inertia: float = parameter("kg m^2", "inertia", lower=0.0, upper=1e3, default=0.0)
+    ratio: float = parameter("1", "1 or -1", lower=-1.0, upper=1.0, default=1.0)
+    v_eps: float = sign_width()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.other == self.joint:
+            raise ConfigError(f"{self.place}: other = {self.other} is the joint itself")
+        if abs(self.ratio) != 1.0:
+            raise ConfigError(f"{self.place}: ratio = {self.ratio:g} has to be 1 or -1")
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """The joint that feels the torque, then the other."""
+        return self.joint, self.other
+
+    def friction(self, w: FloatArray) -> FloatArray:
+        """Return the friction of the shaft [N m] at its velocity w [rad/s]."""
+        return self.f_v * w + self.tau_c * np.tanh(w / self.v_eps)
+
+    def shaft(self, rate: FloatArray) -> FloatArray:
+        """Return what a rate (T, n) of the joints is at the shaft, (T,)."""
+        return rate[:, self.joint - 1] + self.ratio * rate[:, self.other - 1]
+
+    def advance(self, state: State, motion: ArmMotion) -> tuple[FloatArray, State]:
+        """Return friction and inertia of the shaft on the joint [N m], (T, n)."""
+        torque = np.zeros_like(motion.load)
+        w, rate = self.shaft(motion.motion.velocity), self.shaft(motion.motion.acceleration)
+        torque[:, self.joint - 1] = self.friction(w) + self.inertia * rate
+        return torque, state
