@@ -1,0 +1,245 @@
+"""`limo diagnose` from file to file; what the search finds is made up and told, not searched."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Traces
+from estimators.diagnosis.verdict import (
+    BeforeAfter,
+    Finding,
+    Fit,
+    NextMotion,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
+from limo_driver.cli import main
+from limo_driver.differentiation import smooth
+from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
+from limo_driver.recording import Recording
+from limo_driver.trajectory import Trajectory
+from limo_driver.types import Motion
+
+START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
+SLIP = PreslidingHysteresis(joint=2, stiffness=(100.0,), width=(0.02,))
+TRUE = Simulation("iiwa14", (SLIP,))
+GIVEN = Simulation("iiwa14", (CoulombFriction(joint=2, tau_c=2.0),))
+FILES = {"verdict.json", "sim.yaml", "report.html", "next_motion.parquet"}
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    t = np.arange(5000) / 250.0
+    w = 2 * np.pi * np.array([0.31, 0.23, 0.37, 0.29, 0.41, 0.43, 0.47])
+    angle = w * t[:, None]
+    motion = Motion(
+        t, START + 0.05 * np.sin(angle), 0.05 * w * np.cos(angle), -0.05 * w**2 * np.sin(angle)
+    )
+    noise = 0.01 * np.random.default_rng(0).standard_normal((5000, 7))
+    path = tmp_path_factory.mktemp("run") / "run.parquet"
+    Recording(t, motion.position, TRUE.predict(motion) + noise).save(path)
+    return path
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """Put a made-up search in the place of the real one; its verdict can be changed."""
+    changes = {"equivalent": ("stribeck_friction",), "after": TRUE, "separates": ()}
+
+    def diagnose(simulation, recordings, bandwidth, progress):
+        progress("comparing explanations", 0.5)
+        return _made_up(simulation, recordings, bandwidth, **changes)
+
+    monkeypatch.setattr("estimators.diagnosis.diagnose", diagnose)
+    return changes
+
+
+def _made_up(given, recordings, bandwidth, equivalent, after, separates):
+    recording = recordings[0]
+    motion = recording.motion(bandwidth)
+    measured, before, simulated = (
+        smooth(recording.time, torque, bandwidth, recording.segments)
+        for torque in (recording.torque, given.predict(motion), after.predict(motion))
+    )
+    load = given.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+    traces = Traces(
+        motion.time, np.zeros(len(motion), dtype=int), motion.position, motion.velocity, load,
+        np.abs(motion.position - START), measured, before, simulated, motion.time > 15.0,
+    )  # fmt: skip
+    rmse = [tuple(np.sqrt(np.mean((measured - x) ** 2, axis=0))) for x in (before, simulated)]
+    finding = Finding(
+        "presliding_hysteresis", "missing", (2,), equivalent, 0.9, {}, Where(figure="joint-2"), 0.8,
+        BeforeAfter(*rmse), "At joint 2 the residual rises over the distance since reversal.",
+    )  # fmt: skip
+    verdict = Verdict(
+        "explained", (finding,), Unexplained(), (),
+        NextMotion(separates, "") if separates else None,
+        Fit(*rmse, (0.005,) * 7, 0.9, (0.85, np.nan)), RowCount(len(recording), {}),
+    )  # fmt: skip
+    explanation = Explanation(("presliding_hysteresis",), ((2,),), 100.0, 0.8)
+    return Diagnosis(
+        verdict, given, after, tuple(recordings), traces, (explanation,), bandwidth=bandwidth
+    )
+
+
+@pytest.fixture
+def sim(tmp_path):
+    path = tmp_path / "given.yaml"
+    GIVEN.save(path)
+    return path
+
+
+@pytest.fixture
+def diagnose(tmp_path, monkeypatch, capsys, sim):
+    def run(*recordings, out=tmp_path / "out", more=()):
+        arguments = (*recordings, "--sim", sim, "--out", out, *more)
+        monkeypatch.setattr(sys, "argv", ["limo", "diagnose", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code or 0, *capsys.readouterr())
+
+    return run
+
+
+@pytest.mark.usefixtures("found")
+def test_writes_verdict_simulation_report_and_the_next_motion(tmp_path, recording, diagnose):
+    status, printed, notes = diagnose(recording)
+    assert status == 0, notes
+    assert {item.name for item in (tmp_path / "out").iterdir()} == FILES
+    assert "Found missing presliding hysteresis (joint 2)" in printed
+    assert "cannot be told from stribeck friction" in printed
+    assert "next motion: Creep at five speeds" in printed
+    verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert verdict["schema"] == 1
+    assert verdict["fit"]["ci95"] == [0.85, None]
+    assert verdict["next_motion"] == {
+        "separates": [["presliding_hysteresis", "stribeck_friction"]],
+        "file": "next_motion.parquet",
+    }
+    assert Simulation.load(tmp_path / "out" / "sim.yaml") == TRUE
+    motion = Trajectory.load(tmp_path / "out" / "next_motion.parquet")
+    assert motion.robot == "iiwa14"
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Joint 2: difference" in page
+    assert "The motion to record next" in page
+
+
+@pytest.mark.usefixtures("found")
+def test_json_is_the_verdict_and_nothing_else(tmp_path, recording, diagnose):
+    status, printed, notes = diagnose(recording, more=("--json",))
+    assert status == 0, notes
+    assert notes == ""
+    assert json.loads(printed) == json.loads((tmp_path / "out" / "verdict.json").read_text())
+
+
+def test_without_ambiguity_there_is_no_next_motion_nor_an_old_one(
+    tmp_path, recording, diagnose, found
+):
+    diagnose(recording)
+    found["equivalent"] = ()
+    status, _, notes = diagnose(recording)
+    assert status == 0, notes
+    assert {item.name for item in (tmp_path / "out").iterdir()} == FILES - {"next_motion.parquet"}
+    assert json.loads((tmp_path / "out" / "verdict.json").read_text())["next_motion"] is None
+
+
+def test_the_pairs_that_the_search_asks_for_come_first(tmp_path, recording, diagnose, found):
+    found["separates"] = (("coulomb_friction", "presliding_hysteresis"),)
+    diagnose(recording)
+    verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert verdict["next_motion"]["separates"] == [["coulomb_friction", "presliding_hysteresis"]]
+
+
+def test_what_no_motion_tells_apart_is_said_in_the_report(tmp_path, recording, diagnose, found):
+    found["equivalent"] = ()
+    found["separates"] = (("payload", "link_inertia"),)
+    status, _, notes = diagnose(recording)
+    assert status == 0, notes
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "No next motion: " in page
+    assert "once with and once without it" in page
+    assert not (tmp_path / "out" / "next_motion.parquet").exists()
+
+
+def test_a_motion_that_cannot_be_replayed_does_not_fail_the_diagnosis(
+    tmp_path, recording, diagnose, found
+):
+    found["after"] = Simulation("iiwa14", (PreslidingHysteresis(
+        joint=2, stiffness=(1e7,), width=(1e-4,)),))  # fmt: skip
+    status, _, notes = diagnose(recording)
+    assert status == 0, notes
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The motion was not replayed: " in page
+
+
+def _spoilt(path, tmp_path, **columns):
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    for name, change in columns.items():
+        at = table.column_names.index(name)
+        table = table.set_column(at, name, [change(table[name].to_numpy())])
+    pq.write_table(table, tmp_path / "spoilt.parquet")
+    return tmp_path / "spoilt.parquet"
+
+
+@pytest.mark.usefixtures("found")
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"position_2": lambda q: 57.3 * q + 57}, "position_2 "),
+        ({"torque_3": lambda tau: np.nan * tau}, "usable rows of 5000"),
+        ({"time": lambda t: t / 100}, "Hz, expected 30 to 5000 Hz"),
+    ],
+)
+def test_recordings_that_cannot_be_used_are_refused_in_one_line(
+    tmp_path, recording, diagnose, columns, said
+):
+    status, printed, notes = diagnose(_spoilt(recording, tmp_path, **columns))
+    assert status == 2
+    assert printed == ""
+    assert said in notes
+    assert notes.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("found")
+def test_a_recording_of_another_robot_is_refused(tmp_path, diagnose):
+    t = np.arange(2000) / 250.0
+    path = tmp_path / "other.parquet"
+    position = 0.1 * np.sin(t)[:, None] * np.ones(6)
+    Recording(t, position, position).save(path)
+    status, _, notes = diagnose(path)
+    assert status == 2
+    assert "has 6 joints, but iiwa14 has 7" in notes
+
+
+@pytest.mark.usefixtures("found")
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path, recording, diagnose):
+    (tmp_path / "file").write_text("")
+    for out, said in (
+        (tmp_path / "file", "is a file, expected a folder"),
+        (tmp_path / "file" / "below", "cannot be written to"),
+    ):
+        status, _, notes = diagnose(recording, out=out)
+        assert status == 2
+        assert said in notes
+        assert notes.count("\n") == 1
+
+
+@pytest.mark.usefixtures("found")
+def test_the_given_simulation_is_not_written_over(tmp_path, recording, monkeypatch, capsys):
+    GIVEN.save(tmp_path / "sim.yaml")
+    arguments = (recording, "--sim", tmp_path / "sim.yaml", "--out", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["limo", "diagnose", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "would be written over; give another folder as --out" in capsys.readouterr().err
+    assert Simulation.load(tmp_path / "sim.yaml") == GIVEN
