@@ -1,0 +1,255 @@
+"""Concealed cases: recordings of a plant that has more in it than the nominal model says.
+
+A case is two recordings to diagnose and two held-out recordings of other motions, all drawn from
+one integer seed. What is hidden, and how large it is, goes into a folder that a diagnosis is not
+given.
+"""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+
+import arm as arm_
+import motions
+import size
+from acquisition import Instruments, Recorded
+from arm import N
+from draft import Draft
+from known_effects import KNOWN
+from other_effects import UNKNOWN, WRONG
+from world import World
+
+KINDS = ("single", "set", "unknown", "wrong_parameter", "null")
+SIZES = (1.0, 3.0, 10.0)
+_SHARES = (0.5, 0.2, 0.1, 0.1, 0.1)  # of the kinds, when none is asked for
+_ALONE = (  # of each group, at most one in a set: together they could not be told apart
+    {"joint_elasticity", "backlash", "encoder_offset"},
+    {"link_inertia", "payload", "gravity_direction"},
+    {"torque_offset", "torque_drift", "asymmetric_friction", "spring_load"},
+    {"torque_gain", "torque_crosstalk"},
+    {"coulomb_friction", "stribeck_friction", "presliding_hysteresis"},
+    {"viscous_friction", "quadratic_drag", "time_delay"},
+)
+_CLOSE = 0.06  # relative, of a size to what was asked for
+_TRIES = 8  # joints tried before a size is given up
+
+
+class UnreachableError(RuntimeError):
+    """No plausible amplitude gives the size asked for."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One hidden effect with its amplitude."""
+
+    draft: Draft
+    amplitude: float
+    sizes: np.ndarray  # (n,)
+
+    def as_dict(self) -> dict:
+        d = self.draft
+        return {
+            "effect": d.effect, "kind": d.kind, "joints": list(d.joints), "law": d.law,
+            "equivalent": list(d.equivalent), "amplitude": float(self.amplitude),
+            "parameters": d.parameters(self.amplitude), "foretellable": d.foretellable,
+            "size": float(self.sizes.max()), "sizes": [round(float(s), 3) for s in self.sizes],
+            "most_affected": int(self.sizes.argmax()) + 1,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    seed: int
+    kind: str
+    nominal: dict  # the simulation file handed over
+    recordings: tuple[Recorded, ...]  # two to diagnose, then two held out
+    hidden: tuple[Hidden, ...]
+    floor: np.ndarray  # (n,) [N m] below 10 Hz, over moving rows
+    instruments: Instruments
+    segments: tuple[list[str], ...]
+    asked: tuple[float, ...]  # sizes
+    skipped: int  # draws whose size could not be reached
+    temperature: bool
+
+    def write(self, folder: Path) -> None:
+        """Write what a diagnosis is given, and beside it what it is not."""
+        hidden = folder / "hidden"
+        hidden.mkdir(parents=True, exist_ok=True)
+        (folder / "sim.yaml").write_text(yaml.safe_dump(self.nominal, sort_keys=False))
+        for k, recorded in enumerate(self.recordings):
+            name = f"recording_{k + 1}" if k < 2 else f"held_out_{k - 1}"
+            pq.write_table(self._table(recorded), folder / f"{name}.parquet")
+            if k >= 2:
+                np.savez_compressed(hidden / f"{name}.npz", torque=recorded.clean)
+        (hidden / "truth.json").write_text(json.dumps(self.truth(), indent=1))
+
+    def truth(self) -> dict:
+        return {
+            "seed": self.seed, "kind": self.kind,
+            "effects": [h.as_dict() for h in self.hidden],
+            "asked": list(self.asked), "skipped": self.skipped,
+            "foretellable": all(h.draft.foretellable for h in self.hidden),
+            "noise_floor": [float(x) for x in self.floor],
+            "rate": self.instruments.rate, "jitter": self.instruments.jitter,
+            "segments": list(self.segments),
+        }  # fmt: skip
+
+    def _table(self, recorded: Recorded) -> pa.Table:
+        quantities = {"position": recorded.position, "torque": recorded.torque}
+        if self.instruments.velocity:
+            quantities["velocity"] = recorded.velocity
+        if self.temperature:
+            quantities["temperature"] = 25 + 15 * recorded.heat  # [°C]
+        columns = {"time": recorded.time}
+        for name, values in quantities.items():
+            columns |= {f"{name}_{j + 1}": values[:, j] for j in range(N)}
+        return pa.table(columns)
+
+
+def draw(seed: int, kind: str | None = None) -> Case:
+    """Draw a case; the same seed and kind give the same case.
+
+    Args:
+        seed: Seeds run through effects and sizes in turn: `single` 0 to 74 has each effect at
+            each size once.
+        kind: One of `KINDS`; drawn when not given.
+
+    Raises:
+        UnreachableError: After several draws, no plausible amplitude reached the size.
+    """
+    random = np.random.default_rng([seed, 7001])
+    kind = kind or str(random.choice(KINDS, p=_SHARES))
+    bench = _Bench(World.draw(random), random)
+    asked, skipped, hidden, world = (), 0, (), bench.world
+    if kind != "null":
+        asked = _asked(kind, seed, random)
+        hidden, world, skipped = bench.hide(kind, seed, asked)
+    nominal = world.simulation_file(random)
+    responses = [
+        world.respond(m, k, np.random.default_rng([seed, k])) for k, m in enumerate(bench.motions)
+    ]
+    return Case(
+        seed=seed, kind=kind, nominal=nominal,
+        recordings=tuple(
+            bench.instruments.record(r, world.sensing, k) for k, r in enumerate(responses)
+        ),
+        hidden=hidden, floor=bench.floor, instruments=bench.instruments,
+        segments=tuple(bench.segments), asked=asked, skipped=skipped,
+        temperature=bool(random.random() < (0.5 if _thermal(hidden) else 0.1)),
+    )  # fmt: skip
+
+
+def _asked(kind: str, seed: int, random: np.random.Generator) -> tuple[float, ...]:
+    if kind == "single":
+        return (SIZES[seed // len(KNOWN) % 3],)
+    count = int(random.integers(2, 4)) if kind == "set" else 1
+    return tuple(float(x) for x in random.choice(SIZES[1:], count))
+
+
+def _thermal(hidden: tuple[Hidden, ...]) -> bool:
+    return any(h.draft.effect == "temperature_dependent_friction" for h in hidden)
+
+
+class _Bench:
+    """Motions, instruments and the plain world of one case, in which effects are sized."""
+
+    def __init__(self, world: World, random: np.random.Generator) -> None:
+        self.world, self.random = world, random
+        self.instruments = Instruments.draw(random)
+        _, limits = arm_.load()
+        drawn = [
+            motions.recording(kinds, seconds, limits, random) for kinds, seconds in _plan(random)
+        ]
+        self.motions, self.segments = [m for m, _ in drawn], [s for _, s in drawn]
+        responses = self._respond(world)
+        self.floor = self._floor(world, responses)
+        self.yardstick = size.Yardstick.of(world, responses, self.motions[:2], self.floor)
+
+    def hide(
+        self, kind: str, seed: int, asked: tuple[float, ...]
+    ) -> tuple[tuple[Hidden, ...], World, int]:
+        """Draw effects of the sizes asked for, and put them into the world together."""
+        hidden, world, skipped = [], self.world, 0
+        for at, target in enumerate(asked):
+            for _ in range(_TRIES):
+                draft = self._draft(kind, seed, at, hidden)
+                found = self._scale(draft, target)
+                if found is not None:
+                    break
+                skipped += 1
+            else:
+                raise UnreachableError(f"seed {seed}: {draft.effect} cannot be {target:g} x floor")
+            hidden.append(found)
+            world = draft.change(world, found.amplitude)
+        return tuple(hidden), world, skipped
+
+    def _draft(self, kind: str, seed: int, at: int, before: list[Hidden]) -> Draft:
+        catalogue = {"unknown": UNKNOWN, "wrong_parameter": WRONG}.get(kind, KNOWN)
+        names = list(catalogue)
+        if kind == "set":
+            taken = {h.draft.effect for h in before}
+            groups = [group for group in _ALONE if taken & group]
+            names = [n for n in names if n not in taken and not any(n in g for g in groups)]
+            name = str(self.random.choice(names))
+        else:
+            name = names[seed % len(names)]
+        j = int(self.random.integers(N))
+        if before and self.random.random() < 0.4:
+            j = before[-1].draft.joints[0] - 1
+        return catalogue[name](self.random, j, float(self.floor[j]), self.world)
+
+    def _scale(self, draft: Draft, target: float) -> Hidden | None:
+        """Search the amplitude at which the effect has the size; None where it is implausible."""
+        if draft.guess == draft.largest:  # a fixed change
+            sizes = self._sizes(draft, 1.0)
+            return Hidden(draft, 1.0, sizes) if sizes.max() >= SIZES[1] else None
+        wanted = target / draft.scale
+        before, amplitude = (0.0, 0.0), draft.guess
+        for _ in range(6):
+            if amplitude > draft.largest:
+                return None
+            sizes = self._sizes(draft, amplitude)
+            here = amplitude, float(sizes.max())
+            if abs(here[1] / wanted - 1) < _CLOSE:
+                return Hidden(draft, amplitude, sizes * draft.scale)
+            slope = (here[1] - before[1]) / (here[0] - before[0])
+            step = (wanted - here[1]) / max(slope, 1e-3 * wanted / amplitude)
+            amplitude = float(np.clip(amplitude + step, 0.1 * amplitude, 12 * amplitude))
+            before = here
+        return None
+
+    def _sizes(self, draft: Draft, amplitude: float) -> np.ndarray:
+        changed = draft.change(self.world, amplitude)
+        return self.yardstick.sizes(size.change(changed, self._respond(changed)))
+
+    def _respond(self, world: World) -> list:
+        return [
+            world.respond(m, k, np.random.default_rng([11, k]))
+            for k, m in enumerate(self.motions[:2])
+        ]
+
+    def _floor(self, world: World, responses: list) -> np.ndarray:
+        floors = []
+        for k, response in enumerate(responses):
+            recorded = self.instruments.record(response, world.sensing, k)
+            moving = np.abs(recorded.velocity) > size.MOVING
+            noise = recorded.torque - recorded.clean
+            floors.append(size.noise_floor(recorded.time, noise, moving, self.instruments.rate))
+        return np.sqrt(np.mean(np.square(floors), axis=0))
+
+
+def _plan(random: np.random.Generator) -> list[tuple[list[str], float]]:
+    """Return the segments and the length of each recording [s]."""
+    first = ["limopa", *random.permutation(["creep", "nested"])]
+    second = list(random.permutation(["fourier", "points", "creep", "hold"]))
+    third = list(random.permutation(["points", "nested", "hold"]))
+    fourth = list(random.permutation(["fourier", "creep"]))
+    lengths = random.uniform(60, 85, 2), (40.0, 40.0)
+    return [
+        (first, float(lengths[0][0])), (second, float(lengths[0][1])), (third, 40.0), (fourth, 40.0)
+    ]  # fmt: skip

@@ -1,0 +1,189 @@
+"""Effects outside the catalogue, and values that are known but wrong."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+import drive as drive_
+from acquisition import Course
+from arm import N
+from draft import Draft
+from known_effects import KNOWN
+from world import World
+
+
+def coupled_bearings(random, j, floor, world):
+    """Dry friction goes with the load of another joint."""
+    source = int(random.choice([k for k in (1, 3) if k != j]))
+    return _neighbour(j, source, floor / 10, 0.1, "neighbour_load", "coupled_bearings")
+
+
+def thermal_neighbour(random, j, floor, world):
+    """Dry friction grows as another joint warms by its own motion."""
+    source = int(random.choice([k for k in range(N) if k != j]))
+    time = random.uniform(4.0, 10.0)
+    made = _neighbour(j, source, 2 * floor, 3.0, "neighbour_heat", "thermal_neighbour")
+
+    def change(w: World, amplitude: float) -> World:
+        return made.change(w.with_drive(source, warming=time), amplitude)
+
+    return replace(made, change=change)
+
+
+def hose(random, j, floor, world):
+    """A hose wound over two joints pulls with the product of their angles."""
+    source = int(random.choice([k for k in range(N) if k != j]))
+    return _neighbour(j, source, 2 * floor, 6.0, "neighbour_hose", "hose")
+
+
+def _neighbour(j, source, guess, largest, name, law):
+    return Draft(
+        "unknown", (j + 1,), guess, largest,
+        lambda w, x: w.with_drive(j, neighbour=source, **{name: x}), law=law,
+    )  # fmt: skip
+
+
+def dwell_stiction(random, j, floor, world):
+    """Breakaway torque grows with the time at rest and goes over a distance."""
+    time, distance = random.uniform(0.1, 0.5), random.uniform(0.05, 0.3)
+    return Draft(
+        "unknown", (j + 1,), 5 * floor, 6.0,
+        lambda w, x: w.with_drive(j, dwell=x, dwell_time=time, dwell_distance=distance),
+        law="dwell_stiction",
+    )  # fmt: skip
+
+
+def periodic_disturbance(random, j, floor, world):
+    """A pump or fan nearby."""
+    return _course(random, j, floor, "periodic", 1 / random.uniform(0.5, 4.0))
+
+
+def torque_jumps(random, j, floor, world):
+    """A loose contact in the sensor."""
+    made = _course(random, j, floor, "jumps", random.uniform(2.0, 6.0))
+    return replace(made, equivalent=("torque_drift",))
+
+
+def _course(random, j, floor, kind, scale):
+    seed = int(random.integers(2**31))
+
+    def change(w: World, amplitude: float) -> World:
+        course = Course(j, kind, amplitude, scale, seed)
+        return replace(w, sensing=replace(w.sensing, courses=(*w.sensing.courses, course)))
+
+    return Draft(
+        "unknown", (j + 1,), 1.5 * floor, 5.0, change, law=kind, foretellable=False
+    )
+
+
+def bent_sensor(random, j, floor, world):
+    """A torque sensor whose characteristic is quadratic."""
+    sign = random.choice([-1.0, 1.0])
+    return Draft(
+        "unknown", (j + 1,), floor / 20, 0.02,
+        lambda w, x: replace(w, sensing=w.sensing.at("curve", j, sign * x)), law="bent_sensor",
+    )  # fmt: skip
+
+
+UNKNOWN: dict[str, Callable] = {
+    f.__name__: f
+    for f in (
+        coupled_bearings, thermal_neighbour, hose, dwell_stiction, periodic_disturbance,
+        torque_jumps, bent_sensor,
+    )
+}  # fmt: skip
+
+
+def wrong_coulomb(random, j, floor, world):
+    factor = float(random.choice([0.4, 0.5, 2.0, 2.5]))
+
+    def change(w: World, _: float) -> World:
+        coulomb = w.nominal.coulomb.copy()
+        coulomb[j] *= factor
+        return w.with_nominal(coulomb=coulomb)
+
+    true = float(world.drive["coulomb"][j])
+    return _fixed("coulomb_friction", (j + 1,), change, {"tau_c": true})
+
+
+def wrong_viscous(random, j, floor, world):
+    factor = float(random.choice([0.35, 0.5, 2.0, 2.5]))
+
+    def change(w: World, _: float) -> World:
+        viscous = w.nominal.viscous.copy()
+        viscous[j] *= factor
+        return w.with_nominal(viscous=viscous)
+
+    true = float(world.drive["viscous"][j])
+    return _fixed("viscous_friction", (j + 1,), change, {"f_v": true})
+
+
+def wrong_link(random, j, floor, world):
+    link = max(j, 1)
+    factor = 1 + float(random.choice([-0.35, -0.25, 0.25, 0.35]))
+
+    def change(w: World, _: float) -> World:
+        mass = w.nominal.arm.mass.copy()
+        mass[link] *= factor
+        return w.with_nominal(arm=w.nominal.arm._replace(mass=mass))
+
+    same = ("payload",) if link == N - 1 else ()
+    return replace(_fixed("link_inertia", (link + 1,), change, {}), equivalent=same)
+
+
+def _fixed(effect, joints, change, parameters):
+    return Draft(
+        effect, joints, 1.0, 1.0, change, lambda _: parameters, kind="wrong_parameter"
+    )
+
+
+def wrong_armature(random, j, floor, world):
+    return _in_file(KNOWN["armature"](random, j, floor, world), random, "inertia")
+
+
+def wrong_gain(random, j, floor, world):
+    return _in_file(KNOWN["torque_gain"](random, j, floor, world), random, "gain")
+
+
+def wrong_stribeck(random, j, floor, world):
+    speed = np.exp(random.uniform(np.log(0.01), np.log(0.06)))
+    made = Draft(
+        "stribeck_friction", (j + 1,), 2 * floor, 6.0,
+        lambda w, x: w.with_drive(
+            j, stribeck=x, stribeck_speed=speed, stribeck_law=drive_.GAUSS),
+        lambda x: {"tau_s": x, "v_s": speed, "delta": 2.0},
+    )  # fmt: skip
+    return _in_file(made, random, "tau_s")
+
+
+def wrong_elasticity(random, j, floor, world):
+    made = Draft(
+        "joint_elasticity", (j + 1,), 2e-4 * floor, 1e-3,
+        lambda w, x: w.with_drive(j, stiffness=1 / x), lambda x: {"stiffness": 1 / x},
+    )  # fmt: skip
+    return _in_file(made, random, "stiffness")
+
+
+def _in_file(made: Draft, random: np.random.Generator, name: str) -> Draft:
+    """Put the effect into the nominal file, with one value wrong by a factor."""
+    factor = float(random.choice([0.4, 0.5, 2.0, 2.5]))
+    joint = made.joints[0]
+
+    def change(w: World, amplitude: float) -> World:
+        entry = {"effect": made.effect, "joint": joint} | made.parameters(amplitude)
+        entry[name] = float(entry[name]) * factor
+        w = made.change(w, amplitude)
+        return w.with_nominal(entries=(*w.nominal.entries, entry))
+
+    known = 1 / factor if name == "stiffness" else factor
+    return replace(made, change=change, kind="wrong_parameter", scale=abs(1 - known))
+
+
+WRONG: dict[str, Callable] = {
+    f.__name__: f
+    for f in (
+        wrong_coulomb, wrong_viscous, wrong_link, wrong_armature, wrong_gain, wrong_stribeck,
+        wrong_elasticity,
+    )
+}  # fmt: skip
