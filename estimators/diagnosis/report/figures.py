@@ -27,6 +27,7 @@ _JOINTS = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#6
 _DIVERGING = [[0.0, "#0b559f"], [0.25, "#8fb4d9"], [0.5, "#f7f7f5"], [0.75, "#efb27a"],
               [1.0, "#b4560a"]]  # fmt: skip
 _DRAWN = 1200  # samples of a curve: more cannot be seen
+_MANY_DECADES = 2.5  # of a logarithmic axis
 _CELLS = 22  # of a map, to either side
 _LABELS = {
     "position": "position [rad]",
@@ -56,7 +57,7 @@ def summary(fit: Fit) -> Figure:
             "symbol": "circle", "size": 11, "color": AFTER}),
     ]  # fmt: skip
     layout = _layout("held-out RMSE [N m], logarithmic", "")
-    layout["xaxis"] |= _log_axis()
+    layout["xaxis"] |= {"type": "log"} | _round_ticks(fit)
     layout["yaxis"] |= {"autorange": "reversed", "showgrid": False}
     layout["margin"] |= {"l": 62}
     return {"data": data, "layout": layout, "height": 90 + 34 * len(joints)}
@@ -86,7 +87,7 @@ def dependence(traces: Traces, j: int, quantity: str, floor: float) -> Figure:
         layout["yaxis"] |= {"rangemode": "tozero"}
         layout["shapes"] += [_divider(x) for x in _joins(traces)]
     if after_reversal:
-        layout["xaxis"] |= _log_axis(decades=True)
+        layout["xaxis"] |= {"type": "log", "dtick": 1, "exponentformat": "power"}
     return {"data": data, "layout": layout, "height": 230}
 
 
@@ -289,9 +290,17 @@ def _divider(x: float) -> Figure:
     }  # fmt: skip
 
 
-def _log_axis(*, decades: bool = False) -> Figure:
-    ticks: Figure = {"dtick": 1, "exponentformat": "power"} if decades else {"dtick": "D2"}
-    return {"type": "log", "tickfont": {"size": 10}} | ticks
+def _round_ticks(fit: Fit) -> Figure:
+    """Return ticks at 1, 2, 5 of each decade that the errors span; over many, at 1 alone."""
+    values = np.array([*fit.heldout_rmse_before, *fit.heldout_rmse_after, *fit.noise_floor])
+    known = values[np.isfinite(values) & (values > 0)]
+    if not known.size:
+        return {}
+    low, high = np.log10(known.min()), np.log10(known.max())
+    steps = (1, 2, 5) if high - low < _MANY_DECADES else (1,)
+    decades = range(int(np.floor(low)) - 1, int(np.ceil(high)) + 1)
+    ticks = [float(f"{step}e{k}") for k in decades for step in steps]
+    return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
 
 
 def _layout(x: str, y: str) -> Figure:

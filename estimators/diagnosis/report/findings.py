@@ -33,7 +33,11 @@ VERDICTS = {
     "partly_explained": "partly explained",
     "unexplained": "unexplained",
 }
-_KINDS = {"missing": "left out of the simulation", "wrong_parameter": "in it with a wrong value"}
+_KINDS = {
+    "missing": "left out of the simulation",
+    "wrong_parameter": "in the simulation with a wrong value",
+}
+_MOST = 3  # joints of a finding whose errors are shown; the table above has all
 _LISTED = 6  # values of a parameter that are shown before they are folded
 
 
@@ -113,9 +117,10 @@ def _card(item: Finding, fit: Fit) -> str:
     )
     facts = [
         ("confidence", meter(item.confidence)),
-        ("removes", f"{meter(item.share)} of the reducible error"),
         ("held-out RMSE", _drop(item)),
     ]
+    if not unknown:
+        facts.insert(1, ("removes", f"{meter(item.share)} of the reducible error"))
     if item.equivalent:
         names = ", ".join(spoken(e) for e in item.equivalent)
         facts.append(("cannot be told from", escape(names)))
@@ -132,7 +137,8 @@ def _drop(item: Finding) -> str:
     pairs = item.heldout_rmse
     if not pairs.before:
         return UNSAID
-    shown = [j for j in item.joints if j <= len(pairs.before)] or range(1, len(pairs.before) + 1)
+    joints = [j for j in item.joints if j <= len(pairs.before)] or range(1, len(pairs.before) + 1)
+    shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
     return "; ".join(
         f"joint {j}: {_rmse(pairs.before[j - 1])} → {_rmse(pairs.after[j - 1])} N m" for j in shown
     )
@@ -149,10 +155,14 @@ def _where(item: Finding, fit: Fit) -> str:
 
 def _parameters(item: Finding) -> str:
     rows = [
-        [escape(name), _value(known.value), escape(known.unit), _interval(known)]
+        [escape(name), _value(known.value), _unit(known.unit), _interval(known)]
         for name, known in item.parameters.items()
     ]
     return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "text" else escape(unit.replace("^2", "\N{SUPERSCRIPT TWO}"))
 
 
 def _value(value: Value) -> str:

@@ -94,7 +94,7 @@ def number(value: float, digits: int = 3) -> str:
 
 def percent(share: float) -> str:
     """Return a share as a percentage."""
-    return f"{100 * share:.0f} %" if isfinite(share) else UNSAID
+    return f"{100 * share:.0f}\N{NO-BREAK SPACE}%" if isfinite(share) else UNSAID
 
 
 def spoken(effect: str) -> str:

@@ -39,6 +39,7 @@ _TITLES = {
 }
 _SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
 _CANDIDATES = 12  # explanations drawn
+_LABEL = 44  # characters of an explanation beside its bar
 _CLOSE = 3.0  # of log evidence; less cannot prefer one explanation (odds of 20 to 1)
 
 
@@ -96,8 +97,8 @@ def _anchored(j: int, body: str) -> str:
 def _title(diagnosis: Diagnosis, j: int) -> str:
     fit = diagnosis.verdict.fit
     return (
-        f"Joint {j + 1}: held-out RMSE {number(fit.heldout_rmse_before[j])} → "
-        f"{number(fit.heldout_rmse_after[j])} N m, noise floor {number(fit.noise_floor[j])} N m"
+        f"Joint {j + 1}: held-out RMSE {fit.heldout_rmse_before[j]:.4f} → "
+        f"{fit.heldout_rmse_after[j]:.4f} N m, noise floor {fit.noise_floor[j]:.4f} N m"
     )
 
 
@@ -121,7 +122,7 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
     best = diagnosis.explanations[:_CANDIDATES]
     body = ""
     if best:
-        names = [_name(item) for item in best]
+        names = [f"{k}. {_short(item)}" for k, item in enumerate(best, start=1)]
         body = charts.place(figures.explanations(best, names), "Explanations that competed")
         top = best[0].log_evidence
         rows = [
@@ -142,6 +143,17 @@ def _name(item: Explanation) -> str:
     joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
     said = [f"{spoken(e)} ({of_joints(j)})" for e, j in zip(item.effects, joints, strict=False)]
     return " + ".join(said) or "no effect"
+
+
+def _short(item: Explanation) -> str:
+    """Return a name that leaves room for its bar: `payload, presliding hysteresis 2`."""
+    joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
+    said = [
+        f"{spoken(e)} {' '.join(map(str, j))}".strip()
+        for e, j in zip(item.effects, joints, strict=False)
+    ]
+    text = ", ".join(said) or "no effect"
+    return text if len(text) <= _LABEL else text[: _LABEL - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
 def _note(item: Explanation, top: float) -> str:
