@@ -8,6 +8,7 @@ what its torque sensors measure goes through the filter that the recorded torque
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import exp
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,18 +17,22 @@ from backends.mujoco_sim.robot import MujocoRobot
 from backends.simulated import DEFAULT_PERIOD
 from limo_driver.differentiation import smooth
 from limo_driver.errors import PathError
-from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.changing_friction import REFERENCE, TemperatureDependentFriction
+from limo_driver.physics.environment import ExternalContact
+from limo_driver.physics.sensing import Sensors, TorqueDrift
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Simulation
+    from limo_driver.physics import Effect, Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
 LEAD_IN = 1.0  # [s] in which the arm gets from rest into the recorded motion
 WARM_UP = 2.0  # [s] of recorded motion before a stretch: memory of reversals and filter settle
 _LEAD = 1  # cycles by which the measured motion leads the set-points, which are fed forward
+
+_CONSTANT = 1e6  # [s], time constant of what does not change
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,8 @@ def follow(
         ConfigError: The simulation cannot be integrated.
     """
     path = recorded_path(recording, start, stop, bandwidth, simulation.model)
-    with MujocoRobot(_ideal(simulation), initial_position=path.position[0]) as robot:
+    arm = _from(simulation, recording, float(path.time[0]))
+    with MujocoRobot(arm, initial_position=path.position[0]) as robot:
         robot.receive()
         run = robot.run(path.resample(DEFAULT_PERIOD).position)
     if run.limited_by:
@@ -124,8 +130,36 @@ def recorded_path(
     )
 
 
-def _ideal(simulation: Simulation) -> Simulation:
-    return replace(simulation, sensors=Sensors())
+def _from(simulation: Simulation, recording: Recording, start: float) -> Simulation:
+    """Return a simulation whose time 0 is `start` [s] of the recording, with ideal sensors."""
+    effects = tuple(_effect_from(effect, recording, start) for effect in simulation.effects)
+    return replace(simulation, effects=effects, sensors=Sensors())
+
+
+def _effect_from(effect: Effect, recording: Recording, start: float) -> Effect:
+    """Bring an effect that knows the time of the recording to the robot's time."""
+    if isinstance(effect, TorqueDrift):
+        return replace(effect, times=tuple(t - start for t in effect.times))
+    if isinstance(effect, ExternalContact):
+        return replace(effect, windows=tuple((a - start, b - start) for a, b in effect.windows))
+    if isinstance(effect, TemperatureDependentFriction):
+        if effect.excess is not None and effect.time_constant is not None:
+            return replace(effect, excess=effect.excess * exp(-start / effect.time_constant))
+        return _at_temperature(effect, recording, start)
+    return effect
+
+
+def _at_temperature(
+    effect: TemperatureDependentFriction, recording: Recording, start: float
+) -> Effect:
+    """Return the friction at the temperature that was measured then; it hardly changes in 20 s."""
+    measured = recording.extras.get("temperature")
+    if measured is None or effect.per_kelvin is None:
+        return effect  # which the robot refuses by name
+    row = int(np.searchsorted(recording.time, start).clip(0, len(recording) - 1))
+    reference = REFERENCE if effect.reference is None else effect.reference
+    excess = effect.per_kelvin * float(measured[row, effect.joint - 1] - reference)
+    return replace(effect, excess=excess, time_constant=_CONSTANT, per_kelvin=None, reference=None)
 
 
 def _at(at: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:

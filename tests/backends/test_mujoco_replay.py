@@ -10,7 +10,13 @@ import pytest
 from backends.mujoco_sim import MujocoRobot
 from backends.mujoco_sim.replay import follow, recorded_path
 from limo_driver.errors import PathError
-from limo_driver.physics import PreslidingHysteresis
+from limo_driver.physics import (
+    ExternalContact,
+    PreslidingHysteresis,
+    Simulation,
+    TemperatureDependentFriction,
+    TorqueDrift,
+)
 from limo_driver.recording import Recording
 
 
@@ -69,3 +75,33 @@ def test_a_motion_beyond_the_limits_is_refused(hysteretic, recording):
     )
     with pytest.raises(PathError, match=r"exceeds the .*acceleration.* limits of iiwa14"):
         follow(hysteretic, every, 2.5, 5.0, 10.0)
+
+
+def test_effects_of_time_act_when_they_did_in_the_recording(recording):
+    effects = (
+        TorqueDrift(joint=1, times=(3.0, 5.0), offset=(0.0, 2.0)),
+        ExternalContact(windows=((3.5, 4.0),), wrench=((0.0, 0.0, -20.0, 0.0, 0.0, 0.0),)),
+        TemperatureDependentFriction(joint=2, excess=1.0, time_constant=3.0),
+    )
+    plain = follow(Simulation("iiwa14"), recording, 2.5, 5.0, 10.0)
+    run = follow(Simulation("iiwa14", effects), recording, 2.5, 5.0, 10.0)
+    added = run.torque - plain.torque
+    drift = np.interp(run.time, (3.0, 5.0), (0.0, 2.0))
+    apart = np.abs(run.time - 3.75) > 0.6  # from the contact and its ringing
+    assert np.allclose(added[apart, 0], drift[apart], atol=0.1)
+    pressed = (run.time > 3.6) & (run.time < 3.9)
+    assert np.abs(added[pressed, 3]).min() > 5.0
+    steady = apart & (np.abs(np.gradient(run.position[:, 1], run.time)) > 0.03)
+    assert steady.sum() > 50
+    assert np.allclose(np.abs(added[steady, 1]), np.exp(-run.time[steady] / 3.0), atol=0.1)
+
+
+def test_friction_by_temperature_takes_the_temperature_that_was_measured(recording):
+    warm = replace(recording, extras={"temperature": np.full(recording.position.shape, 35.0)})
+    friction = TemperatureDependentFriction(joint=1, per_kelvin=0.1)
+    runs = [
+        follow(Simulation("iiwa14", effects), warm, 2.5, 5.0, 10.0) for effects in ((), (friction,))
+    ]
+    moving = np.abs(np.gradient(runs[0].position[:, 0], runs[0].time)) > 0.03
+    added = (runs[1].torque - runs[0].torque)[moving, 0]
+    assert np.allclose(np.abs(added), 1.0, atol=0.1)
