@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 VERDICT, IMPROVED, REPORT = "verdict.json", "sim.yaml", "report.html"
 NEXT_MOTION = "next_motion.parquet"
-REPLAYED = 12.0  # [s] of recorded motion that the simulated robot follows
+REPLAYED = (12.0, 5.0)  # [s] of recorded motion that the simulated robot follows; with many effects
+MANY_EFFECTS = 40  # of which most are evaluated in every cycle, one by one
 REPLAY_RATE = 100.0  # [Hz] of the rows that are kept of it
 START_POSES = 6  # of each recording, around which a next motion is tried
 
@@ -181,7 +182,8 @@ def _replay(found: Diagnosis) -> Replay:
     from estimators.diagnosis.report import worst_stretch
 
     floor = np.array(found.verdict.fit.noise_floor)
-    worst = worst_stretch(found.traces, floor, REPLAYED)
+    duration = REPLAYED[len(found.after.effects) > MANY_EFFECTS]
+    worst = worst_stretch(found.traces, floor, duration)
     recording = found.recordings[worst.recording]
     stretch = (recording, worst.start, worst.stop, found.bandwidth)
     before = follow(found.before, *stretch)
@@ -199,13 +201,17 @@ def _replay(found: Diagnosis) -> Replay:
 
 def _write(found: Diagnosis, out: Path) -> None:
     from estimators.diagnosis.report import write_report
+    from limo_driver.errors import ConfigError
 
-    found.verdict.save(out / VERDICT)
-    found.after.save(out / IMPROVED)
-    write_report(found, out / REPORT)
-    (out / NEXT_MOTION).unlink(missing_ok=True)  # of a diagnosis before this one
-    if found.next_motion is not None:
-        found.next_motion.save(out / NEXT_MOTION)
+    try:
+        found.verdict.save(out / VERDICT)
+        found.after.save(out / IMPROVED)
+        write_report(found, out / REPORT)
+        (out / NEXT_MOTION).unlink(missing_ok=True)  # of a diagnosis before this one
+        if found.next_motion is not None:
+            found.next_motion.save(out / NEXT_MOTION)
+    except OSError as error:
+        raise ConfigError(f"cannot be written to: {error}", path=out) from None
 
 
 @contextmanager

@@ -234,6 +234,15 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path, re
 
 
 @pytest.mark.usefixtures("found")
+def test_a_file_that_cannot_be_written_is_said_in_one_line(tmp_path, recording, diagnose):
+    (tmp_path / "out" / "verdict.json").mkdir(parents=True)
+    status, _, notes = diagnose(recording)
+    assert status == 2
+    assert "cannot be written to: " in notes
+    assert notes.count("\n") == 1
+
+
+@pytest.mark.usefixtures("found")
 def test_the_given_simulation_is_not_written_over(tmp_path, recording, monkeypatch, capsys):
     GIVEN.save(tmp_path / "sim.yaml")
     arguments = (recording, "--sim", tmp_path / "sim.yaml", "--out", tmp_path)
