@@ -67,7 +67,8 @@ class Inertial:
     def _second_moments(self) -> FloatArray:
         """Return the principal values of ∫ρ x xᵀ about the centre of mass, (3,) [kg m²]."""
         tensor = self.tensor()
-        return np.array(np.linalg.eigvalsh(0.5 * np.trace(tensor) * np.eye(3) - tensor))
+        covariance = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        return np.linalg.eigvalsh(covariance).astype(np.float64)
 
     def _tensor_at(self, point: FloatArray) -> FloatArray:
         """Return the inertia tensor about a point, by Steiner's theorem, (3, 3) [kg m²]."""

@@ -24,7 +24,7 @@ from numba.extending import intrinsic
 
 from backends.mujoco_sim import layout as row
 from backends.mujoco_sim.drives import compliant, deflection, multiply, part, saturate, servo_torque
-from backends.mujoco_sim.friction_laws import friction_damping
+from backends.mujoco_sim.friction_laws import PARAMETERS, friction_damping
 from backends.mujoco_sim.layout import Arrays, Servo
 from backends.mujoco_sim.realisation import Plant
 
@@ -174,7 +174,7 @@ def _advance_at(
         _floats(at[13], n),
         _integers(at[14], frictions),
         _integers(at[15], frictions),
-        _table(at[16], frictions, 3),
+        _table(at[16], frictions, PARAMETERS),
         _integers(at[17], elements),
         _floats(at[18], elements),
         _floats(at[19], elements),
@@ -312,6 +312,7 @@ def _friction(
             plant.friction_parameters[f, 0],
             plant.friction_parameters[f, 1],
             plant.friction_parameters[f, 2],
+            plant.friction_parameters[f, 3],
             expected,
         )
 

@@ -9,27 +9,32 @@ import math
 
 from numba import njit
 
-from limo_driver.physics.friction import SIGN_WIDTH
-
-COULOMB, VISCOUS, STRIBECK = 0, 1, 2  # rows of parameters: (tau_c, v_eps), (f_v,), (tau_s, v_s, δ)
+# Rows of parameters: (tau_c, v_eps), (f_v_plus, f_v_minus), (tau_s, v_s, delta, v_eps),
+# (tau_plus, tau_minus, v_eps), (coefficient,).
+COULOMB, VISCOUS, STRIBECK, ASYMMETRIC, DRAG = 0, 1, 2, 3, 4
+PARAMETERS = 4
 SMALL_VELOCITY = 1e-9  # [rad/s]
 
 
 @njit(cache=True)
-def friction_torque(law: int, p0: float, p1: float, p2: float, velocity: float) -> float:
+def friction_torque(law: int, p0: float, p1: float, p2: float, p3: float, velocity: float) -> float:
     """Return the friction torque [N m] of one law, with its parameters, at `velocity` [rad/s]."""
     if law == COULOMB:
         return p0 * math.tanh(velocity / p1)
     if law == VISCOUS:
-        return p0 * velocity
+        return (p0 if velocity > 0.0 else p1) * velocity
+    if law == ASYMMETRIC:
+        return (p0 if velocity > 0.0 else p1) * math.tanh(velocity / p2)
+    if law == DRAG:
+        return p0 * velocity * abs(velocity)
     fade = math.exp(-(abs(velocity / p1) ** p2))
-    return p0 * fade * math.tanh(velocity / SIGN_WIDTH)
+    return p0 * fade * math.tanh(velocity / p3)
 
 
 @njit(cache=True)
-def friction_damping(law: int, p0: float, p1: float, p2: float, velocity: float) -> float:
+def friction_damping(
+    law: int, p0: float, p1: float, p2: float, p3: float, velocity: float
+) -> float:
     """Return the secant torque / velocity [N m s/rad]; its limit at rest."""
-    if law == VISCOUS:
-        return p0
     v = SMALL_VELOCITY if abs(velocity) < SMALL_VELOCITY else velocity
-    return friction_torque(law, p0, p1, p2, v) / v
+    return friction_torque(law, p0, p1, p2, p3, v) / v

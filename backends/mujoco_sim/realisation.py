@@ -1,7 +1,8 @@
 """How the simulated robot realises each effect: natively where a native form is known.
 
 `realise` is dispatched on the class of the effect. An effect without an entry of its own runs
-through its `advance`, sample by sample in Python: slower, and as correct.
+through its `advance`, sample by sample in Python: slower, and as correct. What changes the rigid
+body is in `Simulation.body` already, of which the MuJoCo model is made.
 """
 
 from __future__ import annotations
@@ -12,14 +13,30 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from backends.mujoco_sim.friction_laws import COULOMB, STRIBECK, VISCOUS
+from backends.mujoco_sim.friction_laws import (
+    ASYMMETRIC,
+    COULOMB,
+    DRAG,
+    PARAMETERS,
+    STRIBECK,
+    VISCOUS,
+)
+from limo_driver.errors import ConfigError
 from limo_driver.physics import (
     Armature,
+    AsymmetricFriction,
+    BodyEffect,
     CoulombFriction,
     Effect,
+    EncoderOffset,
+    JointCoupling,
     JointElasticity,
     PreslidingHysteresis,
+    QuadraticDrag,
+    SensorEffect,
     StribeckFriction,
+    TemperatureDependentFriction,
+    TorqueDrift,
     TorqueOffset,
     ViscousFriction,
 )
@@ -42,7 +59,7 @@ class Plant(NamedTuple):
     offset: FloatArray  # (n,) [N m], of the torque sensor
     friction_joint: NDArray[np.int64]  # (F,) 0-based
     friction_law: NDArray[np.int64]  # (F,) see friction_laws
-    friction_parameters: FloatArray  # (F, 3)
+    friction_parameters: FloatArray  # (F, 4)
     element_joint: NDArray[np.int64]  # (E,) 0-based
     element_stiffness: FloatArray  # (E,) [N m/rad]
     element_width: FloatArray  # (E,) [rad]
@@ -53,12 +70,21 @@ class Draft:
     """Collects what the effects of a simulation ask for."""
 
     n: int
-    frictions: list[tuple[int, int, tuple[float, float, float]]] = field(default_factory=list)
+    frictions: list[tuple[int, int, tuple[float, ...]]] = field(default_factory=list)
     elements: list[tuple[int, float, float]] = field(default_factory=list)
     sampled: list[Effect] = field(default_factory=list)  # effects without a native form
+    sensed: list[Effect] = field(default_factory=list)  # effects on what the sensors say alone
 
     def __post_init__(self) -> None:
         self.link_inertia, self.compliance, self.cubic, self.offset = np.zeros((4, self.n))
+        self.encoder_offset = np.zeros(self.n)  # [rad]
+        # What sampled effects make stiff or heavy, one cycle late: the step has to carry it.
+        self.late_stiffness, self.late_damping, self.late_inertia = np.zeros((3, self.n))
+
+    def add_friction(self, joint: int, law: int, *parameters: float) -> None:
+        """Add a friction law to a 1-based joint."""
+        padded = (*parameters, *(PARAMETERS - len(parameters)) * (0.0,))
+        self.frictions.append((joint - 1, law, padded))
 
     def plant(self, motor_inertia: FloatArray) -> Plant:
         """Return the tables."""
@@ -72,7 +98,7 @@ class Draft:
             offset=self.offset,
             friction_joint=np.array([row[0] for row in frictions], dtype=np.int64),
             friction_law=np.array([row[1] for row in frictions], dtype=np.int64),
-            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, 3),
+            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, PARAMETERS),
             element_joint=np.array([row[0] for row in elements], dtype=np.int64),
             element_stiffness=np.array([row[1] for row in elements], dtype=float),
             element_width=np.array([row[2] for row in elements], dtype=float),
@@ -95,26 +121,73 @@ def realise(effect: Effect, draft: Draft) -> None:
 
 @realise.register
 def _(effect: CoulombFriction, draft: Draft) -> None:
-    draft.frictions.append((effect.joint - 1, COULOMB, (effect.tau_c, effect.v_eps, 0.0)))
+    draft.add_friction(effect.joint, COULOMB, effect.tau_c, effect.v_eps)
+
+
+@realise.register
+def _(effect: AsymmetricFriction, draft: Draft) -> None:
+    parameters = (effect.tau_plus, effect.tau_minus, effect.v_eps)
+    draft.add_friction(effect.joint, ASYMMETRIC, *parameters)
 
 
 @realise.register
 def _(effect: ViscousFriction, draft: Draft) -> None:
-    draft.frictions.append((effect.joint - 1, VISCOUS, (effect.slopes[0], 0.0, 0.0)))
+    draft.add_friction(effect.joint, VISCOUS, *effect.slopes)
+
+
+@realise.register
+def _(effect: QuadraticDrag, draft: Draft) -> None:
+    draft.add_friction(effect.joint, DRAG, effect.coefficient)
 
 
 @realise.register
 def _(effect: StribeckFriction, draft: Draft) -> None:
-    parameters = (effect.tau_s, effect.v_s, effect.delta)
-    draft.frictions.append((effect.joint - 1, STRIBECK, parameters))
+    parameters = (effect.tau_s, effect.v_s, effect.delta, effect.v_eps)
+    draft.add_friction(effect.joint, STRIBECK, *parameters)
 
 
 @realise.register
 def _(effect: PreslidingHysteresis, draft: Draft) -> None:
-    draft.elements += [
-        (effect.joint - 1, stiffness, width)
-        for stiffness, width in zip(effect.stiffness, effect.width, strict=True)
-    ]
+    if effect.law == "maxwell_slip":
+        draft.elements += [
+            (effect.joint - 1, stiffness, width)
+            for stiffness, width in zip(effect.stiffness, effect.width, strict=True)
+        ]
+        return
+    draft.sampled.append(effect)
+    draft.late_stiffness[effect.joint - 1] += effect.initial_stiffness
+    draft.late_damping[effect.joint - 1] += effect.sigma_1 or 0.0
+
+
+@realise.register
+def _(effect: JointCoupling, draft: Draft) -> None:
+    draft.sampled.append(effect)
+    draft.late_inertia[effect.joint - 1] += effect.inertia
+
+
+@realise.register
+def _(effect: TemperatureDependentFriction, draft: Draft) -> None:
+    if effect.per_kelvin is not None:
+        raise ConfigError(
+            f"{effect.place}: the simulated robot has no temperature, which per_kelvin needs; "
+            "give excess and time_constant"
+        )
+    draft.sampled.append(effect)
+
+
+@realise.register
+def _(effect: BodyEffect, draft: Draft) -> None:
+    """Leave it: the MuJoCo model is made of `Simulation.body`."""
+
+
+@realise.register
+def _(effect: SensorEffect | TorqueDrift, draft: Draft) -> None:
+    draft.sensed.append(effect)
+
+
+@realise.register
+def _(effect: EncoderOffset, draft: Draft) -> None:
+    draft.encoder_offset[effect.joint - 1] += effect.offset
 
 
 @realise.register

@@ -20,9 +20,11 @@ from backends.mujoco_sim.sensor_noise import SensorNoise
 from backends.mujoco_sim.stability import (
     check_damping,
     check_elements,
+    check_late,
     check_stiffness,
     effective_inertia,
 )
+from backends.mujoco_sim.torque_sensors import TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, ShapeError
 from limo_driver.robot import Measurement
@@ -105,11 +107,12 @@ class MujocoRobot(SimulatedRobot):
         arm, n = self.simulation.body, self.spec.n
         draft = draft_of(self.simulation.effects, n)
         self._plant = draft.plant(_motor_inertia(arm.limits.torque, motor_inertia))
-        self._sampled = SampledEffects(draft.sampled, n)
+        self._sampled = SampledEffects(draft.sampled, arm, period, draft.encoder_offset)
         self._model = compile_model(arm, self._plant, period)
         self._data = mujoco.MjData(self._model)
         self._inertia = effective_inertia(arm, self._plant.armature)
         check_elements(self._plant, self._inertia, period)
+        check_late(draft, self._inertia, period)
         self._arrays = _arrays(self._model, self._data)
         sensors = self.simulation.sensors
         self._noise = SensorNoise(sensors.for_joints("torque_noise", n), seed)
@@ -123,6 +126,7 @@ class MujocoRobot(SimulatedRobot):
             encoder_resolution=np.array(sensors.for_joints("encoder_resolution", n)),
             torque_resolution=np.array(sensors.for_joints("torque_resolution", n)),
         )
+        self._sensors = TorqueSensors(draft.sensed, self._servo.torque_resolution)
         self._memory = np.zeros((layout.MEMORY_ROWS, n))
         self._command = np.zeros((4, n))
         self._engine = Engine(
@@ -218,14 +222,17 @@ class MujocoRobot(SimulatedRobot):
     def _advance(self, targets: FloatArray, log: FloatArray) -> None:
         """Simulate one cycle for each target and log it, (T, 7, n)."""
         noise = self._noise.take(len(targets))
+        time = (self._cycle + np.arange(len(targets), dtype=float)) * self.spec.period
         if not self._sampled:
             self._run_engine(targets, noise, log)
-            return
-        for row in range(len(targets)):
-            here = slice(row, row + 1)
-            self._sampled.sample(self._arrays, self._memory[layout.LOAD])
-            self._run_engine(targets[here], noise[here], log[here])
-            self._sampled.acceleration = log[row, layout.TRUE_ACCELERATION].copy()
+        else:
+            for row in range(len(targets)):
+                here = slice(row, row + 1)
+                self._sampled.sample(time[row], self._arrays, self._memory)
+                self._run_engine(targets[here], noise[here], log[here])
+                self._sampled.acceleration = log[row, layout.TRUE_ACCELERATION].copy()
+        if self._sensors:
+            self._sensors.sense(time, noise, log)
 
     def _run_engine(self, targets: FloatArray, noise: FloatArray, log: FloatArray) -> None:
         finite = self._engine.advance(self._mode, targets, noise, log)
@@ -281,14 +288,16 @@ class MujocoRobot(SimulatedRobot):
             self._fresh,
             self._noise.save(),
             self._sampled.save(),
+            self._sensors.save(),
         )
 
     def _restore_plant(self, saved: Any) -> None:  # noqa: ANN401  # what save returned
-        physics, memory, command, self._mode, self._fresh, noise, sampled = saved
+        physics, memory, command, self._mode, self._fresh, noise, sampled, sensors = saved
         mujoco.mj_setState(self._model, self._data, physics, _STATE)
         self._memory[:], self._command[:] = memory, command
         self._noise.restore(noise)
         self._sampled.restore(sampled)
+        self._sensors.restore(sensors)
 
 
 _MODES: dict[type[JointCommand], int] = {

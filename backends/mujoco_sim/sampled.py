@@ -2,96 +2,164 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from functools import singledispatchmethod
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from backends.mujoco_sim import layout
-from limo_driver.physics import MotionEffect
-from limo_driver.physics.effect import JointMotion
-from limo_driver.physics.friction import VelocityFriction, secant
+from limo_driver.physics import ArmEffect, Friction, JointCoupling, MotionEffect, TorqueEffect
+from limo_driver.physics.effect import ArmMotion
+from limo_driver.physics.friction import away_from_rest
+from limo_driver.physics.simulation import of_joint
+from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from limo_driver.model import RobotModel
     from limo_driver.physics import Effect
+    from limo_driver.physics.effect import State
     from limo_driver.types import FloatArray
+
+
+class _Cycle(NamedTuple):
+    """What the effects see before the step."""
+
+    arm: ArmMotion  # one sample: the encoders', with the velocity expected at its time
+    ahead: FloatArray  # (n,) velocity expected in the step, for what damps it [rad/s]
+    static: FloatArray  # (n,) gravity and Coriolis torque [N m]
 
 
 class SampledEffects:
     """What the effects without a native form add in a cycle.
 
     Frictions become a damping, so that stiff ones cannot reverse the motion; other torques act as
-    they are, computed from the motion before the step.
+    they are, computed from the motion before the step. A displacement is also evaluated under the
+    static load, for the servo: one that followed acceleration would close a loop within the step.
 
     Args:
         effects: Effects to run.
-        n: Number of joints.
+        model: Rigid body.
+        period: Control cycle [s].
+        encoder_offset: Constant displacement encoder minus link, (n,) [rad].
     """
 
-    def __init__(self, effects: Sequence[Effect], n: int) -> None:
+    def __init__(
+        self,
+        effects: Sequence[Effect],
+        model: RobotModel,
+        period: float,
+        encoder_offset: FloatArray,
+    ) -> None:
         self.effects = tuple(effects)
-        self.added = np.zeros((4, n))  # see layout.ADDED_TORQUE and following
-        self.acceleration = np.zeros(n)  # of the last cycle [rad/s²]
+        self.model, self.period = model, period
+        self._always = np.zeros((4, model.n))
+        self._always[[layout.ADDED_WIND_UP, layout.ADDED_STATIC_WIND_UP]] = encoder_offset
+        self.added = self._always.copy()  # see layout.ADDED_TORQUE and following
+        self.acceleration = np.zeros(model.n)  # of the last cycle [rad/s²]
+        self._last_static = encoder_offset.copy()  # wind-up [rad]
         self._states = [effect.initial_state() for effect in self.effects]
 
     def __bool__(self) -> bool:
         return bool(self.effects)
 
-    def sample(self, arrays: layout.Arrays, load: FloatArray) -> None:
+    def sample(self, time: float, arrays: layout.Arrays, memory: FloatArray) -> None:
         """Evaluate all effects for the coming step.
 
-        A displacement is also evaluated under the static load, for the servo: one that followed
-        acceleration would close a loop within the step.
+        Args:
+            time: Of the cycle [s].
+            arrays: MuJoCo's, before the step.
+            memory: The robot's, (9, n).
         """
-        position = arrays.position + self.added[layout.ADDED_WIND_UP]
-        velocity, acceleration = arrays.velocity, self.acceleration
-        self.added[:] = 0.0
+        static = memory[layout.STATIC_WIND_UP]
+        motor = arrays.velocity + (static - self._last_static) / self.period
+        self._last_static = static.copy()
+        change = self.period * self.acceleration
+        arm = self._arm(
+            time,
+            arrays.position + memory[layout.WIND_UP],
+            motor + 0.5 * change,
+            memory[layout.LOAD],
+        )
+        cycle = _Cycle(arm, motor + change, arrays.bias.copy())
+        self.added[:] = self._always
         for index, effect in enumerate(self.effects):
-            state = self._states[index]
-            motion = _sample(effect, position, velocity, acceleration, load)
-            value, self._states[index] = effect.advance(state, motion)
-            j = effect.joint - 1
-            if isinstance(effect, MotionEffect):
-                static = _sample(effect, position, velocity, acceleration, arrays.bias)
-                self.added[layout.ADDED_WIND_UP, j] += value[0]
-                self.added[layout.ADDED_STATIC_WIND_UP, j] += effect.advance(state, static)[0][0]
-            elif isinstance(effect, VelocityFriction):
-                self.added[layout.ADDED_DAMPING, j] += secant(effect, motion.velocity)[0]
-            else:
-                self.added[layout.ADDED_TORQUE, j] += value[0]
+            self._states[index] = self._add(effect, self._states[index], cycle)
 
     def settle(self, position: FloatArray, load: FloatArray) -> None:
         """Evaluate displacements at rest, without touching any memory."""
-        rest = np.zeros_like(position)
-        self.added[:] = 0.0
+        arm = self._arm(0.0, position, np.zeros_like(position), load)
+        self.added[:] = self._always
         for effect, state in zip(self.effects, self._states, strict=True):
             if isinstance(effect, MotionEffect):
-                motion = _sample(effect, position, rest, rest, load)
-                value = effect.advance(state, motion)[0][0]
-                self.added[layout.ADDED_WIND_UP, effect.joint - 1] += value
-                self.added[layout.ADDED_STATIC_WIND_UP, effect.joint - 1] += value
+                self._add(effect, state, _Cycle(arm, np.zeros_like(position), load.copy()))
+        self._last_static = self.added[layout.ADDED_STATIC_WIND_UP].copy()
+
+    @singledispatchmethod
+    def _add(self, effect: Effect, state: State, cycle: _Cycle) -> State:  # noqa: ARG002
+        """Add what an effect does in the cycle, and return its memory after it."""
+        raise TypeError(f"the simulated robot has no form for {type(effect).__name__}")
+
+    @_add.register(TorqueEffect)
+    def _(self, effect: TorqueEffect, state: State, cycle: _Cycle) -> State:
+        j = effect.joint - 1
+        value, state = effect.advance(state, of_joint(cycle.arm, j))
+        self.added[layout.ADDED_TORQUE, j] += value[0]
+        return state
+
+    @_add.register(Friction)
+    def _(self, effect: Friction, state: State, cycle: _Cycle) -> State:
+        j = effect.joint - 1
+        v = away_from_rest(cycle.ahead[j : j + 1])
+        value, state = effect.advance(state, replace(of_joint(cycle.arm, j), velocity=v))
+        self.added[layout.ADDED_DAMPING, j] += value[0] / v[0]
+        return state
+
+    @_add.register(MotionEffect)
+    def _(self, effect: MotionEffect, state: State, cycle: _Cycle) -> State:
+        j = effect.joint - 1
+        motion = of_joint(cycle.arm, j)
+        at_rest = replace(motion, load=cycle.static[j : j + 1])
+        self.added[layout.ADDED_STATIC_WIND_UP, j] += effect.advance(state, at_rest)[0][0]
+        value, state = effect.advance(state, motion)
+        self.added[layout.ADDED_WIND_UP, j] += value[0]
+        return state
+
+    @_add.register(ArmEffect)
+    def _(self, effect: ArmEffect, state: State, cycle: _Cycle) -> State:
+        values, state = effect.advance(state, cycle.arm)
+        self.added[layout.ADDED_TORQUE] += values[0]
+        return state
+
+    @_add.register(JointCoupling)
+    def _(self, effect: JointCoupling, state: State, cycle: _Cycle) -> State:
+        """Damp the joint by the secant of the shaft's friction; the rest comes from the other."""
+        j, k = effect.joint - 1, effect.other - 1
+        w = away_from_rest(effect.shaft(cycle.ahead[None]))
+        damping = effect.friction(w)[0] / w[0]
+        inertial = effect.inertia * effect.shaft(self.acceleration[None])[0]
+        self.added[layout.ADDED_DAMPING, j] += damping
+        self.added[layout.ADDED_TORQUE, j] += damping * effect.ratio * cycle.ahead[k] + inertial
+        return state
+
+    def _arm(
+        self, time: float, position: FloatArray, velocity: FloatArray, load: FloatArray
+    ) -> ArmMotion:
+        motion = Motion(
+            np.array([time]), position[None], velocity[None], self.acceleration[None].copy()
+        )
+        return ArmMotion(motion, load[None].copy(), self.model)
 
     def save(self) -> object:
         """Return a copy of all memories."""
-        return self.added.copy(), self.acceleration.copy(), [s.copy() for s in self._states]
+        states = [state.copy() for state in self._states]
+        return self.added.copy(), self.acceleration.copy(), self._last_static.copy(), states
 
     def restore(self, saved: Any) -> None:  # noqa: ANN401  # what save returned
         """Go back to what `save` returned."""
-        added, acceleration, states = saved
+        added, acceleration, static, states = saved
         self.added[:] = added
-        self.acceleration = acceleration.copy()
+        self.acceleration, self._last_static = acceleration.copy(), static.copy()
         self._states = [state.copy() for state in states]
-
-
-def _sample(
-    effect: Effect,
-    position: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
-    load: FloatArray,
-) -> JointMotion:
-    one = slice(effect.joint - 1, effect.joint)
-    return JointMotion(
-        np.zeros(1), position[one].copy(), velocity[one].copy(), acceleration[one].copy(), load[one].copy()
-    )

@@ -9,13 +9,14 @@ import numpy as np
 from limo_driver.errors import ConfigError, JointLimitError
 
 if TYPE_CHECKING:
-    from backends.mujoco_sim.realisation import Plant
+    from backends.mujoco_sim.realisation import Draft, Plant
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
 # A spring on an inertia is stable while h sqrt(k / M) < 2; at half of that it is still followed.
 LARGEST_STEP_RATIO = 1.0
 LARGEST_DAMPING_RATIO = 100.0  # h d / M; implicit, so stable, but no drive damps faster
+LARGEST_COUPLING_RATIO = 0.5  # inertia that acts one cycle late over inertia; diverges at 1
 LARGEST_WIND_UP_RATIO = 0.5  # presliding stiffness over joint stiffness
 _POSES = 50
 
@@ -51,6 +52,27 @@ def check_elements(plant: Plant, inertia: FloatArray, period: float) -> None:
         raise ConfigError(
             f"presliding_hysteresis, joint {j + 1}: its stiffness of {stiffness[j]:.4g} N m/rad "
             f"has to be below half the joint_elasticity of {1 / plant.compliance[j]:.4g} N m/rad"
+        )
+
+
+def check_late(draft: Draft, inertia: FloatArray, period: float) -> None:
+    """Refuse sampled effects that are too stiff or too heavy for acting one cycle late.
+
+    Raises:
+        ConfigError: Names the effect, the joint and what the step allows.
+    """
+    stiffness = draft.late_stiffness + draft.late_damping / period
+    most = inertia * (LARGEST_STEP_RATIO / period) ** 2
+    for j in np.flatnonzero(stiffness > most):
+        raise ConfigError(
+            f"presliding_hysteresis, joint {j + 1}: sigma_0 + sigma_1 / {period:g} s is "
+            f"{stiffness[j]:.4g} N m/rad; on {inertia[j]:.3g} kg m² the step of {period:g} s "
+            f"carries at most {most[j]:.4g} N m/rad"
+        )
+    for j in np.flatnonzero(draft.late_inertia > LARGEST_COUPLING_RATIO * inertia):
+        raise ConfigError(
+            f"joint_coupling, joint {j + 1}: inertia = {draft.late_inertia[j]:.4g} kg m² has to be "
+            f"below half of the {inertia[j]:.3g} kg m² that the joint moves"
         )
 
 

@@ -14,22 +14,42 @@ from backends.mujoco_sim.realisation import draft_of
 from limo_driver.errors import ConfigError, JointLimitError, ShapeError
 from limo_driver.physics import (
     Armature,
+    AsymmetricFriction,
+    Backlash,
     CoulombFriction,
+    EncoderOffset,
+    ExternalContact,
+    GravityDirection,
+    JointCoupling,
     JointElasticity,
+    LoadDependentFriction,
     MotionEffect,
+    Payload,
+    PositionDependentFriction,
     PreslidingHysteresis,
+    QuadraticDrag,
     Sensors,
     Simulation,
+    SpringLoad,
     StribeckFriction,
+    TemperatureDependentFriction,
+    TimeDelay,
+    TorqueCrosstalk,
+    TorqueDrift,
     TorqueEffect,
+    TorqueGain,
     TorqueOffset,
+    TorqueRipple,
     ViscousFriction,
 )
 from limo_driver.types import ImpedanceCommand, PositionCommand
 
 FRICTIONS = (
+    AsymmetricFriction(joint=1, tau_plus=1.5, tau_minus=0.5, v_eps=0.003),
     CoulombFriction(joint=1, tau_c=1.5, v_eps=0.002),
+    QuadraticDrag(joint=1, coefficient=3.0),
     ViscousFriction(joint=1, f_v=4.0),
+    ViscousFriction(joint=1, f_v_plus=4.0, f_v_minus=2.0),
     StribeckFriction(joint=1, tau_s=0.4, v_s=0.02, delta=1.5),
 )
 
@@ -70,27 +90,72 @@ def test_measured_torque_is_the_predicted_one(hysteretic, exploration):
     assert (rms(without) > 20 * rms(error)).all()  # the effects are really there
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [
-        Armature(joint=4, inertia=1.0),
-        TorqueOffset(joint=4, offset=0.7),
-        CoulombFriction(joint=4, tau_c=1.7, v_eps=0.002),
-        ViscousFriction(joint=4, f_v=5.0),
-        StribeckFriction(joint=4, tau_s=0.6, v_s=0.02),
-        JointElasticity(joint=4, stiffness=8000.0, cubic=1e-7),
-        PreslidingHysteresis(joint=4, stiffness=(400.0, 60.0), width=(0.002, 0.02)),
-    ],
-    ids=lambda e: e.name,
+LAWS = (
+    {"stiffness": (400.0, 60.0), "width": (0.002, 0.02)},
+    {"law": "lugre", "sigma_0": 400.0, "sigma_1": 5.0, "tau_c": 1.0, "tau_s": 0.3, "v_s": 0.02},
+    {"law": "dahl", "sigma_0": 400.0, "tau_c": 1.0, "exponent": 1.5},
+    {"law": "bouc_wen", "sigma_0": 400.0, "tau_c": 1.0, "exponent": 1.3},
+    {"law": "preisach", "up": (-1.0, -0.98), "down": (-1.01, -1.0), "weight": (0.4, 0.3)},
 )
+ON_JOINT_4 = (
+    Armature(joint=4, inertia=1.0),
+    AsymmetricFriction(joint=4, tau_plus=1.7, tau_minus=0.8),
+    CoulombFriction(joint=4, tau_c=1.7, v_eps=0.002),
+    LoadDependentFriction(joint=4, coefficient=0.1),
+    LoadDependentFriction(joint=4, coefficient=0.1, variant="positive"),
+    LoadDependentFriction(joint=4, coefficient=0.1, variant="stribeck", v_s=0.05),
+    PositionDependentFriction(joint=4, positions=(-1.02, -0.98), excess=(0.4, 2.0)),
+    *(PreslidingHysteresis(joint=4, **law) for law in LAWS),
+    QuadraticDrag(joint=4, coefficient=60.0),
+    SpringLoad(joint=4, stiffness=30.0, rest=-0.9, cubic=5.0),
+    StribeckFriction(joint=4, tau_s=0.6, v_s=0.02),
+    TemperatureDependentFriction(joint=4, excess=1.5, time_constant=3.0),
+    TimeDelay(joint=4, delay=0.1, lag=0.2),
+    TorqueCrosstalk(joint=4, source=2, gain=0.03),
+    TorqueDrift(joint=4, times=(0.0, 3.0, 5.0), offset=(0.0, 1.0, -0.5)),
+    TorqueGain(joint=4, gain=0.05),
+    TorqueOffset(joint=4, offset=0.7),
+    TorqueRipple(joint=4, cycles_per_rev=(160.0, 320.0), amplitude=(0.5, 0.2), phase=(0.0, 1.0)),
+    ViscousFriction(joint=4, f_v=5.0),
+    JointCoupling(joint=4, other=3, f_v=3.0, tau_c=0.6, inertia=0.05, ratio=-1),
+    ExternalContact(windows=((2.0, 3.0),), wrench=((0.0, 0.0, 10.0, 0.0, 0.0, 0.0),)),
+    Payload(mass=2.0, com=(0.0, 0.02, 0.1), inertia=(0.01, 0, 0, 0.01, 0, 0.005)),
+    GravityDirection(gravity=(0.5, 0.3, -9.7)),
+)
+
+
+def of(effect):
+    return "-".join(
+        filter(None, (effect.name, *(getattr(effect, a, "") for a in ("law", "variant"))))
+    )
+
+
+@pytest.mark.parametrize("effect", ON_JOINT_4, ids=of)
 def test_each_effect_is_felt_as_predicted(effect, exploration):
     simulation = iiwa(effect)
     run = play(simulation, exploration)
     error = rms(run.true_torque - simulation.predict(run.true_motion))
     missing = rms(run.true_torque - simulation.without_effects().predict(run.true_motion))
     assert error.max() < 0.01
-    if not isinstance(effect, JointElasticity):  # whose torque is in the displacement
-        assert missing[3] > 0.1
+    assert missing[3] > 0.1
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Backlash(joint=4, gap=2e-3),
+        EncoderOffset(joint=4, offset=0.02),
+        JointElasticity(joint=4, stiffness=8000.0, cubic=1e-7),
+    ],
+    ids=of,
+)
+def test_each_displacement_is_felt_as_predicted(effect, exploration):
+    simulation = iiwa(effect)
+    run = play(simulation, exploration)
+    error = rms(run.true_torque - simulation.predict(run.true_motion))
+    missing = rms(run.true_torque - simulation.without_effects().predict(run.true_motion))
+    assert error.max() < 0.01
+    assert missing.max() > 5 * error.max()
 
 
 def test_friction_never_reverses_the_motion(exploration):

@@ -57,6 +57,59 @@ def test_the_torque_never_exceeds_sliding(path):
     assert np.abs(torque(LAW, np.array(path))).max() <= SLIDING * (1 + 1e-12)
 
 
+SMOOTH = (
+    {"law": "lugre", "sigma_0": 1000.0, "tau_c": 2.0},
+    {"law": "dahl", "sigma_0": 1000.0, "tau_c": 2.0},
+    {"law": "dahl", "sigma_0": 1000.0, "tau_c": 2.0, "exponent": 0.5},
+    {"law": "dahl", "sigma_0": 1000.0, "tau_c": 2.0, "exponent": 2.0},
+    {"law": "bouc_wen", "sigma_0": 1000.0, "tau_c": 2.0},
+    {"law": "bouc_wen", "sigma_0": 1000.0, "tau_c": 2.0, "beta_ratio": 0.7, "exponent": 2.0},
+)
+
+
+@pytest.mark.parametrize("values", SMOOTH, ids=str)
+def test_smooth_laws_start_at_their_stiffness_and_slide_at_their_friction(values):
+    law = PreslidingHysteresis(joint=1, **values)
+    start = torque(law, np.array([0.0, 1e-8]))[-1]
+    assert start == pytest.approx(law.initial_stiffness * 1e-8, rel=1e-3)
+    # Dahl's of exponent 2 and Bouc-Wen's approach their end slowly.
+    assert torque(law, np.linspace(0, 10.0, 2000))[-1] == pytest.approx(2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("values", SMOOTH, ids=str)
+def test_smooth_laws_do_not_depend_on_the_sampling(values):
+    law = PreslidingHysteresis(joint=1, **values)
+    path = np.concatenate([np.linspace(0, 0.01, 641), np.linspace(0.01, 0.004, 641)[1:]])
+    np.testing.assert_allclose(torque(law, path[::64])[-1], torque(law, path)[-1], atol=1e-5)
+
+
+@given(path=st.lists(st.floats(-0.02, 0.02), min_size=2, max_size=60))
+@pytest.mark.parametrize("values", SMOOTH, ids=str)
+def test_a_closed_path_never_yields_energy(values, path):
+    law = PreslidingHysteresis(joint=1, **values)
+    corners = np.array([0.0, *path, 0.0, *path, 0.0])
+    fine = np.interp(
+        np.linspace(0, corners.size - 1, 20 * corners.size), np.arange(corners.size), corners
+    )
+    tau = torque(law, fine)
+    second = slice(fine.size // 2, None)
+    stored = 2.0**2 / 1000.0  # at most what its spring holds
+    assert np.trapezoid(tau[second], fine[second]) >= -stored
+    assert np.abs(tau).max() <= 2.0 * (1 + 1e-9)
+
+
+def test_dahl_of_exponent_1_and_lugre_without_stribeck_are_the_same_law():
+    path = 0.01 * np.sin(np.linspace(0, 20, 500)) * np.linspace(1, 0.2, 500)
+    lugre, dahl = (PreslidingHysteresis(joint=1, **SMOOTH[i]) for i in (0, 1))
+    np.testing.assert_allclose(torque(lugre, path), torque(dahl, path), atol=1e-9)
+
+
+def test_relays_switch_at_their_thresholds_and_keep_what_they_are_between():
+    law = PreslidingHysteresis(joint=1, law="preisach", up=(0.1,), down=(-0.1,), weight=(2.0,))
+    path = np.array([-0.5, 0.0, 0.09, 0.11, 0.0, -0.09, -0.11, 0.0])
+    np.testing.assert_allclose(torque(law, path), [-2, -2, -2, 2, 2, 2, -2, -2])
+
+
 def test_an_unknown_law_is_refused_with_the_known_ones():
     with pytest.raises(ValueError, match="'duhem' is unknown; known: maxwell_slip"):
         PreslidingHysteresis(joint=1, law="duhem", stiffness=(1.0,), width=(1.0,))

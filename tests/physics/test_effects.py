@@ -1,0 +1,140 @@
+"""What single effects are held to beside the contract: limits and laws known from physics."""
+
+import numpy as np
+import pytest
+
+from limo_driver.model import RobotModel
+from limo_driver.physics import (
+    Backlash,
+    ExternalContact,
+    JointCoupling,
+    LoadDependentFriction,
+    Payload,
+    Simulation,
+    TemperatureDependentFriction,
+    TimeDelay,
+    TorqueCrosstalk,
+    TorqueGain,
+    TorqueOffset,
+)
+from limo_driver.physics.effect import JointMotion, SensedTorque
+from limo_driver.types import Motion
+
+T = np.linspace(0, 4, 801)
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    phase = np.outer(T, np.arange(1.0, 8.0))
+    rate = np.arange(1.0, 8.0)
+    return Motion(
+        T, 0.5 + 0.3 * np.sin(phase), 0.3 * rate * np.cos(phase), -0.3 * rate**2 * np.sin(phase)
+    )
+
+
+def iiwa(*effects) -> Simulation:
+    return Simulation("iiwa14", effects=effects)
+
+
+def sliding(load, velocity) -> JointMotion:
+    load, velocity = np.asarray(load, float), np.asarray(velocity, float)
+    zero = np.zeros_like(load)
+    return JointMotion(zero, zero, velocity, zero, load)
+
+
+def test_friction_of_resisting_and_of_driving_loads_make_up_that_of_all(motion):
+    one = [
+        LoadDependentFriction(joint=2, coefficient=0.1, variant=v) for v in ("positive", "negative")
+    ]
+    both = LoadDependentFriction(joint=2, coefficient=0.1)
+    np.testing.assert_allclose(iiwa(*one).predict(motion), iiwa(both).predict(motion), atol=1e-12)
+    assert one[0].advance(one[0].initial_state(), sliding([10, 10], [1, -1]))[0] == pytest.approx(
+        [1, 0]
+    )
+
+
+def test_a_payload_is_felt_as_its_weight_at_the_flange(motion):
+    """Virtual work: a point mass at the flange asks for -Jᵀ(m g) of the joints that hold it."""
+    model = RobotModel.load("iiwa14")
+    pose, last = model.flange_pose(np.zeros(7)), model.joint_poses(np.zeros(7))[-1]
+    com = (np.linalg.inv(last) @ pose)[:3, 3]
+    carried = iiwa(Payload(mass=2.0, com=tuple(com))).body.gravity_torque(motion.position)
+    weight = np.array([0, 0, -2.0 * 9.81, 0, 0, 0])
+    expected = [-model.flange_jacobian(q).T @ weight for q in motion.position]
+    np.testing.assert_allclose(carried - model.gravity_torque(motion.position), expected, atol=1e-9)
+
+
+def test_a_contact_is_felt_in_its_window_as_virtual_work_says(motion):
+    contact = ExternalContact(windows=((1.0, 2.0),), wrench=((0, 0, -19.62, 0, 0, 0),))
+    added = iiwa(contact).predict(motion) - iiwa().predict(motion)
+    inside = (T >= 1.0) & (T < 2.0)
+    assert not added[~inside].any()
+    model = RobotModel.load("iiwa14")
+    row = int(np.flatnonzero(inside)[0])
+    step = 1e-6 * np.eye(7)
+    height = [model.flange_position(motion.position[row] + s)[0, 2] for s in (*step, *-step)]
+    slope = (np.array(height[:7]) - height[7:]) / 2e-6
+    np.testing.assert_allclose(added[row], 19.62 * slope, atol=1e-5)
+
+
+def test_both_entries_of_a_coupling_dissipate_what_the_shaft_does(motion):
+    a = JointCoupling(joint=5, other=6, f_v=2.0, tau_c=0.3, ratio=-1)
+    b = JointCoupling(joint=6, other=5, f_v=2.0, tau_c=0.3, ratio=-1)
+    added = iiwa(a, b).predict(motion) - iiwa().predict(motion)
+    w = motion.velocity[:, 4] - motion.velocity[:, 5]
+    power = np.sum(added * motion.velocity, axis=1)
+    np.testing.assert_allclose(power, 2.0 * w**2 + 0.3 * w * np.tanh(w / a.v_eps), atol=1e-9)
+    assert (power >= 0).all()
+
+
+def test_backlash_floats_between_its_flanks():
+    play = Backlash(joint=1, gap=2e-3, tau_eps=0.5)
+    shift, _ = play.advance(play.initial_state(), sliding([-20, 0, 20], [0, 0, 0]))
+    np.testing.assert_allclose(shift, [-1e-3, 0, 1e-3], atol=1e-9)
+
+
+def test_friction_fades_with_time_or_falls_with_temperature():
+    zero = np.zeros(3)
+    motion = JointMotion(
+        np.array([0.0, 10.0, 1e4]), zero, zero + 1.0, zero, zero, np.array([25.0, 35.0, 45.0])
+    )
+    fading = TemperatureDependentFriction(joint=1, excess=2.0, time_constant=10.0)
+    falling = TemperatureDependentFriction(joint=1, per_kelvin=-0.05)
+    np.testing.assert_allclose(fading.advance(zero, motion)[0], [2, 2 / np.e, 0], atol=1e-9)
+    np.testing.assert_allclose(falling.advance(zero, motion)[0], [0, -0.5, -1.0], atol=1e-9)
+
+
+def late(effect: TimeDelay, torque: np.ndarray) -> np.ndarray:
+    sensed = SensedTorque(T, torque[:, None])
+    return torque + effect.advance(effect.initial_state(), sensed)[0]
+
+
+def test_a_pure_delay_shifts_and_a_lag_has_its_known_gain_and_phase():
+    w = 5.0
+    tau = np.sin(w * T)
+    shifted = late(TimeDelay(joint=1, delay=0.03), tau)
+    np.testing.assert_allclose(shifted[10:], np.sin(w * (T[10:] - 0.03)), atol=2e-4)
+    lag = 0.1
+    slow = late(TimeDelay(joint=1, lag=lag), tau)
+    expected = np.sin(w * T - np.arctan(w * lag)) / np.hypot(1, w * lag)
+    np.testing.assert_allclose(slow[400:], expected[400:], atol=1e-3)
+    np.testing.assert_array_equal(late(TimeDelay(joint=1), tau), tau)
+
+
+def test_sensor_effects_act_after_all_torque_and_in_their_order(motion):
+    plain = iiwa().predict(motion)
+    gain, leak = TorqueGain(joint=2, gain=0.1), TorqueCrosstalk(joint=4, source=2, gain=0.5)
+    offset = TorqueOffset(joint=2, offset=3.0)
+    torque = iiwa(gain, leak, offset).predict(motion)
+    np.testing.assert_allclose(torque[:, 1], 1.1 * (plain[:, 1] + 3.0))
+    np.testing.assert_allclose(torque[:, 3], plain[:, 3] + 0.5 * torque[:, 1])
+    other = iiwa(leak, gain, offset).predict(motion)
+    np.testing.assert_allclose(other[:, 3], plain[:, 3] + 0.5 * (plain[:, 1] + 3.0))
+
+
+def test_the_nominal_body_stays_what_it_is():
+    simulation = iiwa(Payload(mass=2.0, com=(0.0, 0.0, 0.1)))
+    last = simulation.model.link_names[-1]
+    assert simulation.body.inertials[last].mass == simulation.model.inertials[last].mass + 2.0
+    assert simulation.model.inertials == RobotModel.load("iiwa14").inertials
+    assert simulation.model.with_gravity((0, 9.81, 0)).with_inertials({}).gravity == (0, 9.81, 0)
