@@ -17,105 +17,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
-from limo_driver.trajectory import Segment, Trajectory
-from limopa.exploration import Exploration
-from limopa.feasibility import Condition, Feasibility
-from limopa.path import Line, Path
-from limopa.request import Surroundings, Workspace
-from limopa.retiming import JointBounds, TimedPath, retime
+from limopa.chain import Chain
+from limopa.load_poses import heavy_and_light, range_of, reversing
+from limopa.path import Line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from limo_driver.model import RobotModel
+    from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
-PERIOD = 1e-3  # [s]
 CREEP = (0.004, 0.01, 0.025, 0.06, 0.15)  # [rad/s]
 FAST = (0.05, 0.15, 0.35, 0.6, 0.8)  # shares of the slowest joint's velocity limit
 SCALES = (1.0, -1.0, 0.6, -0.6, 0.35, -0.35, 0.2, -0.2)  # of an amplitude, in the order tried
 AT_ONCE = 3  # joints that are swept one after the other; more would last too long
-_TRANSIT = 0.3  # share of the velocity limits between poses
-_ACCELERATION = 0.4  # share of the limits
-_RAMP = 0.2  # [s] in which a slow move gets up to speed: no jolt that shakes what is measured
 _SHRINKING = 0.72  # of one reversal to the next
-_RANGE = 1.25  # [rad] to either side, of a wide sweep
 _LEAST_RANGE = 0.15  # [rad] that a sweep has to span
-_POSES = 64  # random poses among which the lightest and heaviest load are looked for
-
-
-class _Chain:
-    """Parts of a motion, each from rest to rest, the next where the last one ended."""
-
-    def __init__(self, model: RobotModel, start: FloatArray) -> None:
-        self.model, self.here = model, np.array(start, dtype=float)
-        self.feasibility = Feasibility(model, Surroundings(), Workspace())
-        self._parts: list[tuple[str, TimedPath]] = []
-
-    def move(self, to: FloatArray, speed: float | None = None, kind: str = "transit") -> None:
-        """Move straight to a pose, no joint faster than `speed` [rad/s]."""
-        if np.abs(to - self.here).max() < 1e-9:  # noqa: PLR2004  # [rad], rounding
-            return
-        limits = self.model.limits
-        share = np.full(self.model.n, _TRANSIT)
-        acceleration = np.full(self.model.n, _ACCELERATION)
-        if speed is not None:
-            share = np.minimum(speed / limits.velocity, 1.0)
-            acceleration = np.minimum(speed / _RAMP / limits.acceleration, _ACCELERATION)
-        self._add(kind, Line(self.here, to), share, acceleration)
-
-    def swing(self, amplitude: FloatArray, frequency: float, cycles: int, kind: str) -> None:
-        """Swing around the pose as A sin(2 π f t), (n,) [rad] at `frequency` [Hz]."""
-        count = round(cycles / frequency / PERIOD) + 1
-        n = self.model.n
-        path = Exploration(
-            self.here, amplitude[:, None], np.full((n, 1), frequency), np.zeros((n, 1)), count,
-            PERIOD,
-        )  # fmt: skip
-        fastest = np.maximum(np.abs(amplitude), 1e-6) * 2 * np.pi * frequency
-        share = np.minimum(fastest / self.model.limits.velocity, 1.0)
-        self._add(kind, path, share, np.ones(n))
-
-    def hold(self, seconds: float) -> None:
-        """Stay at rest."""
-        count = round(seconds / PERIOD) + 1
-        rest = np.zeros((count, self.model.n))
-        self._parts.append(("hold", TimedPath(np.zeros(count), rest + self.here, rest, rest)))
-
-    def feasible(self, path: Path) -> tuple[Condition, ...]:
-        """Return the conditions that a path breaks."""
-        return self.feasibility.check_path(path)
-
-    def trajectory(self) -> Trajectory:
-        """Join the parts; the sample that two share belongs to the first."""
-        if not self._parts:
-            raise InfeasiblePathError(Condition.JOINT_LIMITS, "nothing is left to move")
-        parts = [timed for _, timed in self._parts]
-        skips = [0] + [1] * (len(parts) - 1)
-        position, velocity, acceleration = (
-            np.concatenate([getattr(t, name)[s:] for t, s in zip(parts, skips, strict=True)])
-            for name in ("position", "velocity", "acceleration")
-        )
-        stops = np.cumsum([len(t.parameter) - s for t, s in zip(parts, skips, strict=True)])
-        starts = np.append(0, stops[:-1])
-        return Trajectory(
-            np.arange(stops[-1]) * PERIOD, position, velocity, acceleration,
-            robot=self.model.name,
-            segments=tuple(
-                Segment(kind, int(a), int(b))
-                for (kind, _), a, b in zip(self._parts, starts, stops, strict=True)
-            ),
-        )  # fmt: skip
-
-    def _add(self, kind: str, path: Path, share: FloatArray, acceleration: FloatArray) -> None:
-        broken = self.feasible(path)
-        if broken:
-            raise InfeasiblePathError(
-                broken[0], f"a {kind} from {np.round(self.here, 3).tolist()} rad is not feasible"
-            )
-        bounds = JointBounds.of(self.model.limits, PERIOD, share, acceleration)
-        self._parts.append((kind, retime(path, bounds, PERIOD)))
-        self.here = path.derivative(np.array([path.length]), 0)[0]
 
 
 def creep(
@@ -137,7 +55,7 @@ def creep(
     """
     direction = _direction(model, joints)
 
-    def build(chain: _Chain, scale: float) -> None:
+    def build(chain: Chain, scale: float) -> None:
         for speed in speeds:
             distance = scale * float(np.clip(8.0 * speed, 0.05, 0.6))
             for to in (start + distance * direction, start):
@@ -174,7 +92,7 @@ def nested_reversals(
     """
     direction = _direction(model, joints)
 
-    def build(chain: _Chain, scale: float) -> None:
+    def build(chain: Chain, scale: float) -> None:
         for speed in speeds:
             reach = scale * amplitude
             while abs(reach) > 1e-3:  # noqa: PLR2004  # [rad]
@@ -206,7 +124,7 @@ def rest_holds(
     """
     direction = _direction(model, joints)
 
-    def build(chain: _Chain, scale: float) -> None:
+    def build(chain: Chain, scale: float) -> None:
         stairs = np.linspace(0.0, scale * span, 7)
         beyond = stairs[-1] + scale * span / 6
         for step in (*stairs, beyond, *stairs[::-1]):
@@ -234,10 +152,10 @@ def wide_sweep(
         InfeasiblePathError: No joint can be swept from this pose.
     """
     _direction(model, joints)  # do they exist?
-    chain = _Chain(model, start)
+    chain = Chain(model, start)
     for joint in joints[:AT_ONCE]:
-        for pose in _loads(chain, start, joint - 1) or [start]:
-            low, high = _range(chain, pose, joint - 1)
+        for pose in heavy_and_light(chain, start, joint - 1) or [start]:
+            low, high = range_of(chain, pose, joint - 1)
             if np.abs(high - low).max() < _LEAST_RANGE or chain.feasible(Line(chain.here, pose)):
                 continue
             chain.move(pose)
@@ -246,6 +164,40 @@ def wide_sweep(
                     chain.move(to, speed, "sweep")
             if not chain.feasible(Line(chain.here, start)):
                 chain.move(start)
+    return chain.trajectory()
+
+
+def load_reversal(
+    model: RobotModel,
+    start: FloatArray,
+    joints: Sequence[int],
+    speeds: Sequence[float] = (0.1, 0.3),
+) -> Trajectory:
+    """Sweep each joint there and back where its gravity torque changes sign.
+
+    Args:
+        model: The robot.
+        start: Pose from which to move, (n,) [rad].
+        joints: Joints to sweep, one after the other, 1-based; the first three.
+        speeds: Of each sweep [rad/s].
+
+    Raises:
+        InfeasiblePathError: Gravity loads none of the joints from either side in reach.
+    """
+    _direction(model, joints)  # do they exist?
+    chain = Chain(model, start)
+    for joint in joints[:AT_ONCE]:
+        ends = reversing(chain, joint - 1)
+        if ends is None:
+            continue
+        chain.move(ends[0])
+        for speed in speeds:
+            for to in (ends[1], ends[0]) * 2:
+                chain.move(to, speed, "sweep")
+    if "sweep" not in chain.kinds:
+        raise InfeasiblePathError(
+            "gravity", f"it loads none of the joints {list(joints)} from either side in reach"
+        )
     return chain.trajectory()
 
 
@@ -268,7 +220,7 @@ def two_frequencies(
     """
     _direction(model, joints)  # do they exist?
 
-    def build(chain: _Chain, scale: float) -> None:
+    def build(chain: Chain, scale: float) -> None:
         for joint in joints[:AT_ONCE]:
             for frequency in frequencies:
                 amplitude = np.zeros(model.n)
@@ -294,7 +246,7 @@ def apart(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Trajec
     """
     first, second = _pair(model, joints)
 
-    def build(chain: _Chain, scale: float) -> None:
+    def build(chain: Chain, scale: float) -> None:
         for speed in (0.06, 0.2):
             for ways in ((1.0, -1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
                 step = np.zeros(model.n)
@@ -322,18 +274,18 @@ def revisit(
     direction = _direction(model, joints)
     fast = 0.7 * float(min(model.limits.velocity[j - 1] for j in joints))
 
-    def build(chain: _Chain, scale: float) -> None:
-        far = start + 0.4 * scale * direction
+    def build(chain: Chain, scale: float) -> None:
+        far = start + 0.8 * scale * direction
 
         def loop(speed: float, kind: str) -> None:
             for to in (far, start):
                 chain.move(to, speed, kind)
 
-        loop(0.05, "before")
+        loop(0.08, "before")
         lap = 2 * float(np.abs(far - start).max()) / fast + 1.0  # [s], about
         for _ in range(max(1, round(60 * minutes / lap))):
             loop(fast, "exercise")
-        loop(0.05, "after")
+        loop(0.08, "after")
 
     return _first_feasible(model, start, build)
 
@@ -357,12 +309,12 @@ def _pair(model: RobotModel, joints: Sequence[int]) -> tuple[int, int]:
 
 
 def _first_feasible(
-    model: RobotModel, start: FloatArray, build: Callable[[_Chain, float], None]
+    model: RobotModel, start: FloatArray, build: Callable[[Chain, float], None]
 ) -> Trajectory:
     """Return the motion of the first scale that is feasible; raise what the last one lacks."""
     refused: InfeasiblePathError | None = None
     for scale in SCALES:
-        chain = _Chain(model, start)
+        chain = Chain(model, start)
         try:
             build(chain, scale)
         except InfeasiblePathError as error:
@@ -371,29 +323,3 @@ def _first_feasible(
         return chain.trajectory()
     assert refused is not None  # noqa: S101  # SCALES is not empty
     raise refused
-
-
-def _range(chain: _Chain, pose: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
-    """Return how far one joint can go from a pose to either side, both (n,) [rad]."""
-    ends = []
-    for sign in (-1.0, 1.0):
-        reach = next(
-            (r for r in _RANGE * np.linspace(1.0, 0.0, 17)[:-1] if not chain.feasible(
-                Line(pose, pose + sign * r * np.eye(len(pose))[j]))),
-            0.0,
-        )  # fmt: skip
-        ends.append(pose + sign * reach * np.eye(len(pose))[j])
-    return ends[0], ends[1]
-
-
-def _loads(chain: _Chain, start: FloatArray, j: int) -> list[FloatArray]:
-    """Return nearby feasible poses of the lowest and the highest gravity torque at joint j."""
-    random = np.random.default_rng(0)
-    poses = start + random.uniform(-0.7, 0.7, (_POSES, len(start)))
-    poses[:, j] = start[j]
-    reachable = [pose for pose in poses if not chain.feasible(Line(start, pose))]
-    if not reachable:
-        return []
-    rest = np.zeros((len(reachable), len(start)))
-    load = chain.model.inverse_dynamics(np.array(reachable), rest, rest)[:, j]
-    return [reachable[int(load.argmin())], reachable[int(load.argmax())]]

@@ -11,6 +11,7 @@ from limo_driver.errors import InfeasiblePathError
 from limopa.excitation import (
     apart,
     creep,
+    load_reversal,
     nested_reversals,
     rest_holds,
     revisit,
@@ -40,6 +41,7 @@ class Separation:
 _NAMES: dict[Kind, str] = {
     apart: "Two joints moved apart, together and alone",
     creep: "Creep at five speeds, both ways",
+    load_reversal: "Sweeps through the pose where gravity's torque changes sign",
     nested_reversals: "Nested, shrinking reversals at two speeds",
     rest_holds: "Holds at seven poses, each approached from both sides",
     revisit: "The same slow sweep before and after a minute and a half of exercise",
@@ -66,13 +68,13 @@ _PAIRS: dict[tuple[str, str], Separation] = {
         rest_holds, "an offset stays at rest, whichever side the pose was approached from"
     ),
     ("backlash", "encoder_offset"): Separation(
-        wide_sweep, "play jumps where the load changes sign, an offset does not"
+        load_reversal, "play jumps where the load changes sign, an offset does not"
     ),
     ("backlash", "joint_elasticity"): Separation(
-        wide_sweep, "play jumps where the load changes sign, a spring winds up with the load"
+        load_reversal, "play jumps where the load changes sign, a spring winds up with the load"
     ),
     ("backlash", "presliding_hysteresis"): Separation(
-        wide_sweep, "play depends on the sign of the load, hysteresis on reversals at any load"
+        load_reversal, "play depends on the sign of the load, hysteresis on reversals at any load"
     ),
     ("coulomb_friction", "load_dependent_friction"): Separation(
         wide_sweep, "one height of the loop in all poses against one that follows the load"
@@ -120,7 +122,7 @@ _PAIRS: dict[tuple[str, str], Separation] = {
         wide_sweep, "the same path at another load changes one and not the other"
     ),
     ("load_dependent_friction", "temperature_dependent_friction"): Separation(
-        revisit, "the same load before and after the joint has warmed up"
+        wide_sweep, "one follows the load there and back, the other fades with time"
     ),
     ("position_dependent_friction", "temperature_dependent_friction"): Separation(
         revisit, "the same positions before and after the joint has warmed up"
@@ -158,7 +160,7 @@ _PAIRS: dict[tuple[str, str], Separation] = {
 _SHOWS: dict[str, Kind] = {
     "armature": two_frequencies,
     "asymmetric_friction": creep,
-    "backlash": wide_sweep,
+    "backlash": load_reversal,
     "coulomb_friction": creep,
     "encoder_offset": wide_sweep,
     "gravity_direction": wide_sweep,

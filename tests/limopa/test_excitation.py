@@ -11,12 +11,12 @@ from limo_driver.trajectory import Trajectory
 from limopa import excitation
 from limopa.feasibility import Feasibility
 from limopa.request import Surroundings, Workspace
-from limopa.separation import _PAIRS, motion_for, purpose_of, separation_of
 
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 KINDS = (
     excitation.apart,
     excitation.creep,
+    excitation.load_reversal,
     excitation.nested_reversals,
     excitation.rest_holds,
     excitation.revisit,
@@ -84,6 +84,19 @@ def test_a_wide_sweep_passes_the_same_positions_at_loads_that_differ(iiwa):
     assert np.ptp(load[near]) > 3.0  # [N m]
 
 
+def test_load_reversal_passes_zero_load_with_load_on_either_side(iiwa):
+    motion = excitation.load_reversal(iiwa, START, [4])
+    load = iiwa.inverse_dynamics(motion.position, 0 * motion.velocity, 0 * motion.velocity)[:, 3]
+    assert load.min() < -3.0
+    assert load.max() > 3.0
+    assert (np.diff(np.sign(load)) != 0).sum() >= 8
+
+
+def test_a_joint_that_gravity_never_loads_has_no_reversal_of_the_load(iiwa):
+    with pytest.raises(InfeasiblePathError, match=r"gravity: it loads none of the joints \[1\]"):
+        excitation.load_reversal(iiwa, START, [1])
+
+
 def test_joints_that_move_apart_also_move_together_and_alone(iiwa):
     motion = excitation.apart(iiwa, START, [6, 7])
     v, w = np.sign(np.round(motion.velocity[:, 5:7], 3)).T
@@ -119,27 +132,3 @@ def test_the_simulated_robot_follows_it(iiwa, tmp_path):
         run = robot.run(targets)
     assert run.limited_by == ()
     assert np.abs(run.position[100:] - run.target[99:-1]).max() < 2e-3
-
-
-def test_a_pair_names_its_motion_in_either_order(iiwa):
-    pair = ("stribeck_friction", "presliding_hysteresis")
-    assert separation_of(pair) == separation_of(pair[::-1])
-    assert separation_of(pair).motion is excitation.creep
-    assert purpose_of(pair, [2, 3]).startswith("Creep at five speeds, both ways; decides between ")
-    assert "joints 2, 3" in purpose_of(pair, [2, 3])
-    motion = motion_for(iiwa, [2], pair, np.stack([iiwa.limits.position_max, START]))
-    assert np.allclose(motion.position[0], START)  # the first pose allows no motion
-
-
-def test_pairs_are_listed_in_one_order():
-    assert all(first < second for first, second in _PAIRS)
-
-
-def test_what_no_motion_tells_apart_is_said():
-    with pytest.raises(InfeasiblePathError, match="once with and once without it"):
-        separation_of(("payload", "link_inertia"))
-
-
-def test_laws_of_one_effect_are_split_by_what_shows_it():
-    pair = ("presliding_hysteresis", "presliding_hysteresis")
-    assert separation_of(pair).motion is excitation.nested_reversals
