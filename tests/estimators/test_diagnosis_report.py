@@ -16,6 +16,7 @@ from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Replay, Shift
 from estimators.diagnosis.diagnosis import Test as Question
 from estimators.diagnosis.report import worst_stretch, write_report
 from estimators.diagnosis.report.binning import edges_of, profile, residual_map
+from estimators.diagnosis.report.markup import UNSAID, percent
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.verdict import (
     BeforeAfter,
@@ -230,6 +231,14 @@ def test_the_first_screen_says_what_was_found_and_how_sure(parsed, diagnosis):
         "removes 91 % of the reducible error (95 % interval 88 % to 94 %)",
     ):
         assert said in text
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.873, "87 %"), (0.9969, "99.6 %"), (0.99999, "99.9 %"), (1.0, "100 %"), (np.nan, UNSAID)],
+)
+def test_nearly_all_is_not_called_all(share, text):
+    assert percent(share).replace("\N{NO-BREAK SPACE}", " ") == text
 
 
 def test_every_part_of_the_evidence_is_there(parsed):

@@ -195,8 +195,8 @@ def replayed(replay: Replay, j: int) -> Figure:
         _curve(replay.time[rows], torque[rows, j], name, colour, width)
         for name, torque, colour, width in (
             ("measured", replay.measured, MEASURED, 4.0),
-            ("robot of the given simulation", replay.before, BEFORE, 1.4),
-            ("robot of the improved simulation", replay.after, AFTER, 1.4),
+            ("given simulation", replay.before, BEFORE, 1.4),
+            ("improved simulation", replay.after, AFTER, 1.4),
         )
     ]
     layout = _layout("time [s]", "torque [N m]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,7 +63,7 @@ def overview(diagnosis: Diagnosis, charts: Charts) -> str:
 
 def _sources(diagnosis: Diagnosis) -> str:
     said = [
-        f"{item.source or f'recording {k + 1}'} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
+        f"{PurePath(item.source).name or f'recording {k + 1}'} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
         for k, item in enumerate(diagnosis.recordings)
     ]
     text = (
@@ -73,8 +74,6 @@ def _sources(diagnosis: Diagnosis) -> str:
 
 
 def _robot(diagnosis: Diagnosis) -> str:
-    from pathlib import PurePath
-
     return PurePath(diagnosis.before.robot).stem
 
 
@@ -157,6 +156,7 @@ def _parameters(item: Finding) -> str:
     rows = [
         [escape(name), _value(known.value), _unit(known.unit), _interval(known)]
         for name, known in item.parameters.items()
+        if known.value != ()
     ]
     return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
 

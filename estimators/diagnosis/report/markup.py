@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from html import escape
-from math import isfinite
+from math import floor, isfinite
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.report.figures import Figure
 
 UNSAID = "\N{EN DASH}"  # a figure that is not known
+_NEARLY_ALL = 0.985
 
 
 @dataclass
@@ -93,8 +94,11 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share as a percentage."""
-    return f"{100 * share:.0f}\N{NO-BREAK SPACE}%" if isfinite(share) else UNSAID
+    """Return a share as a percentage; nearly all of it is not called all of it."""
+    if not isfinite(share):
+        return UNSAID
+    value = min(floor(1000 * share) / 10, 99.9) if _NEARLY_ALL < share < 1 else round(100 * share)
+    return f"{value}\N{NO-BREAK SPACE}%"
 
 
 def spoken(effect: str) -> str:

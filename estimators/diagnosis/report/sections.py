@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -288,7 +289,7 @@ def data(diagnosis: Diagnosis) -> str:
     ]
     notes = [*verdict.notes]
     for item in diagnosis.recordings:
-        notes += [f"{item.source}: {warning}" for warning in item.warnings]
+        notes += [f"{PurePath(item.source).name}: {warning}" for warning in item.warnings]
     listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
     body = table(("rows", "number"), rows, numeric=1) + (f"<ul>{listed}</ul>" if notes else "")
     return section("Data", body, "data")
