@@ -63,7 +63,8 @@ def overview(diagnosis: Diagnosis, charts: Charts) -> str:
 
 def _sources(diagnosis: Diagnosis) -> str:
     said = [
-        f"{PurePath(item.source).name or f'recording {k + 1}'} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
+        f"{PurePath(item.source).name or f'recording {k + 1}'} "
+        f"({item.duration:.0f} s at {item.rate:.0f} Hz)"
         for k, item in enumerate(diagnosis.recordings)
     ]
     text = (
