@@ -7,7 +7,7 @@ body is in `Simulation.body` already, of which the MuJoCo model is made.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -80,6 +80,16 @@ class Draft:
         self.encoder_offset = np.zeros(self.n)  # [rad]
         # What sampled effects make stiff or heavy, one cycle late: the step has to carry it.
         self.late_stiffness, self.late_damping, self.late_inertia = np.zeros((3, self.n))
+
+    @property
+    def shafts(self) -> tuple[JointCoupling, ...]:
+        """One of each two couplings that are one shaft: equal, with the joints exchanged."""
+        couplings = [effect for effect in self.sampled if isinstance(effect, JointCoupling)]
+        return tuple(
+            one
+            for index, one in enumerate(couplings)
+            if replace(one, joint=one.other, other=one.joint) in couplings[index + 1 :]
+        )
 
     def add_friction(self, joint: int, law: int, *parameters: float) -> None:
         """Add a friction law to a 1-based joint."""

@@ -107,8 +107,8 @@ class MujocoRobot(SimulatedRobot):
         arm, n = self.simulation.body, self.spec.n
         draft = draft_of(self.simulation.effects, n)
         self._plant = draft.plant(_motor_inertia(arm.limits.torque, motor_inertia))
-        self._sampled = SampledEffects(draft.sampled, arm, period, draft.encoder_offset)
-        self._model = compile_model(arm, self._plant, period)
+        self._sampled = SampledEffects(draft, arm, period)
+        self._model = compile_model(arm, self._plant, period, draft.shafts)
         self._data = mujoco.MjData(self._model)
         self._inertia = effective_inertia(arm, self._plant.armature)
         check_elements(self._plant, self._inertia, period)

@@ -16,8 +16,7 @@ from limo_driver.physics.simulation import of_joint
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
+    from backends.mujoco_sim.realisation import Draft
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect
     from limo_driver.physics.effect import State
@@ -28,8 +27,11 @@ class _Cycle(NamedTuple):
     """What the effects see before the step."""
 
     arm: ArmMotion  # one sample: the encoders', with the velocity expected at its time
+    rate: FloatArray  # (n,) of motor against link [rad/s]
+    motor: FloatArray  # (n,) velocity before the step [rad/s]
     ahead: FloatArray  # (n,) velocity expected in the step, for what damps it [rad/s]
     static: FloatArray  # (n,) gravity and Coriolis torque [N m]
+    control: FloatArray  # of MuJoCo's actuators
 
 
 class SampledEffects:
@@ -40,27 +42,27 @@ class SampledEffects:
     static load, for the servo: one that followed acceleration would close a loop within the step.
 
     Args:
-        effects: Effects to run.
+        draft: Which effects to run, and constant displacements.
         model: Rigid body.
         period: Control cycle [s].
-        encoder_offset: Constant displacement encoder minus link, (n,) [rad].
     """
 
-    def __init__(
-        self,
-        effects: Sequence[Effect],
-        model: RobotModel,
-        period: float,
-        encoder_offset: FloatArray,
-    ) -> None:
-        self.effects = tuple(effects)
+    def __init__(self, draft: Draft, model: RobotModel, period: float) -> None:
+        self.effects = tuple(draft.sampled)
         self.model, self.period = model, period
         self._always = np.zeros((4, model.n))
-        self._always[[layout.ADDED_WIND_UP, layout.ADDED_STATIC_WIND_UP]] = encoder_offset
+        self._always[layout.ADDED_WIND_UP] = draft.encoder_offset
+        self._always[layout.ADDED_STATIC_WIND_UP] = draft.encoder_offset
         self.added = self._always.copy()  # see layout.ADDED_TORQUE and following
         self.acceleration = np.zeros(model.n)  # of the last cycle [rad/s²]
-        self._last_static = encoder_offset.copy()  # wind-up [rad]
+        self._last_static = draft.encoder_offset.copy()  # wind-up [rad]
         self._states = [effect.initial_state() for effect in self.effects]
+        first = model.n + len(draft.elements)  # where MuJoCo's controls of the shafts begin
+        self._shafts = {
+            coupling: first + index
+            for index, shaft in enumerate(draft.shafts)
+            for coupling in (shaft, replace(shaft, joint=shaft.other, other=shaft.joint))
+        }
 
     def __bool__(self) -> bool:
         return bool(self.effects)
@@ -74,7 +76,8 @@ class SampledEffects:
             memory: The robot's, (9, n).
         """
         static = memory[layout.STATIC_WIND_UP]
-        motor = arrays.velocity + (static - self._last_static) / self.period
+        rate = (static - self._last_static) / self.period
+        motor = arrays.velocity + rate
         self._last_static = static.copy()
         change = self.period * self.acceleration
         arm = self._arm(
@@ -83,18 +86,19 @@ class SampledEffects:
             motor + 0.5 * change,
             memory[layout.LOAD],
         )
-        cycle = _Cycle(arm, motor + change, arrays.bias.copy())
+        cycle = _Cycle(arm, rate, motor, motor + change, arrays.bias.copy(), arrays.control)
         self.added[:] = self._always
         for index, effect in enumerate(self.effects):
             self._states[index] = self._add(effect, self._states[index], cycle)
 
     def settle(self, position: FloatArray, load: FloatArray) -> None:
         """Evaluate displacements at rest, without touching any memory."""
-        arm = self._arm(0.0, position, np.zeros_like(position), load)
+        rest = np.zeros_like(position)
+        arm = self._arm(0.0, position, rest, load)
         self.added[:] = self._always
         for effect, state in zip(self.effects, self._states, strict=True):
             if isinstance(effect, MotionEffect):
-                self._add(effect, state, _Cycle(arm, np.zeros_like(position), load.copy()))
+                self._add(effect, state, _Cycle(arm, rest, rest, rest, load.copy(), rest))
         self._last_static = self.added[layout.ADDED_STATIC_WIND_UP].copy()
 
     @singledispatchmethod
@@ -135,13 +139,22 @@ class SampledEffects:
 
     @_add.register(JointCoupling)
     def _(self, effect: JointCoupling, state: State, cycle: _Cycle) -> State:
-        """Damp the joint by the secant of the shaft's friction; the rest comes from the other."""
+        """Damp by the secant of the shaft's friction.
+
+        Where both joints feel the shaft, MuJoCo damps it, implicitly in both. Where only one does,
+        that joint is damped, and the other's velocity is taken as it is before the step.
+        """
         j, k = effect.joint - 1, effect.other - 1
         w = away_from_rest(effect.shaft(cycle.ahead[None]))
         damping = effect.friction(w)[0] / w[0]
-        inertial = effect.inertia * effect.shaft(self.acceleration[None])[0]
-        self.added[layout.ADDED_DAMPING, j] += damping
-        self.added[layout.ADDED_TORQUE, j] += damping * effect.ratio * cycle.ahead[k] + inertial
+        torque = effect.inertia * effect.shaft(self.acceleration[None])[0]
+        if effect in self._shafts:
+            cycle.control[self._shafts[effect]] = damping
+            torque += damping * effect.shaft(cycle.rate[None])[0]
+        else:
+            self.added[layout.ADDED_DAMPING, j] += damping
+            torque += damping * effect.ratio * cycle.motor[k]
+        self.added[layout.ADDED_TORQUE, j] += torque
         return state
 
     def _arm(

@@ -19,25 +19,31 @@ import numpy as np
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from backends.mujoco_sim.realisation import Plant
     from limo_driver.model import Inertial, RobotModel
+    from limo_driver.physics import JointCoupling
 
 # Visuals may lie in files that are not here; friction and damping come from effects alone.
 _LEFT_OUT = ("visual", "mujoco", "transmission", "gazebo")
 _LEFT_OUT_OF_JOINTS = ("dynamics", "safety_controller", "mimic", "calibration")
 
 
-def compile_model(robot: RobotModel, plant: Plant, timestep: float) -> mujoco.MjModel:
+def compile_model(
+    robot: RobotModel, plant: Plant, timestep: float, shafts: Sequence[JointCoupling] = ()
+) -> mujoco.MjModel:
     """Compile the arm with one damper per joint and one spring per hysteresis element.
 
-    Actuators 1 to n are the dampers, the rest the springs, in the order of `plant.element_joint`.
+    Actuators 1 to n are the dampers, the next the springs in the order of `plant.element_joint`,
+    the last the dampers of the shafts.
 
     Args:
         robot: Rigid body; joints of the MuJoCo model come in the same order.
         plant: Joint physics.
         timestep: Integration step [s].
+        shafts: Shafts that two joints turn.
 
     Raises:
         ConfigError: MuJoCo cannot read the URDF.
@@ -54,11 +60,16 @@ def compile_model(robot: RobotModel, plant: Plant, timestep: float) -> mujoco.Mj
         joint.armature = inertia
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        _add_damper(spec, name)
+        _add_damper(spec, name, mujoco.mjtTrn.mjTRN_JOINT)
     for j, stiffness, width in zip(
         plant.element_joint, plant.element_stiffness, plant.element_width, strict=True
     ):
         _add_slipping_spring(spec, robot.joint_names[j], stiffness, width)
+    for index, shaft in enumerate(shafts):
+        tendon = spec.add_tendon(name=f"shaft_{index}")
+        tendon.wrap_joint(robot.joint_names[shaft.joint - 1], 1.0)
+        tendon.wrap_joint(robot.joint_names[shaft.other - 1], shaft.ratio)
+        _add_damper(spec, tendon.name, mujoco.mjtTrn.mjTRN_TENDON)
     try:
         model = spec.compile()
     except ValueError as error:
@@ -81,12 +92,12 @@ def _read(robot: RobotModel) -> mujoco.MjSpec:
     return spec
 
 
-def _add_damper(spec: mujoco.MjSpec, joint: str) -> None:
+def _add_damper(spec: mujoco.MjSpec, target: str, kind: mujoco.mjtTrn) -> None:
     """Add an actuator of force -ctrl·v, whose derivative -ctrl the integrator takes implicitly."""
     spec.add_actuator(
-        name=f"{joint}_damper",
-        target=joint,
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        name=f"{target}_damper",
+        target=target,
+        trntype=kind,
         gaintype=mujoco.mjtGain.mjGAIN_AFFINE,
         gainprm=_parameters(0.0, 0.0, -1.0),
         biastype=mujoco.mjtBias.mjBIAS_NONE,

@@ -158,6 +158,26 @@ def test_each_displacement_is_felt_as_predicted(effect, exploration):
     assert missing.max() > 5 * error.max()
 
 
+@pytest.mark.parametrize("ratio", [1, -1])
+def test_both_joints_feel_the_shaft_that_they_turn(ratio, exploration):
+    shaft = JointCoupling(joint=6, other=7, f_v=5.0, tau_c=1.0, inertia=0.15, ratio=ratio)
+    element = PreslidingHysteresis(joint=1, stiffness=(300.0,), width=(0.004,))
+    simulation = iiwa(shaft, element, replace(shaft, joint=7, other=6))
+    run = play(simulation, exploration)
+    error = rms(run.true_torque - simulation.predict(run.true_motion))
+    added = rms(run.true_torque - iiwa().predict(run.true_motion))
+    assert error.max() < 0.01
+    assert added[[5, 6]] == pytest.approx(added[5], rel=0.02)
+    assert added[5] > 0.5
+
+
+def test_a_stiff_shaft_does_not_excite_its_joints(exploration):
+    shaft = JointCoupling(joint=6, other=7, f_v=50.0, tau_c=5.0, v_eps=1e-4)
+    for effects in ((shaft,), (shaft, replace(shaft, joint=7, other=6))):
+        run = play(iiwa(*effects), exploration)
+        assert np.abs(run.position - exploration).max() < 5e-3
+
+
 def test_friction_never_reverses_the_motion(exploration):
     effects = [CoulombFriction(joint=j + 1, tau_c=3.0, v_eps=1e-4) for j in range(7)]
     run = play(iiwa(*effects), exploration)
@@ -293,6 +313,11 @@ def test_stiffness_beyond_the_step_is_refused_by_name():
     stiff = PreslidingHysteresis(joint=7, stiffness=(3e6,), width=(1e-4,))
     with pytest.raises(ConfigError, match=r"joint 7: a stiffness of 3e\+06 N m/rad.*period"):
         MujocoRobot(iiwa(stiff))
+    bristles = {"law": "lugre", "sigma_0": 2e4, "tau_c": 2.0}
+    with pytest.raises(ConfigError, match=r"joint 7: sigma_0 \+ sigma_1 / 0.001 s is 5.02e\+06"):
+        MujocoRobot(iiwa(PreslidingHysteresis(joint=7, sigma_1=5e3, **bristles)))
+    with pytest.raises(ConfigError, match="joint_coupling, joint 7: inertia = 2 kg m²"):
+        MujocoRobot(iiwa(JointCoupling(joint=7, other=6, inertia=2.0)))
     soft_gear = (
         JointElasticity(joint=3, stiffness=500.0),
         PreslidingHysteresis(joint=3, stiffness=(400.0,), width=(1e-3,)),
@@ -310,6 +335,12 @@ def test_stiffness_beyond_the_step_is_refused_by_name():
                     torque=[0] * 7,
                 )
             )
+
+
+def test_a_temperature_that_nobody_simulates_is_refused():
+    warm = TemperatureDependentFriction(joint=2, per_kelvin=-0.1)
+    with pytest.raises(ConfigError, match="joint 2: the simulated robot has no temperature"):
+        MujocoRobot(iiwa(warm))
 
 
 @pytest.mark.parametrize("inertia", [[1.0] * 6, [-1.0] * 7, [np.nan] * 7])
@@ -361,12 +392,39 @@ def test_unknown_effects_are_sampled(exploration):
     assert rms(other.true_torque - predicted).max() < 0.01
 
 
+REMEMBERING = (
+    Foreign(joint=4),
+    JointElasticity(joint=4, stiffness=8000.0),
+    Backlash(joint=2, gap=1e-3),
+    PreslidingHysteresis(joint=3, **LAWS[1]),
+    JointCoupling(joint=6, other=7, tau_c=0.5),
+    JointCoupling(joint=7, other=6, tau_c=0.5),
+    TorqueDrift(joint=4, times=(0.3, 0.4), offset=(0.0, 1.0)),
+    TimeDelay(joint=4, delay=0.0203, lag=0.01),
+)
+
+
 def test_sampled_effects_are_saved_and_restored(exploration):
-    with MujocoRobot(iiwa(Foreign(joint=4)), initial_position=exploration[0]) as robot:
+    with MujocoRobot(iiwa(*REMEMBERING), initial_position=exploration[0]) as robot:
         robot.receive()
         robot.run(exploration[:300])
         saved = robot.save_state()
         first = robot.run(exploration[300:400])
         robot.restore_state(saved)
         second = robot.run(exploration[300:400])
-    assert np.array_equal(first.true_torque, second.true_torque)
+        robot.restore_state(saved)
+        robot.send(PositionCommand(position=exploration[300]))
+        cycle_by_cycle = robot.receive()
+    assert np.array_equal(first.torque, second.torque)
+    assert np.array_equal(first.position, second.position)
+    assert np.array_equal(first.torque[0], cycle_by_cycle.torque)
+
+
+def test_drift_and_delay_change_what_is_measured_and_not_the_run(exploration):
+    sensors = Sensors(torque_noise=(0.05,), torque_resolution=(0.01,))
+    plain = play(iiwa(sensors=sensors), exploration[:2000])
+    sensed = play(iiwa(*REMEMBERING[-2:], sensors=sensors), exploration[:2000])
+    assert np.array_equal(plain.true_motion.position, sensed.true_motion.position)
+    assert np.array_equal(np.delete(plain.torque, 3, axis=1), np.delete(sensed.torque, 3, axis=1))
+    noise = sensed.torque - sensed.true_torque
+    assert np.abs(noise - (plain.torque - plain.true_torque)).max() < 0.011  # quantised elsewhere
