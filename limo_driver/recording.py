@@ -182,7 +182,22 @@ class Recording:
             RecordingError: The bandwidth is too high for the sampling rate.
         """
         smoothed = differentiate(self.time, self.position, bandwidth, self.segments)
-        return Motion(self.time, smoothed.value, smoothed.first, smoothed.second)
+        return Motion(self.time, smoothed.value, smoothed.first, smoothed.second, self.temperature)
+
+    @cached_property
+    def temperature(self) -> FloatArray | None:
+        """Temperature of every joint, (T, n) [°C], linear over holes; None if not measured.
+
+        A joint without any reading stays NaN.
+        """
+        if (given := self.extras.get("temperature")) is None:
+            return None
+        filled = np.array(given)
+        for column in filled.T:
+            known = np.isfinite(column)
+            if known.any():
+                column[:] = np.interp(self.time, self.time[known], column[known])
+        return readonly(filled)
 
     def filtered_torque(self, bandwidth: float) -> FloatArray:
         """Filter the torque as `motion` filters the positions; (T, n) [N m]."""

@@ -158,10 +158,10 @@ class TemperatureDependentFriction(DryFriction):
         if self.per_kelvin is None:
             fade = np.exp(-motion.time / (self.time_constant or 1.0))
             return (self.excess or 0.0) * fade
-        if motion.temperature is None:
+        if motion.temperature is None or not np.isfinite(motion.temperature).all():
             raise ConfigError(
                 f"{self.place}: per_kelvin needs the temperature of the joint, "
-                "and the motion has none"
+                "and the motion has none, or holes in it"
             )
         reference = REFERENCE if self.reference is None else self.reference
         return self.per_kelvin * (motion.temperature - reference)

@@ -16,8 +16,8 @@ from numba import njit
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
-_SHORT_STEP = 0.05  # [presliding distances] of one Runge-Kutta step
-_FAR = 60.0  # [presliding distances] after which every law slides
+_SHORT_STEP = 0.05  # [presliding distances] of one Runge-Kutta step, for exponents up to 1
+_FAR = 25.0  # [presliding distances] after which any exponent slides, to 1e-10
 
 
 @njit(cache=True)
@@ -110,7 +110,7 @@ def bouc_wen(
         last = position[t]
         run = min(sigma_0 * abs(step) / tau_c, _FAR)
         direction = 1.0 if step >= 0.0 else -1.0
-        parts = math.ceil(run / _SHORT_STEP)
+        parts = math.ceil(run * max(exponent, 1.0) / _SHORT_STEP)
         zeta = state[0] * direction
         for _ in range(parts):
             h = run / parts

@@ -18,6 +18,7 @@ from limo_driver.physics import (
     TorqueOffset,
 )
 from limo_driver.physics.effect import JointMotion, SensedTorque
+from limo_driver.recording import Recording
 from limo_driver.types import Motion
 
 T = np.linspace(0, 4, 801)
@@ -138,3 +139,17 @@ def test_the_nominal_body_stays_what_it_is():
     assert simulation.body.inertials[last].mass == simulation.model.inertials[last].mass + 2.0
     assert simulation.model.inertials == RobotModel.load("iiwa14").inertials
     assert simulation.model.with_gravity((0, 9.81, 0)).with_inertials({}).gravity == (0, 9.81, 0)
+
+
+def test_the_temperature_of_a_recording_reaches_the_friction(motion):
+    warm = iiwa(TemperatureDependentFriction(joint=3, per_kelvin=-0.1, reference=20.0))
+    temperature = np.tile(np.linspace(20.0, 40.0, T.size)[:, None], (1, 7))
+    holes = temperature.copy()
+    holes[100:200] = np.nan
+    recording = Recording(
+        T, motion.position, np.zeros_like(motion.position), extras={"temperature": holes}
+    )
+    added = warm.predict_recording(recording) - iiwa().predict_recording(recording)
+    sliding = np.abs(recording.motion(10.0).velocity[:, 2]) > 0.05
+    expected = 0.1 * (temperature[:, 2] - 20.0)
+    np.testing.assert_allclose(np.abs(added[sliding, 2]), expected[sliding], atol=1e-9)
