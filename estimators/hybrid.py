@@ -252,7 +252,7 @@ class HybridModel:
         fitted = self.fitted
         rigid_body, bodies = self.simulation.advance(state.rigid_body, motion)
         x, history = fitted.features.advance(
-            state.features, motion, rigid_body, self.simulation.model
+            state.features, motion, rigid_body, self.simulation.body
         )
         y, network = fitted.network.advance(state.network, fitted.inputs.normalise(x))
         parts = TorqueParts(rigid_body, fitted.gain * fitted.outputs.restore(y))

@@ -135,7 +135,7 @@ def check_simulation(model: HybridModel, simulation: Simulation) -> None:
             f"the model is of robot {own.model.name}, the simulation of {simulation.model.name}"
         )
     differing = [
-        f"{mine.name} of joint {mine.joint}"
+        mine.name + "".join(f" of joint {joint}" for joint in mine.joints[:1])
         for mine, theirs in zip(own.effects, simulation.effects, strict=False)
         if mine != theirs
     ]

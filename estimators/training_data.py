@@ -123,7 +123,7 @@ def _inputs(
             piece = slice(start, min(start + _ROWS, rows.stop))
             torque[piece], bodies = simulation.advance(bodies, motion[piece])
             inputs[piece], memory = features.advance(
-                memory, motion[piece], torque[piece], simulation.model
+                memory, motion[piece], torque[piece], simulation.body
             )
     return inputs, torque
 
