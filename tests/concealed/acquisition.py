@@ -3,10 +3,9 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import bessel, butter, lfilter, sosfilt, sosfiltfilt
-
 from arm import N
 from plant import PERIOD, Response
+from scipy.signal import bessel, bilinear, butter, lfilter, sosfilt, sosfiltfilt
 
 BAND = 10.0  # [Hz] of the band in which everything is compared
 CLASS = np.array([1.0, 1.0, 0.8, 0.8, 0.6, 0.45, 0.45])  # of a joint's torque
@@ -77,8 +76,6 @@ class Sensing:
 def _lagged(values: np.ndarray, lag: float, order: int) -> np.ndarray:
     """Run a Bessel low-pass whose group delay at rest is `lag` [s]."""
     b, a = bessel(order, 1 / lag, norm="delay", analog=True)
-    from scipy.signal import bilinear
-
     b, a = bilinear(b, a, 1 / PERIOD)
     return lfilter(b, a, values - values[0]) + values[0]
 
@@ -109,8 +106,8 @@ class Instruments:
             colour=random.uniform(15.0, 40.0),
             drift=random.uniform(0.0, 0.15) * 0.3 * sigma,
             torque_step=random.choice([0.0, 0.002, 0.01]),
-            encoder_step=random.uniform(0.5e-5, 1.5e-5),
-            encoder_noise=random.uniform(0.2e-5, 0.6e-5),
+            encoder_step=random.uniform(0.5e-5, 1e-5),
+            encoder_noise=random.uniform(0.1e-5, 0.3e-5),
             jitter=random.choice([0.0, 0.0, 0.03]),
             velocity=bool(random.random() < 0.3),
             seed=int(random.integers(2**31)),

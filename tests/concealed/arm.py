@@ -129,18 +129,24 @@ def place(arm, q, w):
             for b in range(3):
                 w.frame[i, a, b] = R[a, b]
                 w.centre[i, a] += R[a, b] * arm.com[i, b]
-        for a in range(3):
-            for b in range(3):
-                half[a, b] = 0.0
-                for k in range(3):
-                    half[a, b] += R[a, k] * arm.inertia[i, k, b]
-        for a in range(3):
-            for b in range(a, 3):
-                value = 0.0
-                for k in range(3):
-                    value += half[a, k] * R[b, k]
-                w.inertia[i, a, b] = value
-                w.inertia[i, b, a] = value
+        _turn(R, arm.inertia[i], half, w.inertia[i])
+
+
+@njit(cache=True, fastmath=True)
+def _turn(R, inertia, half, turned):
+    """Write R I Rᵀ."""
+    for a in range(3):
+        for b in range(3):
+            half[a, b] = 0.0
+            for k in range(3):
+                half[a, b] += R[a, k] * inertia[k, b]
+    for a in range(3):
+        for b in range(a, 3):
+            value = 0.0
+            for k in range(3):
+                value += half[a, k] * R[b, k]
+            turned[a, b] = value
+            turned[b, a] = value
 
 
 @njit(cache=True, fastmath=True)
@@ -155,6 +161,13 @@ def inverse_dynamics(arm, v, a, wrench, w, torque):
         w: Placed links.
         torque: (n,) [N m], written.
     """
+    _forces(arm, v, a, w)
+    _transmit(wrench, w, torque)
+
+
+@njit(cache=True, fastmath=True)
+def _forces(arm, v, a, w):
+    """Write the force at, and the moment about the origin of, each link; base to tip."""
     n = v.size
     ox, oy, oz = 0.0, 0.0, 0.0  # angular velocity
     dx, dy, dz = 0.0, 0.0, 0.0  # angular acceleration
@@ -191,7 +204,12 @@ def inverse_dynamics(arm, v, a, wrench, w, torque):
         w.moment[i, 2] = (
             I[2, 0] * dx + I[2, 1] * dy + I[2, 2] * dz + ox * ly - oy * lx + rx * fy - ry * fx
         )
-    # what pushes at the flange carries part of the load
+
+
+@njit(cache=True, fastmath=True)
+def _transmit(wrench, w, torque):
+    """Write what each joint passes on, tip to base; a push at the flange carries its part."""
+    n = torque.size
     ex, ey = FLANGE * w.frame[n - 1, 0, 2], FLANGE * w.frame[n - 1, 1, 2]
     ez = FLANGE * w.frame[n - 1, 2, 2]
     sx, sy, sz = -wrench[0], -wrench[1], -wrench[2]
@@ -236,7 +254,11 @@ def mass_matrix(arm, w, M):
         mass = total
         zx, zy, zz = w.frame[k, 0, 2], w.frame[k, 1, 2], w.frame[k, 2, 2]
         rx, ry, rz = c[0] - w.origin[k, 0], c[1] - w.origin[k, 1], c[2] - w.origin[k, 2]
-        px, py, pz = mass * (zy * rz - zz * ry), mass * (zz * rx - zx * rz), mass * (zx * ry - zy * rx)
+        px, py, pz = (
+            mass * (zy * rz - zz * ry),
+            mass * (zz * rx - zx * rz),
+            mass * (zx * ry - zy * rx),
+        )
         lx = body[0, 0] * zx + body[0, 1] * zy + body[0, 2] * zz
         ly = body[1, 0] * zx + body[1, 1] * zy + body[1, 2] * zz
         lz = body[2, 0] * zx + body[2, 1] * zy + body[2, 2] * zz

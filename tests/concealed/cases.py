@@ -6,20 +6,19 @@ given.
 """
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-import yaml
 
 import arm as arm_
 import motions
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import size
+import yaml
 from acquisition import Instruments, Recorded
 from arm import N
-from draft import Draft
+from draft import Draft, Place
 from known_effects import KNOWN
 from other_effects import UNKNOWN, WRONG
 from world import World
@@ -124,7 +123,7 @@ def draw(seed: int, kind: str | None = None) -> Case:
     """
     random = np.random.default_rng([seed, 7001])
     kind = kind or str(random.choice(KINDS, p=_SHARES))
-    bench = _Bench(World.draw(random), random)
+    bench = _Bench(World.draw(random), random, _plan(random))
     asked, skipped, hidden, world = (), 0, (), bench.world
     if kind != "null":
         asked = _asked(kind, seed, random)
@@ -158,15 +157,15 @@ def _thermal(hidden: tuple[Hidden, ...]) -> bool:
 class _Bench:
     """Motions, instruments and the plain world of one case, in which effects are sized."""
 
-    def __init__(self, world: World, random: np.random.Generator) -> None:
+    def __init__(
+        self, world: World, random: np.random.Generator, plan: list[tuple[list[str], float]]
+    ) -> None:
         self.world, self.random = world, random
         self.instruments = Instruments.draw(random)
         _, limits = arm_.load()
-        drawn = [
-            motions.recording(kinds, seconds, limits, random) for kinds, seconds in _plan(random)
-        ]
+        drawn = [motions.recording(kinds, seconds, limits, random) for kinds, seconds in plan]
         self.motions, self.segments = [m for m, _ in drawn], [s for _, s in drawn]
-        responses = self._respond(world)
+        responses = self.respond(world)
         self.floor = self._floor(world, responses)
         self.yardstick = size.Yardstick.of(world, responses, self.motions[:2], self.floor)
 
@@ -175,9 +174,9 @@ class _Bench:
     ) -> tuple[tuple[Hidden, ...], World, int]:
         """Draw effects of the sizes asked for, and put them into the world together."""
         hidden, world, skipped = [], self.world, 0
-        for at, target in enumerate(asked):
+        for target in asked:
             for _ in range(_TRIES):
-                draft = self._draft(kind, seed, at, hidden)
+                draft = self._draft(kind, seed, hidden)
                 found = self._scale(draft, target)
                 if found is not None:
                     break
@@ -188,7 +187,7 @@ class _Bench:
             world = draft.change(world, found.amplitude)
         return tuple(hidden), world, skipped
 
-    def _draft(self, kind: str, seed: int, at: int, before: list[Hidden]) -> Draft:
+    def _draft(self, kind: str, seed: int, before: list[Hidden]) -> Draft:
         catalogue = {"unknown": UNKNOWN, "wrong_parameter": WRONG}.get(kind, KNOWN)
         names = list(catalogue)
         if kind == "set":
@@ -201,19 +200,19 @@ class _Bench:
         j = int(self.random.integers(N))
         if before and self.random.random() < 0.4:
             j = before[-1].draft.joints[0] - 1
-        return catalogue[name](self.random, j, float(self.floor[j]), self.world)
+        return catalogue[name](Place(self.random, j, float(self.floor[j]), self.world))
 
     def _scale(self, draft: Draft, target: float) -> Hidden | None:
         """Search the amplitude at which the effect has the size; None where it is implausible."""
         if draft.guess == draft.largest:  # a fixed change
-            sizes = self._sizes(draft, 1.0)
+            sizes = self.sizes(draft, 1.0)
             return Hidden(draft, 1.0, sizes) if sizes.max() >= SIZES[1] else None
         wanted = target / draft.scale
         before, amplitude = (0.0, 0.0), draft.guess
         for _ in range(6):
             if amplitude > draft.largest:
                 return None
-            sizes = self._sizes(draft, amplitude)
+            sizes = self.sizes(draft, amplitude)
             here = amplitude, float(sizes.max())
             if abs(here[1] / wanted - 1) < _CLOSE:
                 return Hidden(draft, amplitude, sizes * draft.scale)
@@ -223,11 +222,11 @@ class _Bench:
             before = here
         return None
 
-    def _sizes(self, draft: Draft, amplitude: float) -> np.ndarray:
+    def sizes(self, draft: Draft, amplitude: float) -> np.ndarray:
         changed = draft.change(self.world, amplitude)
-        return self.yardstick.sizes(size.change(changed, self._respond(changed)))
+        return self.yardstick.sizes(size.change(changed, self.respond(changed)), changed)
 
-    def _respond(self, world: World) -> list:
+    def respond(self, world: World) -> list:
         return [
             world.respond(m, k, np.random.default_rng([11, k]))
             for k, m in enumerate(self.motions[:2])

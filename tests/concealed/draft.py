@@ -3,11 +3,22 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
 from world import World
 
 
 def _no_parameters(_amplitude: float) -> dict:
     return {}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect is to be, and what draws it."""
+
+    random: np.random.Generator
+    j: int  # joint, 0-based
+    floor: float  # [N m] noise floor of that joint
+    world: World  # without effects
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,14 @@
 """The drives of the concealed plant: gears, friction and what else acts between motor and link.
 
-The sign of dry friction is s = v / sqrt(v² + sharpness²). A joint's friction is `level` s + `rest`.
+The sign of dry friction is s = v / (v⁴ + sharpness⁴)^¼: as smooth as any, with tails so short that
+a joint that slides has the dry friction of its level and nothing else. A
+joint's friction is `level` s + `rest`.
 """
 
 import numpy as np
-from numba import njit
-
 import presliding
 from arm import N
+from numba import njit
 
 GAUSS, TUSTIN, LORENTZ = range(3)  # how the Stribeck excess falls with speed
 NOWHERE = -1
@@ -96,6 +97,12 @@ def rested() -> np.ndarray:
 
 
 @njit(cache=True, fastmath=True)
+def slope(v, sharpness):
+    """Return the sign of `v` over `v` [s/rad]; an implicit step needs it so."""
+    return 1 / np.sqrt(np.sqrt(v**4 + sharpness**4))
+
+
+@njit(cache=True, fastmath=True)
 def level(d, j, q, v, load, m):
     """Return the height of dry friction of joint `j` [N m].
 
@@ -108,7 +115,7 @@ def level(d, j, q, v, load, m):
         m: Memory.
     """
     p = d[j]
-    s = v / np.sqrt(v * v + p.sharpness ** 2)
+    s = v * slope(v, p.sharpness)
     height = p.coulomb + p.one_sided * 0.5 * (1 + p.side * s)
     if p.stribeck != 0.0:
         x = abs(v) / p.stribeck_speed

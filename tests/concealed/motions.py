@@ -5,13 +5,14 @@ except in LIMOPA's plans.
 """
 
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
+from arm import Limits, N
+from plant import PERIOD
 
-from arm import N, Limits
 from limo_driver.model import RobotModel
 from limopa import PlanRequest, plan
-from plant import PERIOD
 
 KINDS = ("limopa", "fourier", "creep", "nested", "points", "hold")
 _SHORTEST = 10.0  # [s] of a segment
@@ -136,7 +137,7 @@ def _nested(centre, duration, limits, random):
     rows = int(duration / PERIOD / (len(turns) - 1))
     largest = np.minimum(largest, 0.3 * limits.velocity * rows * PERIOD / np.pi)
     blend = 0.5 - 0.5 * np.cos(np.pi * np.arange(rows) / rows)
-    wave = np.concatenate([a + (b - a) * blend for a, b in zip(turns, turns[1:], strict=False)])
+    wave = np.concatenate([a + (b - a) * blend for a, b in pairwise(turns)])
     return centre + largest * _smooth(wave[:, None], 0.1)
 
 
@@ -160,7 +161,9 @@ def _smooth(values: np.ndarray, width: float) -> np.ndarray:
     window = np.hanning(int(width / PERIOD) + 2)[1:-1]
     window /= window.sum()
     half = len(window) // 2
-    padded = np.concatenate([np.repeat(values[:1], half, 0), values, np.repeat(values[-1:], half, 0)])
+    padded = np.concatenate(
+        [np.repeat(values[:1], half, 0), values, np.repeat(values[-1:], half, 0)]
+    )
     smooth = np.stack([np.convolve(p, window, "same") for p in padded.T], axis=1)
     return smooth[half : half + len(values)]
 

@@ -3,27 +3,26 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 import drive as drive_
+import numpy as np
 from acquisition import Course
 from arm import N
-from draft import Draft
+from draft import Draft, Place
 from known_effects import KNOWN
 from world import World
 
 
-def coupled_bearings(random, j, floor, world):
+def coupled_bearings(at: Place) -> Draft:
     """Dry friction goes with the load of another joint."""
-    source = int(random.choice([k for k in (1, 3) if k != j]))
-    return _neighbour(j, source, floor / 10, 0.1, "neighbour_load", "coupled_bearings")
+    source = int(at.random.choice([k for k in (1, 3) if k != at.j]))
+    return _neighbour(at.j, source, at.floor / 10, 0.1, "neighbour_load", "coupled_bearings")
 
 
-def thermal_neighbour(random, j, floor, world):
+def thermal_neighbour(at: Place) -> Draft:
     """Dry friction grows as another joint warms by its own motion."""
-    source = int(random.choice([k for k in range(N) if k != j]))
-    time = random.uniform(4.0, 10.0)
-    made = _neighbour(j, source, 2 * floor, 3.0, "neighbour_heat", "thermal_neighbour")
+    source = int(at.random.choice([k for k in range(N) if k != at.j]))
+    time = at.random.uniform(4.0, 10.0)
+    made = _neighbour(at.j, source, 2 * at.floor, 3.0, "neighbour_heat", "thermal_neighbour")
 
     def change(w: World, amplitude: float) -> World:
         return made.change(w.with_drive(source, warming=time), amplitude)
@@ -31,10 +30,10 @@ def thermal_neighbour(random, j, floor, world):
     return replace(made, change=change)
 
 
-def hose(random, j, floor, world):
+def hose(at: Place) -> Draft:
     """A hose wound over two joints pulls with the product of their angles."""
-    source = int(random.choice([k for k in range(N) if k != j]))
-    return _neighbour(j, source, 2 * floor, 6.0, "neighbour_hose", "hose")
+    source = int(at.random.choice([k for k in range(N) if k != at.j]))
+    return _neighbour(at.j, source, 2 * at.floor, 6.0, "neighbour_hose", "hose")
 
 
 def _neighbour(j, source, guess, largest, name, law):
@@ -44,45 +43,43 @@ def _neighbour(j, source, guess, largest, name, law):
     )  # fmt: skip
 
 
-def dwell_stiction(random, j, floor, world):
+def dwell_stiction(at: Place) -> Draft:
     """Breakaway torque grows with the time at rest and goes over a distance."""
-    time, distance = random.uniform(0.1, 0.5), random.uniform(0.05, 0.3)
+    time, distance = at.random.uniform(0.1, 0.5), at.random.uniform(0.05, 0.3)
     return Draft(
-        "unknown", (j + 1,), 5 * floor, 6.0,
-        lambda w, x: w.with_drive(j, dwell=x, dwell_time=time, dwell_distance=distance),
+        "unknown", (at.j + 1,), 5 * at.floor, 6.0,
+        lambda w, x: w.with_drive(at.j, dwell=x, dwell_time=time, dwell_distance=distance),
         law="dwell_stiction",
     )  # fmt: skip
 
 
-def periodic_disturbance(random, j, floor, world):
+def periodic_disturbance(at: Place) -> Draft:
     """A pump or fan nearby."""
-    return _course(random, j, floor, "periodic", 1 / random.uniform(0.5, 4.0))
+    return _course(at, "periodic", 1 / at.random.uniform(0.5, 4.0))
 
 
-def torque_jumps(random, j, floor, world):
+def torque_jumps(at: Place) -> Draft:
     """A loose contact in the sensor."""
-    made = _course(random, j, floor, "jumps", random.uniform(2.0, 6.0))
+    made = _course(at, "jumps", at.random.uniform(2.0, 6.0))
     return replace(made, equivalent=("torque_drift",))
 
 
-def _course(random, j, floor, kind, scale):
-    seed = int(random.integers(2**31))
+def _course(at, kind, scale):
+    seed = int(at.random.integers(2**31))
 
     def change(w: World, amplitude: float) -> World:
-        course = Course(j, kind, amplitude, scale, seed)
+        course = Course(at.j, kind, amplitude, scale, seed)
         return replace(w, sensing=replace(w.sensing, courses=(*w.sensing.courses, course)))
 
-    return Draft(
-        "unknown", (j + 1,), 1.5 * floor, 5.0, change, law=kind, foretellable=False
-    )
+    return Draft("unknown", (at.j + 1,), 1.5 * at.floor, 5.0, change, law=kind, foretellable=False)
 
 
-def bent_sensor(random, j, floor, world):
+def bent_sensor(at: Place) -> Draft:
     """A torque sensor whose characteristic is quadratic."""
-    sign = random.choice([-1.0, 1.0])
+    sign = at.random.choice([-1.0, 1.0])
     return Draft(
-        "unknown", (j + 1,), floor / 20, 0.02,
-        lambda w, x: replace(w, sensing=w.sensing.at("curve", j, sign * x)), law="bent_sensor",
+        "unknown", (at.j + 1,), at.floor / 20, 0.02,
+        lambda w, x: replace(w, sensing=w.sensing.at("curve", at.j, sign * x)), law="bent_sensor",
     )  # fmt: skip
 
 
@@ -95,33 +92,33 @@ UNKNOWN: dict[str, Callable] = {
 }  # fmt: skip
 
 
-def wrong_coulomb(random, j, floor, world):
-    factor = float(random.choice([0.4, 0.5, 2.0, 2.5]))
+def wrong_coulomb(at: Place) -> Draft:
+    factor = float(at.random.choice([0.4, 0.5, 2.0, 2.5]))
 
     def change(w: World, _: float) -> World:
         coulomb = w.nominal.coulomb.copy()
-        coulomb[j] *= factor
+        coulomb[at.j] *= factor
         return w.with_nominal(coulomb=coulomb)
 
-    true = float(world.drive["coulomb"][j])
-    return _fixed("coulomb_friction", (j + 1,), change, {"tau_c": true})
+    true = float(at.world.drive["coulomb"][at.j])
+    return _fixed("coulomb_friction", (at.j + 1,), change, {"tau_c": true})
 
 
-def wrong_viscous(random, j, floor, world):
-    factor = float(random.choice([0.35, 0.5, 2.0, 2.5]))
+def wrong_viscous(at: Place) -> Draft:
+    factor = float(at.random.choice([0.35, 0.5, 2.0, 2.5]))
 
     def change(w: World, _: float) -> World:
         viscous = w.nominal.viscous.copy()
-        viscous[j] *= factor
+        viscous[at.j] *= factor
         return w.with_nominal(viscous=viscous)
 
-    true = float(world.drive["viscous"][j])
-    return _fixed("viscous_friction", (j + 1,), change, {"f_v": true})
+    true = float(at.world.drive["viscous"][at.j])
+    return _fixed("viscous_friction", (at.j + 1,), change, {"f_v": true})
 
 
-def wrong_link(random, j, floor, world):
-    link = max(j, 1)
-    factor = 1 + float(random.choice([-0.35, -0.25, 0.25, 0.35]))
+def wrong_link(at: Place) -> Draft:
+    link = max(at.j, 1)
+    factor = 1 + float(at.random.choice([-0.35, -0.25, 0.25, 0.35]))
 
     def change(w: World, _: float) -> World:
         mass = w.nominal.arm.mass.copy()
@@ -133,36 +130,34 @@ def wrong_link(random, j, floor, world):
 
 
 def _fixed(effect, joints, change, parameters):
-    return Draft(
-        effect, joints, 1.0, 1.0, change, lambda _: parameters, kind="wrong_parameter"
-    )
+    return Draft(effect, joints, 1.0, 1.0, change, lambda _: parameters, kind="wrong_parameter")
 
 
-def wrong_armature(random, j, floor, world):
-    return _in_file(KNOWN["armature"](random, j, floor, world), random, "inertia")
+def wrong_armature(at: Place) -> Draft:
+    return _in_file(KNOWN["armature"](at), at.random, "inertia")
 
 
-def wrong_gain(random, j, floor, world):
-    return _in_file(KNOWN["torque_gain"](random, j, floor, world), random, "gain")
+def wrong_gain(at: Place) -> Draft:
+    return _in_file(KNOWN["torque_gain"](at), at.random, "gain")
 
 
-def wrong_stribeck(random, j, floor, world):
-    speed = np.exp(random.uniform(np.log(0.01), np.log(0.06)))
+def wrong_stribeck(at: Place) -> Draft:
+    speed = np.exp(at.random.uniform(np.log(0.01), np.log(0.06)))
     made = Draft(
-        "stribeck_friction", (j + 1,), 2 * floor, 6.0,
+        "stribeck_friction", (at.j + 1,), 2 * at.floor, 6.0,
         lambda w, x: w.with_drive(
-            j, stribeck=x, stribeck_speed=speed, stribeck_law=drive_.GAUSS),
+            at.j, stribeck=x, stribeck_speed=speed, stribeck_law=drive_.GAUSS),
         lambda x: {"tau_s": x, "v_s": speed, "delta": 2.0},
     )  # fmt: skip
-    return _in_file(made, random, "tau_s")
+    return _in_file(made, at.random, "tau_s")
 
 
-def wrong_elasticity(random, j, floor, world):
+def wrong_elasticity(at: Place) -> Draft:
     made = Draft(
-        "joint_elasticity", (j + 1,), 2e-4 * floor, 1e-3,
-        lambda w, x: w.with_drive(j, stiffness=1 / x), lambda x: {"stiffness": 1 / x},
+        "joint_elasticity", (at.j + 1,), 1e-3 * at.floor, 1e-3,
+        lambda w, x: w.with_drive(at.j, stiffness=1 / x), lambda x: {"stiffness": 1 / x},
     )  # fmt: skip
-    return _in_file(made, random, "stiffness")
+    return _in_file(made, at.random, "stiffness")
 
 
 def _in_file(made: Draft, random: np.random.Generator, name: str) -> Draft:

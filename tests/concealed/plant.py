@@ -7,12 +7,11 @@ motion that came about: inverse dynamics plus friction, exact whatever the step 
 
 from typing import NamedTuple
 
-import numpy as np
-from numba import njit
-
 import arm as arm_
 import drive as drive_
-from arm import N, Arm
+import numpy as np
+from arm import Arm, N
+from numba import njit
 
 PERIOD = 1e-3  # [s]
 _ITERATIONS = 4
@@ -125,14 +124,14 @@ def _simulate(arm, d, control, reference, wrench, m, w, out):
 @njit(cache=True, fastmath=True)
 def _felt(d, j, q, v, a, load, m):
     """Return what the sensor feels besides the load of the links [N m]."""
-    s = v[j] / np.sqrt(v[j] ** 2 + d[j].sharpness ** 2)
+    s = v[j] * drive_.slope(v[j], d[j].sharpness)
     torque = d[j].armature * a[j] + drive_.rest(d, j, q, v[j], m)
     torque += s * drive_.level(d, j, q, v[j], load, m)
     k = int(d[j].other)
     if k >= 0:
         w = v[j] + d[j].ratio * v[k]
         torque += d[j].coupled_viscous * w + d[j].coupled_inertia * (a[j] + d[j].ratio * a[k])
-        torque += d[j].coupled_coulomb * w / np.sqrt(w**2 + d[j].sharpness ** 2)
+        torque += d[j].coupled_coulomb * w * drive_.slope(w, d[j].sharpness)
     return torque
 
 
@@ -152,7 +151,7 @@ def _step(d, command, motor, speed, q, v, load, bias, M, m, new_speed, new_v):
             for k in range(N):
                 A[j, k] = M[j, k] / PERIOD
         for j in range(N):
-            s = 1 / np.sqrt(new_speed[j] ** 2 + d[j].sharpness ** 2)
+            s = drive_.slope(new_speed[j], d[j].sharpness)
             dry = drive_.level(d, j, motor, new_speed[j], load, m) * s
             inertia = (d[j].rotor + d[j].armature) / PERIOD
             push = command[j] + inertia * speed[j] - drive_.rest(d, j, motor, new_speed[j], m)
@@ -173,7 +172,7 @@ def _step(d, command, motor, speed, q, v, load, bias, M, m, new_speed, new_v):
             if k > j:  # a differential acts on both of its joints
                 r = d[j].ratio
                 w = new_v[j] + r * new_v[k]
-                c = d[j].coupled_coulomb / np.sqrt(w * w + d[j].sharpness ** 2)
+                c = d[j].coupled_coulomb * drive_.slope(w, d[j].sharpness)
                 c += d[j].coupled_viscous + d[j].coupled_inertia / PERIOD
                 keep = d[j].coupled_inertia / PERIOD * (v[j] + r * v[k])
                 A[j, j] += c

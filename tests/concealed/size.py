@@ -2,20 +2,20 @@
 
 Size = RMS, at the most affected joint and over the rows in which that joint moves, of the part of
 the torque change that inertia (2 %) and friction (15 %) inside their tolerances cannot imitate,
-divided by the noise floor, all in the band below 10 Hz. What they can imitate is the best fit of the
-torques of their deviations with each deviation inside two of its standard deviations. A ridge of one
-standard deviation would not do: over thousands of rows, data outvote any prior.
+divided by the noise floor, all in the band below 10 Hz. What they can imitate is the best fit
+of the torques of their deviations with each deviation inside two of its standard deviations. A
+ridge of one standard deviation would not do: over thousands of rows, data outvote any prior.
 """
 
 from dataclasses import dataclass
 
-import numpy as np
-from scipy.optimize import lsq_linear
-
 import arm as arm_
+import numpy as np
 from acquisition import in_band
 from arm import N
+from drive import slope
 from plant import PERIOD, Response
+from scipy.optimize import lsq_linear
 from world import FRICTION, INERTIA, World
 
 _STRIDE = 40  # milliseconds between the rows that are looked at
@@ -31,6 +31,7 @@ class Yardstick:
     triangle: np.ndarray  # (p, p), R of their QR decomposition
     moving: np.ndarray  # (rows, n)
     floor: np.ndarray  # (n,) [N m]
+    friction: np.ndarray  # (2 n,) dry and viscous, of which a standard deviation is a share
 
     @classmethod
     def of(
@@ -45,13 +46,22 @@ class Yardstick:
         scaled = (columns / floor[:, None]).reshape(-1, columns.shape[2])
         # deviations that the motion does not show stay where they are
         normal = scaled.T @ scaled + 1e-3 * np.eye(columns.shape[2])
-        return cls(scaled, np.linalg.cholesky(normal).T, moving, floor)
+        friction = np.concatenate([world.nominal.coulomb, world.nominal.viscous])
+        return cls(scaled, np.linalg.cholesky(normal).T, moving, floor, friction)
 
-    def sizes(self, change: np.ndarray) -> np.ndarray:
-        """Return the size at each joint of a torque change, (rows, n) [N m]."""
+    def sizes(self, change: np.ndarray, world: World) -> np.ndarray:
+        """Return the size at each joint of a torque change.
+
+        Args:
+            change: (rows, n) [N m].
+            world: Where it came about; friction that its nominal model lacks has no tolerance.
+        """
         y = (change / self.floor).reshape(-1)
         seen = np.linalg.solve(self.triangle.T, self.columns.T @ y)
-        deviations = lsq_linear(self.triangle, seen, (-_INSIDE, _INSIDE), method="bvls").x
+        known = np.concatenate([world.nominal.coulomb, world.nominal.viscous]) / self.friction
+        inside = np.full(len(seen), _INSIDE)
+        inside[-len(known) :] = _INSIDE * np.maximum(known, 1e-9)
+        deviations = lsq_linear(self.triangle, seen, (-inside, inside), method="bvls").x
         left = (y - self.columns @ deviations).reshape(change.shape)
         return np.array([_rms(left[self.moving[:, j], j]) for j in range(N)])
 
@@ -82,17 +92,15 @@ def _columns(world: World, response: Response, motion: np.ndarray) -> np.ndarray
     rows = [x[::_STRIDE].copy() for x in (motion, velocity, acceleration)]
     base, w = world.nominal.arm, arm_.work()
     nominal = arm_.along(base, w, *rows)
-    columns = []
-    for i in range(N):
-        for made in _deviations(base, i):
-            columns.append(arm_.along(made, w, *rows) - nominal)
+    columns = [
+        arm_.along(made, w, *rows) - nominal for i in range(N) for made in _deviations(base, i)
+    ]
     v = response.velocity
-    sign = v / np.sqrt(v**2 + world.drive["sharpness"] ** 2)
+    sign = v * slope(v, float(world.drive["sharpness"][0]))
     dry = in_band(world.nominal.coulomb * sign, 1 / PERIOD)[::_STRIDE]
     viscous = in_band(world.nominal.viscous * v, 1 / PERIOD)[::_STRIDE]
-    for torque in (dry, viscous):
-        for j in range(N):
-            columns.append(FRICTION * torque * (np.arange(N) == j))
+    joints = np.eye(N)
+    columns += [FRICTION * torque * joints[j] for torque in (dry, viscous) for j in range(N)]
     return np.stack(columns, axis=2)
 
 

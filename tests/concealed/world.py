@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 import arm as arm_
 import drive as drive_
+import numpy as np
 from acquisition import Sensing
-from arm import N, Arm
+from arm import Arm, N
 from plant import PERIOD, Control, Reference, Response, simulate
 
 COULOMB = np.array([2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35])  # [N m]
@@ -40,7 +39,7 @@ class Nominal:
         """Return what it says about a motion, with the true sharpness of the sign."""
         v = response.velocity
         rigid = arm_.along(self.arm, arm_.work(), response.position, v, response.acceleration)
-        return rigid + self.coulomb * v / np.sqrt(v**2 + sharpness**2) + self.viscous * v
+        return rigid + self.coulomb * v * drive_.slope(v, sharpness) + self.viscous * v
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class World:
         arm, _ = arm_.load()
         coulomb = COULOMB * random.uniform(0.7, 1.4, N)
         viscous = VISCOUS * random.uniform(0.7, 1.4, N)
-        sharpness = random.uniform(0.5e-3, 2e-3)
+        sharpness = random.uniform(0.5e-3, 1.5e-3)
         return cls(
             arm,
             drive_.plain(ROTOR * random.uniform(0.7, 1.4, N), coulomb, viscous, sharpness),
@@ -106,9 +105,7 @@ class World:
             inertials[f"link{i + 1}"] = {
                 "mass": float(off.mass[i]),
                 "com": [float(x) for x in off.com[i]],
-                "inertia": [
-                    float(inertia[a, b]) for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-                ],
+                "inertia": [float(x) for x in inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]],
             }
         effects = []
         for j in range(N):

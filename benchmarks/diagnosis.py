@@ -1,0 +1,201 @@
+"""Diagnosis on concealed cases: make them, run the commands on them, score the verdicts.
+
+`python benchmarks/diagnosis.py` does all three on seeds that nothing was tuned to and prints each
+figure beside its bar. The plant that makes the cases lives in tests/concealed and shares no code
+with the catalogue of effects.
+
+    python benchmarks/diagnosis.py --quick
+    python benchmarks/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
+    python benchmarks/diagnosis.py run out/concealed --jobs 2
+    python benchmarks/diagnosis.py score out/concealed
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from diagnosis_score import Judged, confusion, judge, score
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CONCEALED = Path(__file__).parents[1] / "tests" / "concealed"
+LIMO = Path(sys.executable).with_name("limo")
+FRESH = 1_000_000  # first of the seeds that nothing was tuned to
+FULL = {"null": 200, "single": 225, "set": 100, "unknown": 50, "wrong_parameter": 50}
+QUICK = {"null": 8, "single": 25, "set": 8, "unknown": 7, "wrong_parameter": 7}
+TIME_LIMIT = 600.0  # [s] of one command
+
+app = typer.Typer(add_completion=False, rich_markup_mode=None)
+Out = Annotated[Path, typer.Option(help="Folder of the cases.")]
+Jobs = Annotated[int, typer.Option(help="Cases at a time.")]
+
+
+@app.callback(invoke_without_command=True)
+def everything(
+    context: typer.Context,
+    seeds: Annotated[int, typer.Option(help="First seed.")] = FRESH,
+    quick: Annotated[bool, typer.Option(help="A tenth of the cases.")] = False,
+    out: Out = Path("out/concealed"),
+    jobs: Jobs = 2,
+) -> None:
+    """Make fresh cases, run the commands on them and score the verdicts."""
+    if context.invoked_subcommand:
+        return
+    folders = []
+    for kind, count in (QUICK if quick else FULL).items():
+        folders.append(out / f"{kind}_{seeds}")
+        make(f"{seeds}:{seeds + count}", kind, folders[-1], jobs)
+    for folder in folders:
+        run(folder, jobs)
+    print_score(folders)
+
+
+@app.command()
+def make(
+    seeds: Annotated[str, typer.Option(help="first:last, the last left out.")],
+    kind: Annotated[
+        str, typer.Option(help="null, single, set, unknown, wrong_parameter or any.")
+    ] = "any",
+    out: Out = Path("out/concealed"),
+    jobs: Jobs = 1,
+) -> None:
+    """Make cases; those that exist are kept."""
+    first, last = (int(x) for x in seeds.split(":"))
+    wanted = [s for s in range(first, last) if not _truth(out, s).exists()]
+    outcomes = _each(partial(_make_one, kind, out), wanted, jobs, f"making {kind}", processes=True)
+    given_up = [text for text in outcomes if text]
+    for text in given_up:
+        print(text)
+    print(f"{last - first - len(given_up)} cases in {out}, {len(given_up)} seeds out of reach")
+
+
+@app.command()
+def run(
+    folder: Annotated[Path, typer.Argument(help="Folder of the cases.")],
+    jobs: Jobs = 2,
+    name: Annotated[str, typer.Option(help="Folder inside each case for the results.")] = "out",
+    limit: Annotated[float, typer.Option(help="Time limit of one command, s.")] = TIME_LIMIT,
+) -> None:
+    """Run `limo diagnose` and `limo predict` on each case; finished cases are skipped."""
+    cases = [case for case in _cases(folder) if not (case / name / "result.json").exists()]
+    _each(partial(_run_one, name, limit), cases, jobs, f"diagnosing {folder.name}")
+
+
+@app.command("score")
+def print_score(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of cases.")],
+    name: Annotated[str, typer.Option(help="Folder inside each case with the results.")] = "out",
+) -> None:
+    """Print every line of the bar, and what each hidden effect was called."""
+    finished = [c for folder in folders for c in _cases(folder)
+                if (c / name / "result.json").exists()]  # fmt: skip
+    judged = [judge(case, name) for case in finished]
+    console = Console(width=140, highlight=False)
+    table = Table("what", "measured", "bar", title=f"{len(judged)} concealed cases")
+    for line in score(judged):
+        table.add_row(line.what, line.value, line.bar)
+    console.print(table)
+    names = Table("hidden", "named (main finding)", title="single effects, unknown, wrong values")
+    for hidden, said in confusion(judged):
+        names.add_row(hidden, ", ".join(f"{effect} {count}" for effect, count in said))
+    console.print(names, _wrong(judged))
+
+
+def _wrong(judged: list[Judged]) -> Table:
+    table = Table("case", "hidden", "said", "closure", title="cases that are not exactly right")
+    for case in judged:
+        if case.exactly_right:
+            continue
+        hidden = [f"{e['effect']} {e['law']} {e['joints']} {e['size']:.1f}x" for e in case.effects]
+        said = [f"{f['effect']} {f['joints']} {f['confidence']:.2f}" for f in case.findings]
+        closure = f"{case.closure.worst:.2f}" if case.closure else "-"
+        where = f"{case.case.parent.name}/{case.case.name}"
+        table.add_row(where, "; ".join(hidden) or "nothing", "; ".join(said) or "nothing", closure)
+    return table
+
+
+def _truth(out: Path, seed: int) -> Path:
+    return out / f"{seed:07d}" / "hidden" / "truth.json"
+
+
+def _cases(folder: Path) -> list[Path]:
+    return sorted(path.parent.parent for path in folder.glob("*/hidden/truth.json"))
+
+
+def _each(
+    work: Callable[[object], str],
+    items: list,
+    jobs: int,
+    what: str,
+    *,
+    processes: bool = False,
+) -> list[str]:
+    """Work on items, several at a time, behind a progress bar on stderr."""
+    console = Console(stderr=True)
+    pool = ProcessPoolExecutor(jobs) if processes else ThreadPoolExecutor(jobs)
+    with pool:
+        done = pool.map(work, items)
+        return list(track(done, what, total=len(items), console=console))
+
+
+def _make_one(kind: str, out: Path, seed: int) -> str:
+    """Write a case; return why there is none, or nothing."""
+    sys.path.insert(0, str(CONCEALED))
+    import cases  # compiled once in each process
+
+    try:
+        cases.draw(seed, None if kind == "any" else kind).write(_truth(out, seed).parents[1])
+    except cases.UnreachableError as error:
+        return str(error)
+    return ""
+
+
+def _run_one(name: str, limit: float, case: Path) -> str:
+    out = case / name
+    out.mkdir(exist_ok=True)
+    recordings = sorted(case.glob("recording_*.parquet"))
+    nominal = case / "sim.yaml"
+    begin = perf_counter()
+    status, message = _limo(
+        limit, "diagnose", *recordings, "--sim", nominal, "--out", out, "--json"
+    )  # fmt: skip
+    seconds = perf_counter() - begin
+    for label, sim in (("before", nominal), ("after", out / "sim.yaml")):
+        for k in (1, 2) if sim.exists() else ():
+            target = out / f"{label}_{k}.parquet"
+            held_out = case / f"held_out_{k}.parquet"
+            failed, why = _limo(limit, "predict", held_out, "--sim", sim, "--out", target)
+            message += f"\npredict {label} {k}: {why}" if failed else ""
+    result = {"status": status, "seconds": seconds, "message": message}
+    (out / "result.json").write_text(json.dumps(result, indent=1))
+    return message
+
+
+def _limo(limit: float, *arguments: object) -> tuple[int, str]:
+    """Run one command; return its status and the end of what it complained about."""
+    environment = os.environ | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
+    try:
+        done = subprocess.run(
+            [str(LIMO), *map(str, arguments)], capture_output=True, text=True, timeout=limit,
+            env=environment, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return 124, f"ran past {limit:g} s"
+    return done.returncode, done.stderr[-2000:] if done.returncode else ""
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,90 @@
+"""Cases are what they say: drawn from a seed alone, of the size asked for, readable by limo."""
+
+import json
+
+import cases
+import numpy as np
+import pytest
+import size
+from draft import Place
+from known_effects import KNOWN
+from other_effects import UNKNOWN, WRONG
+from world import COULOMB, INERTIA, World, off_within
+
+from limo_driver.physics import Simulation
+from limo_driver.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def single():
+    return cases.draw(40, "single")
+
+
+def test_a_seed_says_everything(single):
+    again = cases.draw(40, "single")
+    assert again.truth() == single.truth()
+    assert again.nominal == single.nominal
+    for a, b in zip(single.recordings, again.recordings, strict=True):
+        np.testing.assert_array_equal(a.torque, b.torque)
+
+
+def test_the_size_is_the_one_asked_for(single):
+    (hidden,) = single.hidden
+    assert hidden.draft.effect == "torque_ripple"
+    assert hidden.sizes.max() == pytest.approx(single.asked[0], rel=0.07)
+
+
+def test_limo_can_read_what_is_handed_over(single, tmp_path):
+    single.write(tmp_path)
+    simulation = Simulation.load(tmp_path / "sim.yaml")
+    for k in (1, 2):
+        recording = Recording.load(tmp_path / f"recording_{k}.parquet")
+        recording.check_robot(simulation.model)
+        assert sum(item.rows != () for item in recording.left_out) <= 1
+    truth = json.loads((tmp_path / "hidden" / "truth.json").read_text())
+    assert truth["effects"][0]["effect"] == "torque_ripple"
+    given = {path.name for path in tmp_path.iterdir() if path.is_file()}
+    assert given == {"sim.yaml"} | {f"{k}_{i}.parquet" for k in ("recording", "held_out")
+                                    for i in (1, 2)}  # fmt: skip
+
+
+def test_nominal_values_stay_inside_their_tolerances():
+    random = np.random.default_rng(3)
+    world = World.draw(random)
+    ratios = [off_within(world.arm, random).mass / world.arm.mass for _ in range(200)]
+    assert np.std(ratios) == pytest.approx(INERTIA, rel=0.1)
+    assert np.abs(np.array(ratios) - 1).max() <= 2.5 * INERTIA + 1e-12
+
+
+@pytest.fixture(scope="module")
+def bench():
+    random = np.random.default_rng([5, 7001])
+    plan = [(["points", "creep"], 24.0), (["fourier", "nested"], 24.0)]
+    return cases._Bench(World.draw(random), random, plan)
+
+
+@pytest.mark.parametrize("name", [*KNOWN, *UNKNOWN, *WRONG])
+def test_every_effect_shows(bench, name):
+    make = (KNOWN | UNKNOWN | WRONG)[name]
+    draft = make(Place(np.random.default_rng(2), 3, float(bench.floor[3]), bench.world))
+    amplitude = min(10 * draft.guess, draft.largest)
+    sizes = bench.sizes(draft, amplitude)
+    assert sizes.max() > 0.3
+    assert np.isfinite(sizes).all()
+
+
+def test_the_plain_world_has_no_size(bench):
+    unchanged = size.change(bench.world, bench.respond(bench.world))
+    assert bench.yardstick.sizes(unchanged, bench.world).max() < 1e-6
+
+
+def test_tolerances_imitate_a_scaled_friction_but_not_another_law(bench):
+    stiffer = bench.world.with_drive(1, coulomb=1.1 * bench.world.drive["coulomb"][1])
+    inside = bench.yardstick.sizes(size.change(stiffer, bench.respond(stiffer)), stiffer)
+    assert inside.max() < 0.3
+    other = bench.world.with_drive(
+        1, ripple=np.array([[0.1 * COULOMB[1], 30, 0]] + 2 * [[0, 1, 0]])
+    )
+    outside = bench.yardstick.sizes(size.change(other, bench.respond(other)), other)
+    assert outside.argmax() == 1
+    assert outside[1] > 3

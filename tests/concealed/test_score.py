@@ -1,0 +1,126 @@
+"""The score counts what it says, on verdicts written by hand."""
+
+import json
+from pathlib import Path
+
+import diagnosis_score as score
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from diagnosis_score import Closure, Judged
+
+
+def effect(name="stribeck_friction", joints=(2,), **more):
+    given = {"effect": name, "joints": list(joints), "equivalent": [], "law": ""}
+    return given | {"parameters": {}, "size": 3.0} | more
+
+
+def finding(name="stribeck_friction", joints=(2,), **more):
+    given = {"effect": name, "joints": list(joints), "equivalent": [], "confidence": 0.9}
+    return given | {"share": 0.5, "parameters": {}} | more
+
+
+def judged(hidden, found, kind="single", verdict="explained", worst=1.0):
+    truth = {"kind": kind, "effects": hidden, "asked": [3.0], "foretellable": True}
+    said = {"verdict": verdict, "findings": found, "unexplained": {"joints": []}}
+    closure = Closure(np.full(7, 10.0), np.full(7, worst), np.ones(7))
+    return Judged(Path("a"), truth, said, closure, 12.0)
+
+
+def values(cases):
+    return {line.what: line.value for line in score.score(cases)}
+
+
+def test_a_right_name_at_the_right_joint_is_exact():
+    case = judged([effect()], [finding()])
+    assert case.exactly_right
+    assert values([case])["single 3x: exact name and joint"].split()[0] == "100.0%"
+
+
+@pytest.mark.parametrize(
+    ("found", "exact", "family"),
+    [
+        (finding("coulomb_friction"), False, True),
+        (finding("payload"), False, False),
+        (finding(joints=(3,)), False, True),
+        (finding(joints=(2, 3)), False, True),
+        (finding("backlash", equivalent=["stribeck_friction"]), True, True),
+    ],
+)
+def test_other_names_count_as_far_as_they_go(found, exact, family):
+    line = values([judged([effect()], [found])])
+    assert line["single 3x: exact name and joint"].startswith("100") == exact
+    assert line["single 3x: right class"].startswith("100") == family
+
+
+def test_what_cannot_be_told_apart_counts():
+    case = judged([effect("payload", (7,), equivalent=["link_inertia"])],
+                  [finding("link_inertia", (7,))])  # fmt: skip
+    assert case.exactly_right
+
+
+def test_something_more_is_not_exactly_right():
+    case = judged([effect()], [finding(), finding("payload", (7,), share=0.1)])
+    assert case.all_named
+    assert not case.exactly_right
+    assert not case.classes_right
+
+
+def test_false_alarms_and_abstentions_are_counted():
+    null = judged([], [finding()], "null")
+    quiet = judged([], [], "null", "consistent")
+    line = values([null, quiet, quiet, quiet])
+    assert line["false alarm on nulls"].split()[0] == "25.0%"
+    unknown = finding("unknown", (2,))
+    assert values([judged([effect()], [unknown])])["false abstention"].startswith("100")
+    hidden = judged([effect("unknown", law="hose")], [unknown], "unknown")
+    assert values([hidden])["unknown said to be unknown, at its joint"].startswith("100")
+    elsewhere = judged([effect("unknown", (5,), law="hose")], [unknown], "unknown")
+    assert values([elsewhere])["unknown said to be unknown, at its joint"].split()[0] == "0.0%"
+
+
+def test_confidence_is_compared_with_what_is_right():
+    assert score.calibration_error([(0.95, True)] * 95 + [(0.95, False)] * 5) < 1e-9
+    assert score.calibration_error([(0.95, False)] * 10) == pytest.approx(0.95)
+
+
+def test_intervals_are_held_to_the_same_parameter():
+    true = effect(parameters={"tau_s": 1.0, "v_s": 0.02, "delta": 2.0})
+    said = {"tau_s": {"ci95": [0.9, 1.1]}, "v_s": {"ci95": [0.03, 0.04]}}
+    assert score.coverage(finding(parameters=said), true) == [True, False]
+    assert score.coverage(finding("backlash", parameters=said), true) == []
+
+
+def test_shares_come_with_clopper_pearson():
+    assert score.rate("x", [True] * 10, "").value == "100.0%  (10 of 10; 69.2% to 100.0%)"
+
+
+def test_closure_of_a_perfect_prediction_is_one(tmp_path):
+    random = np.random.default_rng(0)
+    (tmp_path / "hidden").mkdir()
+    (tmp_path / "out").mkdir()
+    time = np.arange(0, 20, 0.004)
+    position = np.sin(time[:, None] * np.linspace(0.5, 1, 7))
+    clean = 10 * np.cos(time[:, None] * np.ones(7))
+    torque = clean + 0.1 * random.normal(size=clean.shape)
+
+    def write(path, **quantities):
+        columns = {"time": time}
+        for name, value in quantities.items():
+            columns |= {f"{name}_{j + 1}": value[:, j] for j in range(7)}
+        pq.write_table(pa.table(columns), path)
+
+    for k in (1, 2):
+        write(tmp_path / f"held_out_{k}.parquet", position=position, torque=torque)
+        np.savez(tmp_path / "hidden" / f"held_out_{k}.npz", torque=clean)
+        write(tmp_path / "out" / f"after_{k}.parquet", torque=clean)
+        write(tmp_path / "out" / f"before_{k}.parquet", torque=0.5 * clean)
+    truth = {"kind": "null", "effects": [], "asked": [], "foretellable": True}
+    (tmp_path / "hidden" / "truth.json").write_text(json.dumps(truth))
+    (tmp_path / "out" / "result.json").write_text(json.dumps({"status": 0, "seconds": 1.0}))
+    case = score.judge(tmp_path)
+    assert case.closure is not None
+    assert case.closure.worst == pytest.approx(1.0)
+    assert case.closure.removed == pytest.approx(1.0)
+    assert case.verdict is None
