@@ -23,7 +23,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from diagnosis_score import Judged, confusion, judge, score
+from diagnosis_score import Judged, confusion, judge, resolution, score
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -36,6 +36,7 @@ LIMO = Path(sys.executable).with_name("limo")
 FRESH = 1_000_000  # first of the seeds that nothing was tuned to
 FULL = {"null": 200, "single": 225, "set": 100, "unknown": 50, "wrong_parameter": 50}
 QUICK = {"null": 8, "single": 25, "set": 8, "unknown": 7, "wrong_parameter": 7}
+NEXT = "asked_for.parquet"
 TIME_LIMIT = 600.0  # [s] of one command
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -60,6 +61,7 @@ def everything(
         make(f"{seeds}:{seeds + count}", kind, folders[-1], jobs)
     for folder in folders:
         run(folder, jobs)
+        follow(folder, jobs)
     print_score(folders)
 
 
@@ -90,8 +92,27 @@ def run(
     limit: Annotated[float, typer.Option(help="Time limit of one command, s.")] = TIME_LIMIT,
 ) -> None:
     """Run `limo diagnose` and `limo predict` on each case; finished cases are skipped."""
-    cases = [case for case in _cases(folder) if not (case / name / "result.json").exists()]
+    cases = [case for case in _cases(folder) if not _finished(case / name)]
     _each(partial(_run_one, name, limit), cases, jobs, f"diagnosing {folder.name}")
+
+
+@app.command()
+def follow(
+    folder: Annotated[Path, typer.Argument(help="Folder of the cases, diagnosed.")],
+    jobs: Jobs = 2,
+    name: Annotated[str, typer.Option(help="Folder inside each case with the results.")] = "out",
+    limit: Annotated[float, typer.Option(help="Time limit of one command, s.")] = TIME_LIMIT,
+) -> None:
+    """Record the next motion wherever one was asked for, and diagnose again with it."""
+    asked = [
+        case for case in _cases(folder)
+        if (case / name / "next_motion.parquet").exists() and not _finished(case / f"{name}_next")
+    ]  # fmt: skip
+    for text in _each(partial(_record_next, name), asked, jobs, "following", processes=True):
+        if text:
+            print(text)
+    again = [case for case in asked if (case / NEXT).exists()]
+    _each(partial(_run_one, f"{name}_next", limit), again, jobs, f"again {folder.name}")
 
 
 @app.command("score")
@@ -105,7 +126,9 @@ def print_score(
     judged = [judge(case, name) for case in finished]
     console = Console(width=140, highlight=False)
     table = Table("what", "measured", "bar", title=f"{len(judged)} concealed cases")
-    for line in score(judged):
+    pairs = [(judge(case, name), judge(case, f"{name}_next")) for case in finished
+             if _finished(case / f"{name}_next")]  # fmt: skip
+    for line in [*score(judged), resolution(pairs)]:
         table.add_row(line.what, line.value, line.bar)
     console.print(table)
     names = Table("hidden", "named (main finding)", title="single effects, unknown, wrong values")
@@ -125,6 +148,12 @@ def _wrong(judged: list[Judged]) -> Table:
         where = f"{case.case.parent.name}/{case.case.name}"
         table.add_row(where, "; ".join(hidden) or "nothing", "; ".join(said) or "nothing", closure)
     return table
+
+
+def _finished(out: Path) -> bool:
+    """Whether a case has been diagnosed; one whose command failed is tried again."""
+    path = out / "result.json"
+    return path.exists() and json.loads(path.read_text())["status"] == 0
 
 
 def _truth(out: Path, seed: int) -> Path:
@@ -163,10 +192,29 @@ def _make_one(kind: str, out: Path, seed: int) -> str:
     return ""
 
 
+def _record_next(name: str, case: Path) -> str:
+    """Record the motion that a diagnosis asked for; return what went wrong, or nothing."""
+    sys.path.insert(0, str(CONCEALED))
+    import cases
+
+    from limo_driver.errors import LimoError
+    from limo_driver.trajectory import Trajectory
+
+    truth = json.loads((case / "hidden" / "truth.json").read_text())
+    try:
+        trajectory = Trajectory.load(case / name / "next_motion.parquet")
+    except LimoError as error:
+        return f"{case}: {error}"
+    motion = trajectory.resample(1e-3).position
+    cases.draw(truth["seed"], truth["drawn_as"]).answer(motion, case / NEXT)
+    return ""
+
+
 def _run_one(name: str, limit: float, case: Path) -> str:
     out = case / name
     out.mkdir(exist_ok=True)
     recordings = sorted(case.glob("recording_*.parquet"))
+    recordings += [case / NEXT] if name.endswith("_next") else []
     nominal = case / "sim.yaml"
     begin = perf_counter()
     status, message = _limo(

@@ -24,7 +24,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.stats import beta
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -355,6 +355,40 @@ def _times(judged: Sequence[Judged]) -> Line:
     seconds = [c.seconds for c in judged] or [nan]
     value = f"median {np.median(seconds):.1f} s, largest {max(seconds):.1f} s"
     return Line("time of a diagnosis (2 recordings of about 75 s)", value, "<= 60 s for 5 min")
+
+
+def resolution(pairs: Sequence[tuple[Judged, Judged]]) -> Line:
+    """Return how often one requested motion settles what was ambiguous before it.
+
+    Args:
+        pairs: Each case before and after the motion that its diagnosis asked for.
+    """
+    return rate(
+        "ambiguous pairs resolved by one requested motion",
+        [
+            _settled(after)
+            for before, after in pairs
+            if not all(map(_clear(before), before.effects))
+        ],
+        ">= 80 %",
+    )
+
+
+def _settled(case: Judged) -> bool:
+    return all(map(_clear(case), case.effects))
+
+
+def _clear(case: Judged) -> Callable[[dict[str, Any]], bool]:
+    """Return whether a hidden effect is named with no rival that could be told apart from it."""
+
+    def clear(effect: dict[str, Any]) -> bool:
+        same = {effect["effect"], *effect["equivalent"]}
+        return any(
+            names(f, effect) and {f["effect"], *(f.get("equivalent") or ())} <= same
+            for f in case.findings
+        )
+
+    return clear
 
 
 def confusion(judged: Iterable[Judged]) -> list[tuple[str, list[tuple[str, int]]]]:

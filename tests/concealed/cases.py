@@ -65,6 +65,7 @@ class Hidden:
 class Case:
     seed: int
     kind: str
+    drawn_as: str | None  # the kind asked for
     nominal: dict  # the simulation file handed over
     recordings: tuple[Recorded, ...]  # two to diagnose, then two held out
     hidden: tuple[Hidden, ...]
@@ -74,6 +75,13 @@ class Case:
     asked: tuple[float, ...]  # sizes
     skipped: int  # draws whose size could not be reached
     temperature: bool
+    world: World
+
+    def answer(self, motion: np.ndarray, path: Path) -> None:
+        """Record one more motion, given every millisecond, (T, n) [rad], into a file."""
+        response = self.world.respond(motion, 4, np.random.default_rng([self.seed, 4]))
+        table = self._table(self.instruments.record(response, self.world.sensing, 4))
+        pq.write_table(table, path)
 
     def write(self, folder: Path) -> None:
         """Write what a diagnosis is given, and beside it what it is not."""
@@ -89,7 +97,7 @@ class Case:
 
     def truth(self) -> dict:
         return {
-            "seed": self.seed, "kind": self.kind,
+            "seed": self.seed, "kind": self.kind, "drawn_as": self.drawn_as,
             "effects": [h.as_dict() for h in self.hidden],
             "asked": list(self.asked), "skipped": self.skipped,
             "foretellable": all(h.draft.foretellable for h in self.hidden),
@@ -122,7 +130,7 @@ def draw(seed: int, kind: str | None = None) -> Case:
         UnreachableError: After several draws, no plausible amplitude reached the size.
     """
     random = np.random.default_rng([seed, 7001])
-    kind = kind or str(random.choice(KINDS, p=_SHARES))
+    drawn_as, kind = kind, kind or str(random.choice(KINDS, p=_SHARES))
     bench = _Bench(World.draw(random), random, _plan(random))
     asked, skipped, hidden, world = (), 0, (), bench.world
     if kind != "null":
@@ -133,12 +141,13 @@ def draw(seed: int, kind: str | None = None) -> Case:
         world.respond(m, k, np.random.default_rng([seed, k])) for k, m in enumerate(bench.motions)
     ]
     return Case(
-        seed=seed, kind=kind, nominal=nominal,
+        seed=seed, kind=kind, drawn_as=drawn_as, nominal=nominal,
         recordings=tuple(
             bench.instruments.record(r, world.sensing, k) for k, r in enumerate(responses)
         ),
         hidden=hidden, floor=bench.floor, instruments=bench.instruments,
         segments=tuple(bench.segments), asked=asked, skipped=skipped,
+        world=world,
         temperature=bool(random.random() < (0.5 if _thermal(hidden) else 0.1)),
     )  # fmt: skip
 
@@ -207,20 +216,26 @@ class _Bench:
         if draft.guess == draft.largest:  # a fixed change
             sizes = self.sizes(draft, 1.0)
             return Hidden(draft, 1.0, sizes) if sizes.max() >= SIZES[1] else None
-        wanted = target / draft.scale
-        before, amplitude = (0.0, 0.0), draft.guess
+        wanted, amplitude = target / draft.scale, draft.guess
         for _ in range(6):
             if amplitude > draft.largest:
                 return None
-            sizes = self.sizes(draft, amplitude)
-            here = amplitude, float(sizes.max())
-            if abs(here[1] / wanted - 1) < _CLOSE:
+            changed = draft.change(self.world, amplitude)
+            change = size.change(changed, self.respond(changed))
+            sizes = self.yardstick.sizes(change, changed)
+            if abs(sizes.max() / wanted - 1) < _CLOSE:
                 return Hidden(draft, amplitude, sizes * draft.scale)
-            slope = (here[1] - before[1]) / (here[0] - before[0])
-            step = (wanted - here[1]) / max(slope, 1e-3 * wanted / amplitude)
-            amplitude = float(np.clip(amplitude + step, 0.1 * amplitude, 12 * amplitude))
-            before = here
+            amplitude *= self._stretch(change, changed, wanted)
         return None
+
+    def _stretch(self, change: np.ndarray, world: World, wanted: float) -> float:
+        """Return by what to multiply a torque change so that its size is the one wanted."""
+        low, high = 0.02, 50.0  # the torque is nearly linear in the amplitude, the size is not
+        for _ in range(10):
+            middle = np.sqrt(low * high)
+            enough = self.yardstick.sizes(middle * change, world).max() > wanted
+            low, high = (low, middle) if enough else (middle, high)
+        return float(np.sqrt(low * high))
 
     def sizes(self, draft: Draft, amplitude: float) -> np.ndarray:
         changed = draft.change(self.world, amplitude)

@@ -143,7 +143,7 @@ def level(d, j, q, v, load, m):
     return height
 
 
-@njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def rest(d, j, q, v, m):
     """Return what acts besides dry friction [N m]; arguments as in `level`."""
     p = d[j]
@@ -162,7 +162,7 @@ def rest(d, j, q, v, m):
     return value + presliding.torque(p, m[j])
 
 
-@njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def advance(d, j, dq, v, dt, m):
     """Let joint `j` remember that it moved by `dq` [rad] at `v` [rad/s] in `dt` [s]."""
     p = d[j]

@@ -284,7 +284,7 @@ def time_delay(at: Place) -> Draft:
 
 def external_contact(at: Place) -> Draft:
     pushes = []
-    for recording in range(4):
+    for recording in range(5):
         drawn = []
         for _ in range(int(at.random.integers(1, 4)) if recording < 2 else 0):
             force = at.random.normal(size=3)

@@ -3,6 +3,9 @@
 A step is linearly implicit in all that is stiff (the sign of dry friction, gears) and takes the
 rest as it is. What a sensor sees is worked out afterwards, at the middle of each step, from the
 motion that came about: inverse dynamics plus friction, exact whatever the step did.
+
+Functions that call into another file are compiled anew in every process: numba's cache looks at the
+file of the caller only, and would keep an old friction law in place.
 """
 
 from typing import NamedTuple
@@ -63,7 +66,7 @@ def simulate(
     return response
 
 
-@njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def _simulate(arm, d, control, reference, wrench, m, w, out):
     q = reference.position[0].copy()  # of the links
     v = np.zeros(N)
@@ -121,7 +124,7 @@ def _simulate(arm, d, control, reference, wrench, m, w, out):
             v[j] = new_v[j]
 
 
-@njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def _felt(d, j, q, v, a, load, m):
     """Return what the sensor feels besides the load of the links [N m]."""
     s = v[j] * drive_.slope(v[j], d[j].sharpness)
@@ -135,7 +138,7 @@ def _felt(d, j, q, v, a, load, m):
     return torque
 
 
-@njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def _step(d, command, motor, speed, q, v, load, bias, M, m, new_speed, new_v):
     """Write the velocities after one step.
 

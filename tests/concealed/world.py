@@ -48,7 +48,7 @@ class World:
     drive: np.ndarray
     nominal: Nominal
     sensing: Sensing = field(default_factory=Sensing)
-    pushes: tuple[tuple[Push, ...], ...] = ((), (), (), ())  # for each recording
+    pushes: tuple[tuple[Push, ...], ...] = ((), (), (), (), ())  # for each recording
 
     @classmethod
     def draw(cls, random: np.random.Generator) -> "World":
