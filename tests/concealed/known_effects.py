@@ -99,7 +99,7 @@ def asymmetric_friction(at: Place) -> Draft:
 
 def stribeck_friction(at: Place) -> Draft:
     law = int(at.random.integers(3))
-    speed = np.exp(at.random.uniform(np.log(0.01), np.log(0.06)))
+    speed = float(np.exp(at.random.uniform(np.log(0.01), np.log(0.06))))
     delta = {drive_.GAUSS: 2.0, drive_.TUSTIN: 1.0}.get(law)
 
     def parameters(tau_s: float) -> dict:

@@ -142,7 +142,7 @@ def wrong_gain(at: Place) -> Draft:
 
 
 def wrong_stribeck(at: Place) -> Draft:
-    speed = np.exp(at.random.uniform(np.log(0.01), np.log(0.06)))
+    speed = float(np.exp(at.random.uniform(np.log(0.01), np.log(0.06))))
     made = Draft(
         "stribeck_friction", (at.j + 1,), 2 * at.floor, 6.0,
         lambda w, x: w.with_drive(

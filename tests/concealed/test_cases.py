@@ -6,6 +6,7 @@ import cases
 import numpy as np
 import pytest
 import size
+import yaml
 from draft import Place
 from known_effects import KNOWN
 from other_effects import UNKNOWN, WRONG
@@ -88,3 +89,14 @@ def test_tolerances_imitate_a_scaled_friction_but_not_another_law(bench):
     outside = bench.yardstick.sizes(size.change(other, bench.respond(other)), other)
     assert outside.argmax() == 1
     assert outside[1] > 3
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_value_can_be_written(bench, name, tmp_path):
+    draft = WRONG[name](Place(np.random.default_rng(4), 3, float(bench.floor[3]), bench.world))
+    amplitude = min(draft.guess, draft.largest)
+    nominal = draft.change(bench.world, amplitude).simulation_file(np.random.default_rng(0))
+    path = tmp_path / "sim.yaml"
+    path.write_text(yaml.safe_dump(nominal))
+    assert draft.effect in [e.name for e in Simulation.load(path).effects] + ["link_inertia"]
+    json.dumps(draft.parameters(amplitude))
