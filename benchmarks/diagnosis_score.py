@@ -105,7 +105,7 @@ class Judged:
     @property
     def size(self) -> float:
         """Return the nominal size of a single effect."""
-        return float(self.truth["asked"][0]) if self.truth["asked"] else 0.0
+        return float((self.truth["asked"] or [0.0])[0])
 
     @property
     def all_named(self) -> bool:
@@ -138,9 +138,8 @@ class Judged:
 
     def unknown_at(self, joints: Sequence[int]) -> bool:
         """Whether something unexplained is said to be at one of `joints`."""
-        if self.verdict is None:
-            return False
-        said = set(self.verdict.get("unexplained", {}).get("joints") or [])
+        verdict = self.verdict or {}
+        said = set(verdict.get("unexplained", {}).get("joints") or [])
         said |= {j for f in self.findings if f["effect"] == UNKNOWN for j in f["joints"]}
         return bool(said & set(joints))
 
@@ -302,10 +301,9 @@ def _calibration(judged: Iterable[Judged]) -> list[Line]:
             listed.append(len(finding.get("equivalent") or ()))
             for effect in matched:
                 covered += coverage(finding, effect)
-    bars = "<= 0.05"
     error = f"{calibration_error(said):.3f}  ({len(said)} findings)" if said else "no finding"
     return [
-        Line(f"calibration error of the confidence, {BINS} bins", error, bars),
+        Line(f"calibration error of the confidence, {BINS} bins", error, "<= 0.05"),
         rate("coverage of 95 % intervals", covered, "92 to 98 %"),
         Line("equivalents listed per finding", f"{np.mean(listed):.2f}" if listed else "-", ""),
     ]
@@ -340,8 +338,8 @@ def _closures(known: Sequence[Judged]) -> list[Line]:
     removed = [c.removed for c in told]
     if not worst:
         return [Line("closure", "no case", "")]
-    quartiles = np.quantile(worst, [0.25, 0.5, 0.75, 0.95], method="nearest")
-    spread = ", ".join(f"{q:.2f}" for q in quartiles)
+    quantiles = np.quantile(worst, [0.25, 0.5, 0.75, 0.95], method="nearest")
+    spread = ", ".join(f"{q:.2f}" for q in quantiles)
     return [
         Line("closure, worst joint: median", f"{np.median(worst):.3f}  (quartiles, 95 %: {spread})",
              "<= 1.10"),
@@ -395,7 +393,7 @@ def confusion(judged: Iterable[Judged]) -> list[tuple[str, list[tuple[str, int]]
     """Return, for each hidden effect of single cases, what the main finding called it."""
     counts: dict[str, Counter[str]] = {}
     for case in judged:
-        if case.truth["kind"] not in ("single", "unknown", "wrong_parameter"):
+        if len(case.effects) != 1:
             continue
         effect = case.effects[0]
         hidden = effect["law"] if effect["effect"] == UNKNOWN else effect["effect"]
