@@ -53,6 +53,7 @@ class Judged:
     truth: dict[str, Any]
     verdict: dict[str, Any] | None  # None: the command failed
     closure: Closure | None
+    closure_near_rest: Closure | None  # over all moving rows, those near rest included
     seconds: float
 
     @property
@@ -130,7 +131,8 @@ def judge(case: Path, out: str = "out") -> Judged:
     result = json.loads((case / out / "result.json").read_text())
     path = case / out / "verdict.json"
     verdict = json.loads(path.read_text()) if result["status"] == 0 and path.exists() else None
-    return Judged(case, truth, verdict, closure(case, out), float(result["seconds"]))
+    seconds = float(result["seconds"])
+    return Judged(case, truth, verdict, closure(case, out), closure(case, out, 0.0), seconds)
 
 
 @dataclass(frozen=True)
@@ -247,6 +249,7 @@ def _closures(known: Sequence[Judged]) -> list[Line]:
     missing = sum(c.truth["foretellable"] for c in known) - len(told)
     worst = [c.worst for c in told] + [inf] * missing
     removed = [c.removed for c in told]
+    near = [c.closure_near_rest.worst for c in known if c.closure_near_rest is not None]
     if not worst:
         return [Line("closure", "no case", "")]
     quantiles = np.quantile(worst, [0.25, 0.5, 0.75, 0.95], method="nearest")
@@ -255,6 +258,7 @@ def _closures(known: Sequence[Judged]) -> list[Line]:
         Line("closure, worst joint: median", f"{np.median(worst):.3f}  (quartiles, 95 %: {spread})",
              "<= 1.10"),
         rate("closure <= 1.2", [w <= 1.2 for w in worst], ">= 95 %"),
+        Line("closure with rows near rest: median", f"{np.median(near):.3f}" if near else "-", ""),
         Line("reducible error removed: median", f"{np.nanmedian(removed):.2%}" if removed else "-",
              ""),
     ]  # fmt: skip

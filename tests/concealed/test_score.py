@@ -25,7 +25,7 @@ def judged(hidden, found, kind="single", verdict="explained", worst=1.0):
     truth = {"kind": kind, "effects": hidden, "asked": [3.0], "foretellable": True}
     said = {"verdict": verdict, "findings": found, "unexplained": {"joints": []}}
     closure = Closure(np.full(7, 10.0), np.full(7, worst), np.ones(7))
-    return Judged(Path("a"), truth, said, closure, 12.0)
+    return Judged(Path("a"), truth, said, closure, closure, 12.0)
 
 
 def values(cases):
