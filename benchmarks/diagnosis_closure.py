@@ -3,8 +3,8 @@
 Torques are compared below 10 Hz, over the rows in which the joint moves and is a tenth of a second,
 the reach of the filter, away from rest: nearer, a sample is a mixture of rest and motion, and no
 encoder tells when exactly the sign of friction turned. On four recordings of nulls, the plant's own
-equations on positions below 10 Hz come to 1.00 to 1.16 noise floors at each joint so, and to 1.01 to
-4.66 over all moving rows; the score prints both. Measured torque, prediction and noise all go
+equations on positions below 10 Hz come to 1.00 to 1.16 noise floors at each joint so, and to 1.01
+to 4.66 over all moving rows; the score prints both. Measured torque, prediction and noise all go
 through the same zero-phase filter.
 """
 

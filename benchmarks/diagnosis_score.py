@@ -249,7 +249,8 @@ def _closures(known: Sequence[Judged]) -> list[Line]:
     missing = sum(c.truth["foretellable"] for c in known) - len(told)
     worst = [c.worst for c in told] + [inf] * missing
     removed = [c.removed for c in told]
-    near = [c.closure_near_rest.worst for c in known if c.closure_near_rest is not None]
+    near = [c.closure_near_rest.worst for c in known
+            if c.truth["foretellable"] and c.closure_near_rest is not None]  # fmt: skip
     if not worst:
         return [Line("closure", "no case", "")]
     quantiles = np.quantile(worst, [0.25, 0.5, 0.75, 0.95], method="nearest")
