@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.data_gate import Columns, LeftOut, contiguous, inspect
-from limo_driver.differentiation import EDGE, differentiate, smooth
+from limo_driver.differentiation import EDGE, HIGHEST_BANDWIDTH, differentiate, smooth
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
 
 __all__ = ["LeftOut", "Recording"]
+
+SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,38 @@ class Recording:
         """
         smoothed = differentiate(self.time, self.position, bandwidth, self.segments)
         return Motion(self.time, smoothed.value, smoothed.first, smoothed.second, self.temperature)
+
+    def sharp_motion(self, bandwidth: float) -> Motion:
+        """Differentiate the positions for a prediction of friction, whose sign is sharp.
+
+        A velocity that lost its high frequencies changes its sign too gently: friction computed
+        from it errs by several noise floors around every reversal, whatever is filtered later.
+        So position and velocity keep `SHARPER` times the bandwidth, as far as the sampling rate
+        allows; the acceleration, which would be nothing but noise there, keeps the bandwidth.
+
+        Args:
+            bandwidth: As for `motion` [Hz].
+
+        Returns:
+            Position, velocity and acceleration at the recorded instants.
+
+        Raises:
+            RecordingError: The bandwidth is too high for the sampling rate.
+        """
+        smooth_motion = self.motion(bandwidth)
+        sharper = min(SHARPER * bandwidth, HIGHEST_BANDWIDTH * self.slowest_rate)
+        if sharper <= bandwidth:
+            return smooth_motion
+        sharp = differentiate(self.time, self.position, sharper, self.segments)
+        return replace(smooth_motion, position=sharp.value, velocity=sharp.first)
+
+    @property
+    def slowest_rate(self) -> float:
+        """Lowest mean sampling rate of a segment [Hz]."""
+        return min(
+            (part.stop - part.start - 1) / float(self.time[part.stop - 1] - self.time[part.start])
+            for part in self.segments
+        )
 
     @cached_property
     def temperature(self) -> FloatArray | None:

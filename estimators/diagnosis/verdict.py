@@ -164,5 +164,3 @@ def _plain(value: Any) -> Any:  # noqa: ANN401  # JSON values
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-

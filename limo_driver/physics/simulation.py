@@ -133,7 +133,8 @@ class Simulation:
 
         Args:
             recording: Measured motion; its torque is not looked at.
-            bandwidth: Of the zero-phase differentiator [Hz].
+            bandwidth: Of the zero-phase differentiator [Hz]; velocities are sharper, see
+                `Recording.sharp_motion`.
 
         Returns:
             Joint torques, (T, n) [N m].
@@ -142,7 +143,7 @@ class Simulation:
             ShapeError: The recording has another number of joints.
             RecordingError: The bandwidth is too high for the sampling rate.
         """
-        motion = recording.motion(bandwidth)
+        motion = recording.sharp_motion(bandwidth)
         return np.concatenate([self.predict(motion[rows]) for rows in recording.segments])
 
     def init(self) -> tuple[State, ...]:

@@ -1,0 +1,171 @@
+"""Candidates: hypotheses with their columns in the table, ready to compete."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from estimators.diagnosis import hypotheses
+from estimators.diagnosis.evidence import Prior
+from estimators.diagnosis.improvement import payload_of
+from estimators.diagnosis.nuisance import can_scale, derivative, relative_inertia
+from estimators.diagnosis.responses import response
+from estimators.rigid_body.regressor import PER_LINK
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from estimators.diagnosis.columns import Columns
+    from estimators.diagnosis.hypotheses import Hypothesis
+    from estimators.diagnosis.improvement import Improvement
+    from estimators.diagnosis.observations import Observations
+    from limo_driver.types import FloatArray
+
+Enter: TypeAlias = "Callable[[Improvement, FloatArray], None]"
+
+WRONG = 1.0  # relative deviation of a parameter that is simply wrong
+WRONG_INERTIA = 0.4
+_PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
+_SMOOTHING = {"v_eps"}
+_TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place, with its columns."""
+
+    effect: str
+    joints: tuple[int, ...]  # 0-based; empty for the whole arm
+    kind: Literal["missing", "wrong_parameter"]
+    prior: Prior
+    enter: Enter
+    positive: bool = False
+    hypothesis: Hypothesis | None = None
+    variants: int = 1  # with how many of its kind it shares its chance
+
+    @property
+    def place(self) -> tuple[str, tuple[int, ...]]:
+        """What is named: effect and joints."""
+        return self.effect, self.joints
+
+
+def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -> list[Candidate]:
+    """Add the columns of every hypothesis to the table.
+
+    Args:
+        observed: Recordings and simulation.
+        columns: The table; the nuisance columns are in it.
+        level: Plausible RMS of a missing torque on each joint, (n,) [N m].
+    """
+    found = [*_revisions(observed, columns), *_bodies(observed, columns)]
+    revised = {candidate.place for candidate in found}
+    for hypothesis in hypotheses.every(observed):
+        if (hypothesis.effect, hypothesis.joints) not in revised:
+            candidate = entered(hypothesis, observed, columns, level)
+            if candidate is not None:
+                found.append(candidate)
+    return _counted(found)
+
+
+def _counted(found: Sequence[Candidate]) -> list[Candidate]:
+    count: dict[tuple[str, tuple[int, ...]], int] = {}
+    for candidate in found:
+        count[candidate.place] = count.get(candidate.place, 0) + 1
+    return [replace(candidate, variants=count[candidate.place]) for candidate in found]
+
+
+def entered(
+    hypothesis: Hypothesis, observed: Observations, columns: Columns, level: FloatArray
+) -> Candidate | None:
+    """Add one hypothesis' columns to the table; None if it can have no influence."""
+    responses = [response(term, observed) for term in hypothesis.terms]
+    joints = tuple(sorted({joint for item in responses for joint in item.joints}))
+    values = np.zeros((len(joints), len(observed.kept), len(responses)))
+    for column, item in enumerate(responses):
+        for row, joint in zip(item.values, item.joints, strict=True):
+            values[joints.index(joint), :, column] = row
+    relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
+    strength = relative.max(axis=0)
+    if strength.min() < _TINY:
+        strength = np.maximum(strength, _TINY)
+        if strength.max() <= _TINY:
+            return None
+    deviation = np.where(strength > _TINY, 1.0 / strength, 0.0)
+
+    def enter(improvement: Improvement, c: FloatArray) -> None:
+        for effect in hypothesis.realise(c):
+            improvement.add(effect)
+
+    return Candidate(
+        hypothesis.effect,
+        hypothesis.joints,
+        "missing",
+        Prior(columns.add(joints, values), deviation),
+        enter,
+        hypothesis.positive,
+        hypothesis,
+    )
+
+
+def _revisions(observed: Observations, columns: Columns) -> Iterator[Candidate]:
+    """Yield every effect of the simulation, with its parameters free."""
+    for place, effect in enumerate(observed.simulation.effects):
+        names = [
+            known.name
+            for known in effect.parameters()
+            if can_scale(known) and known.name not in _SMOOTHING and getattr(effect, known.name)
+        ]
+        if not names:
+            continue
+        parts = [derivative(observed, place, name) for name in names]
+        joints = tuple(sorted({joint for part in parts for joint in part[0]}))
+        values = np.zeros((len(joints), len(observed.kept), len(parts)))
+        for column, (acts, rows) in enumerate(parts):
+            for joint, row in zip(acts, rows, strict=True):
+                values[joints.index(joint), :, column] = row
+        own: Any = effect
+        named = (own.joint - 1,) if hasattr(effect, "joint") else ()
+        yield Candidate(
+            effect.name,
+            named,
+            "wrong_parameter",
+            Prior(columns.add(joints, values), np.full(len(names), WRONG)),
+            _reviser(place, names),
+        )
+
+
+def _reviser(place: int, names: Sequence[str]) -> Enter:
+    def enter(improvement: Improvement, c: FloatArray) -> None:
+        for name, change in zip(names, c, strict=True):
+            improvement.revise(place, name, float(change))
+
+    return enter
+
+
+def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
+    model, n = observed.simulation.model, observed.n
+    Y = observed.chain.regressor(observed.slow)
+    for link, name in enumerate(model.link_names):
+        scale = relative_inertia(model.inertials[name])
+        own = Y[: link + 1, :, PER_LINK * link : PER_LINK * (link + 1)]
+        yield Candidate(
+            "link_inertia",
+            (link,),
+            "wrong_parameter",
+            Prior(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, WRONG_INERTIA)),
+            _mover(link, scale),
+        )
+    last = Y[:, :, PER_LINK * (n - 1) :]
+    yield Candidate(
+        "payload",
+        (n - 1,),
+        "missing",
+        Prior(columns.add(range(n), np.ascontiguousarray(last)), _PAYLOAD),
+        lambda improvement, c: improvement.add(payload_of(c)),
+    )
+
+
+def _mover(link: int, scale: FloatArray) -> Enter:
+    return lambda improvement, c: improvement.move_inertia(link, scale @ c)

@@ -1,0 +1,101 @@
+"""Evidence: how much likelier the recordings are with some effects than without.
+
+The residual is linear in what is not known: y = N eta + A theta + e, with nuisance parameters
+eta ~ N(0, diag s²) inside their tolerances, amplitudes theta ~ N(0, diag a²) of hypothesised
+effects, and noise e. Nuisance parameters are integrated out once; a set of effects then costs one
+small factorisation.
+
+    log p(y | set) - log p(y | none) = ½ |L⁻¹ S d|² - Σ log L_ii,   L Lᵀ = I + S C S
+
+with C and d the products of the set's columns after the nuisance, S = diag a.
+
+Source: MacKay, "Bayesian interpolation", Neural Computation 1992.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.columns import Products
+    from limo_driver.types import FloatArray
+
+_RIDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Columns and the standard deviations of their coefficients."""
+
+    index: NDArray[np.int64]  # (c,)
+    deviation: FloatArray  # (c,)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Coefficients of nuisance columns, then of the set's."""
+
+    index: NDArray[np.int64]  # (m,)
+    mean: FloatArray  # (m,)
+    covariance: FloatArray  # (m, m)
+
+
+class Evidence:
+    """Compares sets of columns on given products.
+
+    Args:
+        products: Sums over the rows that count.
+        nuisance: Columns that are in every set, with their tolerances.
+    """
+
+    def __init__(self, products: Products, nuisance: Prior) -> None:
+        self.products, self.nuisance = products, nuisance
+        at, s = nuisance.index, nuisance.deviation
+        G = products.gram
+        inner = s[:, None] * G[np.ix_(at, at)] * s + np.eye(at.size)
+        self._lower = np.linalg.cholesky(inner)
+        half = solve_triangular(self._lower, s[:, None] * G[at], lower=True)
+        self.gram = G - half.T @ half
+        b = solve_triangular(self._lower, s * products.product[at], lower=True)
+        self.product = products.product - half.T @ b
+        self.energy = products.energy - float(b @ b)
+
+    def gain(self, prior: Prior) -> float:
+        """Return the log evidence of a set of columns against none."""
+        at, a = prior.index, prior.deviation
+        if not at.size:
+            return 0.0
+        M = a[:, None] * self.gram[np.ix_(at, at)] * a
+        M.flat[:: at.size + 1] += 1.0 + _RIDGE
+        lower = np.linalg.cholesky(M)
+        z = solve_triangular(lower, a * self.product[at], lower=True, check_finite=False)
+        return 0.5 * float(z @ z) - float(np.log(np.diag(lower)).sum())
+
+    def posterior(self, prior: Prior) -> Posterior:
+        """Return the coefficients of nuisance and set together."""
+        return posterior(self.products, self.nuisance, prior)
+
+
+def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:
+    """Return the coefficients of nuisance columns and a set, given sums over any rows."""
+    at = np.concatenate([nuisance.index, prior.index])
+    s = np.concatenate([nuisance.deviation, prior.deviation])
+    M = s[:, None] * products.gram[np.ix_(at, at)] * s + (1.0 + _RIDGE) * np.eye(at.size)
+    factor = cho_factor(M)
+    mean = s * cho_solve(factor, s * products.product[at])
+    covariance = s[:, None] * cho_solve(factor, np.eye(at.size)) * s
+    return Posterior(at, mean, covariance)
+
+
+def joined(*priors: Prior) -> Prior:
+    """Return several sets of columns as one."""
+    return Prior(
+        np.concatenate([np.zeros(0, dtype=np.int64), *(p.index for p in priors)]),
+        np.concatenate([np.zeros(0), *(p.deviation for p in priors)]),
+    )

@@ -1,0 +1,145 @@
+"""Improvement: the given simulation with what was found written into it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from limo_driver.errors import ConfigError
+from limo_driver.model import Inertial
+from limo_driver.physics import (
+    AsymmetricFriction,
+    CoulombFriction,
+    GravityDirection,
+    JointElasticity,
+    Payload,
+)
+
+if TYPE_CHECKING:
+    from limo_driver.physics import Effect, Simulation
+    from limo_driver.types import FloatArray
+
+# Effects that add up to one of the same kind: the parameter that adds.
+_ADDING = {
+    "coulomb_friction": "tau_c",
+    "viscous_friction": "f_v",
+    "armature": "inertia",
+    "torque_offset": "offset",
+    "torque_gain": "gain",
+    "encoder_offset": "offset",
+    "quadratic_drag": "coefficient",
+    "backlash": "gap",
+}
+_HALVINGS = 12
+
+
+class Improvement:
+    """Collects changes to a simulation."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.given = simulation
+        self.effects: list[Effect] = list(simulation.effects)
+        self.change = np.zeros((simulation.model.n, PER_LINK))  # of (m, m c, I) of each link
+
+    def revise(self, place: int, name: str, relative: float) -> None:
+        """Change a parameter of the effect at a place in the list by a part of itself."""
+        effect: Any = self.effects[place]
+        known = next(item for item in effect.parameters() if item.name == name)
+        value = getattr(effect, name) * (1.0 + relative)
+        self.effects[place] = replace(effect, **{name: float(np.clip(value, *_within(known)))})
+
+    def move_inertia(self, link: int, change: FloatArray) -> None:
+        """Add to the parameters (m, m c, I at the joint frame) of a link (0-based)."""
+        self.change[link] += change
+
+    def add(self, effect: Effect) -> None:
+        """Add an effect, or add it to the same effect of the same joint."""
+        for place, old in enumerate(self.effects):
+            merged = _merged(old, effect)
+            if merged is not None:
+                self.effects[place] = merged
+                return
+        self.effects.append(effect)
+
+    def simulation(self) -> Simulation:
+        """Return the simulation; bodies that cannot exist are drawn back to the nominal ones."""
+        model = self.given.model
+        inertials = dict(self.given.inertials)
+        for link, change in zip(model.link_names, self.change, strict=True):
+            if change.any():
+                inertials[link] = _body(model.inertials[link], change)
+        return replace(self.given, effects=tuple(self.effects), inertials=inertials)
+
+
+def _within(known: Any) -> tuple[float, float]:  # noqa: ANN401  # Parameter
+    return known.lower, known.upper
+
+
+def _merged(old: Any, new: Any) -> Effect | None:  # noqa: ANN401  # effects of any class
+    """Return one effect for two of the same joint; None where they stay two."""
+    if isinstance(old, GravityDirection) and isinstance(new, GravityDirection):
+        return new
+    if getattr(old, "joint", None) != getattr(new, "joint", None):
+        return None
+    if isinstance(old, CoulombFriction) and isinstance(new, AsymmetricFriction):
+        return replace(
+            new,
+            tau_plus=max(0.0, new.tau_plus + old.tau_c),
+            tau_minus=max(0.0, new.tau_minus + old.tau_c),
+        )
+    if type(old) is not type(new):
+        return None
+    if isinstance(old, JointElasticity):
+        return replace(old, stiffness=1.0 / (1.0 / old.stiffness + 1.0 / new.stiffness))
+    if isinstance(old, Payload):
+        return None
+    name = _ADDING.get(old.name)
+    if name is None:
+        return None
+    known = next(item for item in old.parameters() if item.name == name)
+    value = getattr(old, name) + getattr(new, name)
+    return replace(old, **{name: float(np.clip(value, known.lower, known.upper))})
+
+
+def _body(nominal: Inertial, change: FloatArray) -> Inertial:
+    """Return the nearest possible body on the way from nominal to nominal + change."""
+    start = parameters_of(nominal)
+    for _ in range(_HALVINGS):
+        body = body_of(start + change)
+        if body is not None and body.is_consistent():
+            return body
+        change = 0.5 * change
+    return nominal
+
+
+def body_of(parameters: FloatArray) -> Inertial | None:
+    """Return the body of (m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz); None without mass."""
+    m = float(parameters[0])
+    if m <= 0:
+        return None
+    c = parameters[1:4] / m
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    tensor = origin - m * (c @ c * np.eye(3) - np.outer(c, c))
+    x, y, z = (float(value) for value in c)
+    inertia = tuple(float(value) for value in tensor[np.triu_indices(3)])
+    return Inertial(m, (x, y, z), inertia)  # pyright: ignore[reportArgumentType]  # six numbers
+
+
+def payload_of(parameters: FloatArray) -> Payload:
+    """Return the payload of (m, m c, I) in the frame of the last link.
+
+    Raises:
+        ConfigError: No body has these parameters, even as a point.
+    """
+    body = body_of(parameters)
+    if body is None:
+        raise ConfigError("a payload has to have mass")
+    if not body.is_consistent():
+        radius = 0.02  # [m], a compact body, where the data say nothing of its extent
+        size = 0.4 * body.mass * radius**2
+        body = replace(body, inertia=(size, 0.0, 0.0, size, 0.0, size))
+    return Payload(mass=body.mass, com=body.com, inertia=body.inertia)

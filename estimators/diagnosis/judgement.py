@@ -1,0 +1,119 @@
+"""Judgement: from the fitted set to findings, with equivalents, abstention and confidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.proof import rmse
+from estimators.diagnosis.surrogate import foretold
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.candidates import Candidate
+    from estimators.diagnosis.evidence import Posterior
+    from estimators.diagnosis.pipeline import Bench, Solution
+    from limo_driver.types import FloatArray
+
+MATERIAL = 0.5  # [noise floors] that a finding has to take off the held-out error of some joint
+TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
+FORETOLD = 0.5  # [noise floors] of foretellable rest that counts as unknown physics
+DOMINANT = 0.7  # part of a joint's foretellable error that its findings have to explain
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What the chosen set leaves on each joint; each array (n,) [N m]."""
+
+    floor: FloatArray  # RMS of what no black box can foretell
+    foretold: FloatArray  # RMS of what one can
+
+
+def leftover(bench: Bench, solution: Solution) -> Leftover:
+    """Split the rest into what could be foretold and what is noise."""
+    left = bench.left(solution.fitted)
+    floor, more = np.empty(bench.observed.n), np.empty(bench.observed.n)
+    for joint in range(bench.observed.n):
+        guess = foretold(bench.observed, left[:, joint], joint)
+        noise = float(np.mean((left[:, joint] - guess) ** 2))
+        floor[joint] = np.sqrt(noise)
+        more[joint] = np.sqrt(max(0.0, float(np.mean(left[:, joint] ** 2)) - noise))
+    return Leftover(floor, more)
+
+
+def without(solution: Solution, member: int) -> Posterior:
+    """Fit the set without one of its members."""
+    rest = tuple(i for i in solution.members if i != member)
+    return solution.search.evidence.posterior(solution.search.prior(rest))
+
+
+def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
+    """Return how much held-out mean square a member takes off each joint, (n,) [N² m²]."""
+    rows = bench.split.held_out
+    with_it = rmse(bench.left(solution.fitted), rows)
+    without_it = rmse(bench.left(without(solution, member)), rows)
+    return without_it**2 - with_it**2
+
+
+def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidate, ...]:
+    """Return the candidates that would do as well in a member's place, best first."""
+    own = bench.candidates[member]
+    rest = tuple(i for i in solution.members if i != member)
+    taken = {bench.candidates[i].place for i in rest}
+    best: dict[tuple[str, tuple[int, ...]], tuple[float, Candidate]] = {}
+    reference = solution.search.gain((*rest, member))
+    for i, candidate in enumerate(bench.candidates):
+        if candidate.place == own.place or candidate.place in taken:
+            continue
+        gain = solution.search.gain((*rest, i))
+        if gain > reference - TELLABLE and solution.search.possible(tuple(sorted((*rest, i)))):
+            known = best.get(candidate.place)
+            if known is None or known[0] < gain:
+                best[candidate.place] = (gain, candidate)
+    return tuple(item[1] for item in sorted(best.values(), key=lambda item: -item[0]))
+
+
+def margin(bench: Bench, solution: Solution, member: int, same: Sequence[Candidate]) -> float:
+    """Return the evidence for a member over the best other explanation in its place [nat]."""
+    own = bench.candidates[member]
+    rest = tuple(i for i in solution.members if i != member)
+    taken = {bench.candidates[i].place for i in rest} | {own.place} | {c.place for c in same}
+    other = max(
+        (
+            solution.search.gain((*rest, i))
+            for i, candidate in enumerate(bench.candidates)
+            if candidate.place not in taken
+        ),
+        default=0.0,
+    )
+    best = max(other, solution.search.gain(rest))
+    return solution.search.gain((*rest, member)) - best
+
+
+def abstained(
+    bench: Bench, solution: Solution, rest: Leftover
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Take back names that explain too little of a joint's error, and say what stays unknown.
+
+    A wrong effect often explains part of an unknown one. The right one leaves nothing that a black
+    box could foretell.
+
+    Returns:
+        Members that stay, and joints (0-based) on which something unknown acts.
+    """
+    unknown = np.flatnonzero(rest.foretold > FORETOLD * rest.floor)
+    search = solution.search
+    none = search.evidence.posterior(search.prior(()))
+    rows = bench.split.held_out
+    taken_off = rmse(bench.left(none), rows) ** 2 - rmse(bench.left(solution.fitted), rows) ** 2
+    explained = taken_off / np.maximum(taken_off + rest.foretold**2, 1e-12)
+    doubtful = {int(j) for j in unknown if explained[j] < DOMINANT}
+    stay = tuple(
+        member
+        for member in solution.members
+        if int(np.argmax(contribution(bench, solution, member) / rest.floor**2)) not in doubtful
+    )
+    return stay, tuple(int(j) for j in unknown)

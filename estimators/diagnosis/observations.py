@@ -1,0 +1,238 @@
+"""Observations: recordings and simulation through one filter, on one slow grid of rows.
+
+Torque, simulated torque and every column that could explain their difference pass the same
+zero-phase low-pass. Otherwise the filter itself would look like physics: the sharp sign of a
+friction has high frequencies that the filtered torque has lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.rigid_body.regressor import Chain
+from limo_driver.differentiation import smooth
+from limo_driver.errors import RecordingError
+from limo_driver.physics.effect import JointMotion
+from limo_driver.types import Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
+
+ROWS_PER_BANDWIDTH = 2.5  # [rows/(s Hz)]; 2 would be the least that keeps all information
+LEAST_ROWS = 200  # of all recordings together, on the slow grid
+_DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Recordings beside a simulation: T full-rate samples, K of them kept, n joints."""
+
+    simulation: Simulation
+    recordings: tuple[Recording, ...]
+    bandwidth: float  # [Hz]
+    motion: Motion  # (T,) all recordings, one after the other; time starts anew in each
+    slow: Motion  # (K,) the same within the bandwidth, on the rows kept
+    segments: tuple[slice, ...]  # contiguous stretches of those samples
+    kept: NDArray[np.int64]  # (K,) samples that are rows of the slow grid
+    measured: FloatArray  # (K, n) [N m]
+
+    @classmethod
+    def of(
+        cls, simulation: Simulation, recordings: Sequence[Recording], bandwidth: float
+    ) -> Observations:
+        """Filter the recordings.
+
+        Raises:
+            RecordingError: Too little is left, or the bandwidth does not suit a recording.
+        """
+        motions = [recording.sharp_motion(bandwidth) for recording in recordings]
+        smooth_motions = [recording.motion(bandwidth) for recording in recordings]
+        starts = np.cumsum([0, *(len(recording) for recording in recordings)])
+        segments = tuple(
+            slice(start + rows.start, start + rows.stop)
+            for recording, start in zip(recordings, starts, strict=False)
+            for rows in recording.segments
+        )
+        kept = [
+            start + _slow_rows(recording, bandwidth)
+            for recording, start in zip(recordings, starts, strict=False)
+        ]
+        measured = [recording.filtered_torque(bandwidth) for recording in recordings]
+        rows = np.concatenate(kept)
+        if rows.size < LEAST_ROWS:
+            raise RecordingError(
+                f"the recordings leave {rows.size} independent rows at a bandwidth of "
+                f"{bandwidth:g} Hz; a diagnosis needs {LEAST_ROWS}: record for longer"
+            )
+        return cls(
+            simulation,
+            tuple(recordings),
+            bandwidth,
+            _joined(motions),
+            _joined(smooth_motions)[rows],
+            segments,
+            rows,
+            np.concatenate(measured)[rows],
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.motion.n
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The arm for regressors."""
+        return Chain.of(self.simulation.model)
+
+    @cached_property
+    def recording_of_sample(self) -> NDArray[np.int64]:
+        """Which recording each full-rate sample is from, (T,)."""
+        return np.repeat(np.arange(len(self.recordings)), [len(r) for r in self.recordings])
+
+    @cached_property
+    def recording(self) -> NDArray[np.int64]:
+        """Which recording each kept row is from, (K,)."""
+        return self.recording_of_sample[self.kept]
+
+    @cached_property
+    def segment(self) -> NDArray[np.int64]:
+        """Which contiguous stretch each kept row is from, (K,)."""
+        return np.searchsorted([rows.stop for rows in self.segments], self.kept, side="right")
+
+    @property
+    def row_period(self) -> float:
+        """Median time between kept rows [s]."""
+        steps = np.diff(self.motion.time[self.kept])
+        return float(np.median(steps[steps > 0]))
+
+    def filter(self, values: FloatArray) -> FloatArray:
+        """Filter full-rate columns (T, ...) as the torque was and keep the slow rows, (K, ...)."""
+        flat = values.reshape(values.shape[0], -1)
+        result = np.empty_like(flat)
+        for rows in self.segments:
+            time = self.motion.time[rows]
+            result[rows] = smooth(time, flat[rows], self.bandwidth, [slice(0, time.size)])
+        return result[self.kept].reshape(-1, *values.shape[1:])
+
+    def predict(self, simulation: Simulation) -> FloatArray:
+        """Return the torque that a simulation says was measured, unfiltered, (T, n) [N m]."""
+        return np.concatenate([simulation.predict(self.motion[rows]) for rows in self.segments])
+
+    @cached_property
+    def load(self) -> FloatArray:
+        """Nominal rigid-body torque of every sample, (T, n) [N m]."""
+        motion = self.motion
+        return self.simulation.body.inverse_dynamics(
+            motion.position, motion.velocity, motion.acceleration
+        )
+
+    def of_joint(self, joint: int, rows: slice) -> JointMotion:
+        """Return the motion and load of one joint (0-based) over some samples."""
+        motion = self.motion
+        temperature = None if motion.temperature is None else motion.temperature[rows, joint]
+        return JointMotion(
+            motion.time[rows],
+            np.ascontiguousarray(motion.position[rows, joint]),
+            motion.velocity[rows, joint],
+            motion.acceleration[rows, joint],
+            self.load[rows, joint],
+            temperature,
+        )
+
+    @cached_property
+    def predicted(self) -> FloatArray:
+        """What the given simulation says, unfiltered, (T, n) [N m]."""
+        return self.predict(self.simulation)
+
+    @cached_property
+    def simulated(self) -> FloatArray:
+        """What the given simulation says, filtered, (K, n) [N m]."""
+        return self.filter(self.predicted)
+
+    @property
+    def residual(self) -> FloatArray:
+        """Recorded minus simulated torque, (K, n) [N m]."""
+        return self.measured - self.simulated
+
+    @cached_property
+    def stiffness(self) -> FloatArray:
+        """Derivative of the rigid-body torque by each position, (n by, n of, K) [N m/rad]."""
+        body, slow = self.simulation.body, self.slow
+        result = np.empty((self.n, self.n, len(slow)))
+        for j in range(self.n):
+            step = np.zeros(self.n)
+            step[j] = _DIFFERENCE
+            ahead, behind = (
+                body.inverse_dynamics(slow.position + sign * step, slow.velocity, slow.acceleration)
+                for sign in (1, -1)
+            )
+            result[j] = (ahead - behind).T / (2 * _DIFFERENCE)
+        return result
+
+    @cached_property
+    def inertia(self) -> FloatArray:
+        """Rows of the mass matrix on the slow rows, (n by, n of, K) [kg m²]."""
+        body, position = self.simulation.body, self.slow.position
+        still = np.zeros_like(position)
+        gravity = body.inverse_dynamics(position, still, still)
+        result = np.empty((self.n, *position.shape))
+        for j in range(self.n):
+            unit = still.copy()
+            unit[:, j] = 1.0
+            result[j] = body.inverse_dynamics(position, still, unit) - gravity
+        return result.transpose(0, 2, 1)
+
+    @cached_property
+    def since_reversal(self) -> FloatArray:
+        """Distance that each joint has travelled since its last reversal, (T, n) [rad]."""
+        result = np.zeros_like(self.motion.position)
+        for rows in self.segments:
+            result[rows] = _since_reversal(self.motion.position[rows], self.motion.velocity[rows])
+        return result
+
+
+def _slow_rows(recording: Recording, bandwidth: float) -> NDArray[np.int64]:
+    """Return the samples of the slow grid: at most so many per second, none at an edge."""
+    period = 1.0 / (ROWS_PER_BANDWIDTH * bandwidth)
+    inside = ~recording.edges(bandwidth)
+    kept: list[NDArray[np.int64]] = []
+    for rows in recording.segments:
+        cell = np.floor((recording.time[rows] - recording.time[rows.start]) / period)
+        first = np.flatnonzero(np.diff(cell, prepend=-1)) + rows.start
+        kept.append(first[inside[first]])
+    return np.concatenate(kept)
+
+
+def _since_reversal(position: FloatArray, velocity: FloatArray) -> FloatArray:
+    sign = np.sign(velocity)
+    result = np.empty_like(position)
+    for j in range(position.shape[1]):
+        turn = np.flatnonzero(np.diff(sign[:, j]) != 0) + 1
+        last = np.zeros(position.shape[0], dtype=np.int64)
+        last[turn] = turn
+        last = np.maximum.accumulate(last)
+        result[:, j] = np.abs(position[:, j] - position[last, j])
+    return result
+
+
+def _joined(motions: Sequence[Motion]) -> Motion:
+    temperatures = [motion.temperature for motion in motions]
+    known = [values for values in temperatures if values is not None]
+    return Motion(
+        np.concatenate([motion.time for motion in motions]),
+        np.concatenate([motion.position for motion in motions]),
+        np.concatenate([motion.velocity for motion in motions]),
+        np.concatenate([motion.acceleration for motion in motions]),
+        np.concatenate(known) if len(known) == len(motions) else None,
+    )

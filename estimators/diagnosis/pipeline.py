@@ -1,0 +1,254 @@
+"""The pipeline: from recordings and a simulation to a diagnosis, one stage after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from estimators.diagnosis.candidates import Candidate, candidates_of
+from estimators.diagnosis.columns import Columns, Products
+from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
+from estimators.diagnosis.diagnosis import Diagnosis, Traces
+from estimators.diagnosis.evidence import Evidence, Posterior
+from estimators.diagnosis.hypotheses import alternatives
+from estimators.diagnosis.improvement import Improvement
+from estimators.diagnosis.judgement import MATERIAL, abstained, contribution, leftover
+from estimators.diagnosis.noise import Noise
+from estimators.diagnosis.nuisance import Nuisance, nuisance_of
+from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.proof import Split, rmse
+from estimators.diagnosis.refinement import Setting, best_of, replaced
+from estimators.diagnosis.search import Search
+
+if TYPE_CHECKING:
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
+
+Progress: TypeAlias = Callable[[str, float], None]
+
+_ROUNDS = 3  # of noise and search in turn
+_LEAST_FLOOR = 1e-4  # [N m]
+
+
+def quiet(_stage: str, _done: float) -> None:
+    """Report no progress."""
+
+
+@dataclass
+class Bench:
+    """What the stages share: observations, columns and who competes."""
+
+    observed: Observations
+    columns: Columns
+    nuisance: Nuisance
+    candidates: list[Candidate]
+    split: Split
+    residual: FloatArray  # (K, n) [N m]
+    level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
+
+    @classmethod
+    def of(cls, observed: Observations, progress: Progress) -> Bench:
+        """Lay out everything that could explain the residual."""
+        progress("columns of what is known within tolerances", 0.1)
+        residual = observed.residual
+        split = Split.of(observed)
+        columns = Columns(*residual.shape)
+        use = np.repeat(split.fitted[:, None], observed.n, axis=1)
+        rough = Noise.of(residual, use, observed.segment)
+        nuisance = nuisance_of(observed, columns, rough.white)
+        progress("columns of every effect at every place", 0.2)
+        level = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 3 * rough.white)
+        candidates = candidates_of(observed, columns, level)
+        return cls(observed, columns, nuisance, candidates, split, residual, level)
+
+    def left(self, fitted: Posterior) -> FloatArray:
+        """Return what a fit leaves of the residual, (K, n) [N m]."""
+        return self.residual - self.columns.apply(fitted.index, fitted.mean)
+
+    def rows(self, held_out: bool = False) -> FloatArray:
+        """Return the rows to fit to or those held out, for every joint, (K, n)."""
+        chosen = self.split.held_out if held_out else self.split.fitted
+        return np.repeat(chosen[:, None], self.observed.n, axis=1)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The chosen set and its fit."""
+
+    members: tuple[int, ...]
+    search: Search
+    noise: Noise
+    fitted: Posterior
+    gain: float
+
+
+def solve(bench: Bench, progress: Progress) -> Solution:
+    """Find the set of effects; noise and set are found in turn until both stay."""
+    noise = Noise.of(bench.residual, bench.rows(), bench.observed.segment)
+    solution = fitted(bench, (), noise)
+    for turn in range(_ROUNDS):
+        progress("comparing explanations", 0.3 + 0.1 * turn)
+        noise = Noise.of(bench.left(solution.fitted), bench.rows(), bench.observed.segment)
+        search = _search(bench, noise)
+        found = search.best()
+        same = turn > 0 and set(found.members) == set(solution.members)
+        posterior = search.evidence.posterior(search.prior(found.members))
+        solution = Solution(found.members, search, noise, posterior, found.gain)
+        if same:
+            break
+    return solution
+
+
+def fitted(
+    bench: Bench, members: tuple[int, ...], noise: Noise, *, everything: bool = False
+) -> Solution:
+    """Fit a given set under given noise, to the rows meant for it or to all."""
+    search = _search(bench, noise, everything=everything)
+    posterior = search.evidence.posterior(search.prior(members))
+    return Solution(members, search, noise, posterior, search.gain(members))
+
+
+def _search(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
+    rows = np.ones_like(bench.rows()) if everything else bench.rows()
+    products = Products.of(bench.columns, bench.residual, noise, rows)
+    return Search(bench.candidates, Evidence(products, bench.nuisance.prior))
+
+
+def pruned(bench: Bench, solution: Solution) -> Solution:
+    """Take out members that matter little on rows held out: precise, but not physics to name."""
+    while solution.members:
+        floor = rmse(bench.left(solution.fitted), bench.split.held_out)
+        size = {
+            member: float(np.max(contribution(bench, solution, member) / floor**2))
+            for member in solution.members
+        }
+        least = min(size, key=lambda member: size[member])
+        if size[least] >= MATERIAL**2:
+            break
+        rest = tuple(member for member in solution.members if member != least)
+        posterior = solution.search.evidence.posterior(solution.search.prior(rest))
+        solution = replace(
+            solution, members=rest, fitted=posterior, gain=solution.search.gain(rest)
+        )
+    return solution
+
+
+def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
+    """Refine what is not linear in every member, one after the other."""
+    members = list(solution.members)
+    for place, member in enumerate(members):
+        progress("refining parameters", 0.65 + 0.1 * place / len(members))
+        candidate = bench.candidates[member]
+        if candidate.hypothesis is None:
+            continue
+        others = solution.search.prior([m for m in members if m != member])
+        around = Setting(
+            bench.observed,
+            bench.columns,
+            bench.nuisance.prior,
+            others,
+            bench.residual,
+            solution.noise,
+            bench.rows(),
+            bench.level,
+        )
+        rivals = alternatives(candidate.hypothesis, bench.observed)
+        best, _ = best_of(rivals, around)
+        if best is not candidate.hypothesis:
+            new = replaced(candidate, best, around)
+            if new is not None:
+                bench.candidates.append(new)
+                members[place] = len(bench.candidates) - 1
+    if members == list(solution.members):
+        return solution
+    return fitted(bench, tuple(members), solution.noise)
+
+
+def improve(bench: Bench, solution: Solution) -> Simulation:
+    """Write nuisance shifts and findings into the simulation."""
+    improvement = Improvement(bench.observed.simulation)
+    count = bench.nuisance.prior.index.size
+    bench.nuisance.enter(improvement, solution.fitted.mean[:count])
+    at = count
+    for i in solution.members:
+        candidate = bench.candidates[i]
+        size = candidate.prior.index.size
+        candidate.enter(improvement, solution.fitted.mean[at : at + size])
+        at += size
+    return improvement.simulation()
+
+
+def observe(
+    simulation: Simulation, recordings: Sequence[Recording], bandwidth: float
+) -> Observations:
+    """Check that the recordings can be of the simulation's robot, and filter them."""
+    for recording in recordings:
+        recording.check_robot(simulation.model)
+    return Observations.of(simulation, recordings, bandwidth)
+
+
+def diagnose(
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    bandwidth: float = 10.0,
+    progress: Progress = quiet,
+) -> Diagnosis:
+    """Say where a simulation and recordings differ, and what physics was left out.
+
+    Args:
+        simulation: What is believed of the arm, with its tolerances.
+        recordings: One or more of that arm.
+        bandwidth: Of the zero-phase filter on motion and torque [Hz].
+        progress: Told the stage and the part that is done.
+
+    Raises:
+        RecordingError: The recordings cannot be used, or are of another robot.
+    """
+    progress("reading motion", 0.0)
+    observed = observe(simulation, recordings, bandwidth)
+    bench = Bench.of(observed, progress)
+    solution = pruned(bench, solve(bench, progress))
+    solution = pruned(bench, refined(bench, solution, progress))
+    progress("looking for what is left", 0.8)
+    rest = leftover(bench, solution)
+    stay, unknown = abstained(bench, solution, rest)
+    if stay != solution.members:
+        solution = fitted(bench, stay, solution.noise)
+    progress("proving on held-out motion", 0.9)
+    proven = observed.measured - observed.filter(observed.predict(improve(bench, solution)))
+    final = fitted(bench, solution.members, solution.noise, everything=True)
+    improved = improve(bench, final)
+    after = observed.filter(observed.predict(improved))
+    verdict = conclude(bench, solution, final, rest, unknown, proven)
+    progress("done", 1.0)
+    return Diagnosis(
+        verdict=verdict,
+        before=simulation,
+        after=improved,
+        recordings=tuple(recordings),
+        traces=_traces(bench, after),
+        explanations=explanations_of(bench, solution),
+        shifts=shifts_of(bench, final),
+        bandwidth=bandwidth,
+    )
+
+
+def _traces(bench: Bench, after: FloatArray) -> Traces:
+    observed = bench.observed
+    slow, kept = observed.slow, observed.kept
+    return Traces(
+        time=slow.time,
+        recording=observed.recording,
+        position=slow.position,
+        velocity=slow.velocity,
+        load=observed.load[kept],
+        since_reversal=observed.since_reversal[kept],
+        measured=observed.measured,
+        before=observed.simulated,
+        after=after,
+        held_out=bench.split.held_out,
+    )

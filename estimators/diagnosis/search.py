@@ -1,0 +1,122 @@
+"""Search: which set of effects the recordings speak for.
+
+Greedy addition fails: two effects together can explain what neither does alone, and the first one
+chosen is often a blend of both. So a beam of the best sets is grown, then every member is tried
+out of it and every member is swapped for every other candidate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.evidence import Evidence, Prior, joined
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from estimators.diagnosis.candidates import Candidate
+    from limo_driver.types import FloatArray
+
+WIDTH = 6  # sets that are grown further
+LARGEST = 6  # effects in a set
+RARITY = 5.0  # [nat] that an effect has to bring before it is believed
+_CHECKED = 40  # best sets of each size whose signs are checked
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A set of candidates, by index, and its log evidence against none, less its rarity."""
+
+    members: tuple[int, ...]
+    gain: float
+
+
+class Search:
+    """Finds the best set.
+
+    Args:
+        candidates: What competes.
+        evidence: How sets compare.
+    """
+
+    def __init__(self, candidates: Sequence[Candidate], evidence: Evidence) -> None:
+        self.candidates, self.evidence = candidates, evidence
+        places = {candidate.place for candidate in candidates}
+        self._price = RARITY + np.log(len(places))
+        self._known: dict[tuple[int, ...], float] = {(): 0.0}
+
+    def gain(self, members: Iterable[int]) -> float:
+        """Return the log evidence of a set, less its rarity."""
+        key = tuple(sorted(members))
+        if key not in self._known:
+            prior = self.prior(key)
+            price = sum(self._price + np.log(self.candidates[i].variants) for i in key)
+            self._known[key] = self.evidence.gain(prior) - price
+        return self._known[key]
+
+    def prior(self, members: Sequence[int]) -> Prior:
+        """Return the columns of a set, in the order of its members."""
+        return joined(*(self.candidates[i].prior for i in members))
+
+    def best(self, start: Sequence[int] = ()) -> Explained:
+        """Return the best set."""
+        beam = [tuple(start)] if start else [()]
+        best = Explained(beam[0], self.gain(beam[0]))
+        for _ in range(LARGEST - len(start)):
+            grown = self._grown(beam)
+            if not grown or grown[0].gain <= best.gain:
+                break
+            best = grown[0]
+            beam = [item.members for item in grown]
+        return self._settled(best)
+
+    def ranked(self, base: Sequence[int], limit: int) -> list[Explained]:
+        """Return the best single additions to a set."""
+        return self._grown([tuple(base)])[:limit]
+
+    def _grown(self, beam: Sequence[tuple[int, ...]]) -> list[Explained]:
+        seen: dict[tuple[int, ...], float] = {}
+        for members in beam:
+            taken = {self.candidates[i].place for i in members}
+            for i, candidate in enumerate(self.candidates):
+                if i not in members and candidate.place not in taken:
+                    key = tuple(sorted((*members, i)))
+                    if key not in seen:
+                        seen[key] = self.gain(key)
+        ranked = sorted(seen.items(), key=lambda item: -item[1])[:_CHECKED]
+        right = [Explained(key, gain) for key, gain in ranked if self.possible(key)]
+        return right[:WIDTH]
+
+    def _settled(self, best: Explained) -> Explained:
+        """Take members out and swap them while that helps."""
+        for _ in range(2 * LARGEST):
+            options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
+            trials = [Explained(option, self.gain(option)) for option in options]
+            trials += self._grown(options) if options else []
+            better = max(trials, key=lambda item: item.gain, default=best)
+            if better.gain <= best.gain:
+                return best
+            best = better
+        return best
+
+    def possible(self, members: Sequence[int]) -> bool:
+        """Say whether no amplitude has a sign that its effect cannot have."""
+        mean = self.amplitudes(members)
+        at = 0
+        for i in members:
+            size = self.candidates[i].prior.index.size
+            if self.candidates[i].positive and mean[at : at + size].min() < 0:
+                return False
+            at += size
+        return True
+
+    def amplitudes(self, members: Sequence[int]) -> FloatArray:
+        """Return the most likely coefficients of a set."""
+        prior = self.prior(members)
+        a = prior.deviation
+        M = a[:, None] * self.evidence.gram[np.ix_(prior.index, prior.index)] * a
+        M.flat[:: a.size + 1] += 1.0
+        return a * np.linalg.solve(M, a * self.evidence.product[prior.index])

@@ -1,0 +1,32 @@
+"""Wording: what gives each effect away, in words that go into a report."""
+
+from __future__ import annotations
+
+SIGNATURES: dict[str, str] = {
+    "link_inertia": "several joints err together, smoothly with the pose and without history",
+    "payload": "the joints err in the fixed ratios of a body at the flange",
+    "gravity_direction": "the gravity torques err as if the base were tilted",
+    "armature": "torque goes with this joint's own acceleration alone",
+    "coulomb_friction": "a loop of constant height that flips with the direction of motion",
+    "asymmetric_friction": "two plateaus of different height for the two directions",
+    "viscous_friction": "torque grows in proportion to speed",
+    "stribeck_friction": "friction falls as speed grows from creep, whatever the distance travelled",
+    "presliding_hysteresis": "torque rises with the distance since the last reversal",
+    "load_dependent_friction": "the friction loop widens with the load the joint carries",
+    "position_dependent_friction": "the friction loop changes its height over the joint's range",
+    "temperature_dependent_friction": "friction changes over minutes while the motion stays alike",
+    "quadratic_drag": "torque curves upwards with speed",
+    "backlash": "the link jumps where the load changes sign",
+    "joint_elasticity": "the link gives way in proportion to its load",
+    "torque_ripple": "a line at a fixed number of cycles in a revolution",
+    "torque_offset": "a constant, also at rest",
+    "torque_gain": "all of this joint's torque is scaled together",
+    "torque_crosstalk": "the error follows another joint's torque",
+    "torque_drift": "the same motion needs another torque later on",
+    "encoder_offset": "the gravity torque is that of a shifted position",
+    "time_delay": "the measured torque lags behind the motion",
+    "external_contact": "short pushes that act on several joints as one force at the flange",
+    "spring_load": "a torque that depends on position alone, not on load",
+    "joint_coupling": "torque goes with the combined motion of two joints",
+    "unknown": "it could be foretold from the motion, yet no known effect foretells it",
+}
