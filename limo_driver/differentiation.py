@@ -9,6 +9,7 @@ through the same filter stay comparable: none lags behind the other.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import factorial
 from typing import TYPE_CHECKING
 
@@ -80,6 +81,12 @@ def smooth(
     return result
 
 
+@lru_cache(maxsize=64)
+def _filter(bandwidth: float, period: float) -> FloatArray:
+    """Design the low-pass; as second-order sections."""
+    return np.asarray(butter(ORDER, bandwidth, fs=1.0 / period, output="sos"))
+
+
 class _Stretch:
     """One contiguous stretch of samples, its even grid and its filter."""
 
@@ -99,7 +106,7 @@ class _Stretch:
         """Return the filtered values on the grid, with `padding` rows before and after."""
         even = values if self.even else self._to_grid(values)
         padded = np.concatenate([self._before(even), even, self._before(even[::-1])[::-1]])
-        sos = butter(ORDER, self.bandwidth, fs=1.0 / self.period, output="sos")
+        sos = _filter(self.bandwidth, self.period)
         return np.asarray(sosfiltfilt(sos, padded, axis=0, padlen=0))
 
     def read(self, padded: FloatArray) -> FloatArray:

@@ -41,7 +41,6 @@ class Candidate:
     kind: Literal["missing", "wrong_parameter"]
     prior: Prior
     enter: Enter
-    positive: bool = False
     hypothesis: Hypothesis | None = None
     variants: int = 1  # with how many of its kind it shares its chance
 
@@ -102,9 +101,12 @@ def entered(
         hypothesis.effect,
         hypothesis.joints,
         "missing",
-        Prior(columns.add(joints, values), deviation),
+        Prior(
+            columns.add(joints, values),
+            deviation,
+            np.full(deviation.size, hypothesis.positive),
+        ),
         enter,
-        hypothesis.positive,
         hypothesis,
     )
 
@@ -131,7 +133,7 @@ def _revisions(observed: Observations, columns: Columns) -> Iterator[Candidate]:
             effect.name,
             named,
             "wrong_parameter",
-            Prior(columns.add(joints, values), np.full(len(names), WRONG)),
+            Prior.free(columns.add(joints, values), np.full(len(names), WRONG)),
             _reviser(place, names),
         )
 
@@ -154,7 +156,7 @@ def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
             "link_inertia",
             (link,),
             "wrong_parameter",
-            Prior(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, WRONG_INERTIA)),
+            Prior.free(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, WRONG_INERTIA)),
             _mover(link, scale),
         )
     last = Y[:, :, PER_LINK * (n - 1) :]
@@ -162,7 +164,11 @@ def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
         "payload",
         (n - 1,),
         "missing",
-        Prior(columns.add(range(n), np.ascontiguousarray(last)), _PAYLOAD),
+        Prior(
+            columns.add(range(n), np.ascontiguousarray(last)),
+            _PAYLOAD,
+            np.arange(PER_LINK) == 0,
+        ),
         lambda improvement, c: improvement.add(payload_of(c)),
     )
 

@@ -83,7 +83,7 @@ class Products:
         energy = 0.0
         for joint in range(columns.joints):
             values, at = columns.of_joint(joint)
-            rows = use[:, joint] & noise.complete
+            rows = use[:, joint]
             A = noise.whiten(values, joint)[rows]
             y = noise.whiten(residual[:, joint], joint)[rows]
             gram[np.ix_(at, at)] += A.T @ A

@@ -35,6 +35,16 @@ class Prior:
 
     index: NDArray[np.int64]  # (c,)
     deviation: FloatArray  # (c,)
+    positive: NDArray[np.bool_]  # (c,) coefficients that cannot be negative
+
+    @classmethod
+    def free(cls, index: NDArray[np.int64], deviation: FloatArray) -> Prior:
+        """Return columns whose coefficients may have either sign."""
+        return cls(index, deviation, np.zeros(index.size, dtype=bool))
+
+    def of(self, rows: NDArray[np.bool_]) -> Prior:
+        """Return some of the columns."""
+        return Prior(self.index[rows], self.deviation[rows], self.positive[rows])
 
 
 @dataclass(frozen=True)
@@ -67,15 +77,24 @@ class Evidence:
         self.energy = products.energy - float(b @ b)
 
     def gain(self, prior: Prior) -> float:
-        """Return the log evidence of a set of columns against none."""
-        at, a = prior.index, prior.deviation
-        if not at.size:
-            return 0.0
-        M = a[:, None] * self.gram[np.ix_(at, at)] * a
-        M.flat[:: at.size + 1] += 1.0 + _RIDGE
-        lower = np.linalg.cholesky(M)
-        z = solve_triangular(lower, a * self.product[at], lower=True, check_finite=False)
-        return 0.5 * float(z @ z) - float(np.log(np.diag(lower)).sum())
+        """Return the log evidence of a set of columns against none.
+
+        Columns whose coefficient would need the other sign are left out.
+        """
+        while prior.index.size:
+            at, a = prior.index, prior.deviation
+            M = a[:, None] * self.gram[np.ix_(at, at)] * a
+            M.flat[:: at.size + 1] += 1.0 + _RIDGE
+            lower = np.linalg.cholesky(M)
+            z = solve_triangular(lower, a * self.product[at], lower=True, check_finite=False)
+            if prior.positive.any():
+                mean = solve_triangular(lower, z, lower=True, trans=1, check_finite=False)
+                wrong = prior.positive & (mean < 0)
+                if wrong.any():
+                    prior = prior.of(~wrong)
+                    continue
+            return 0.5 * float(z @ z) - float(np.log(np.diag(lower)).sum())
+        return 0.0
 
     def posterior(self, prior: Prior) -> Posterior:
         """Return the coefficients of nuisance and set together."""
@@ -83,14 +102,26 @@ class Evidence:
 
 
 def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:
-    """Return the coefficients of nuisance columns and a set, given sums over any rows."""
-    at = np.concatenate([nuisance.index, prior.index])
-    s = np.concatenate([nuisance.deviation, prior.deviation])
-    M = s[:, None] * products.gram[np.ix_(at, at)] * s + (1.0 + _RIDGE) * np.eye(at.size)
-    factor = cho_factor(M)
-    mean = s * cho_solve(factor, s * products.product[at])
-    covariance = s[:, None] * cho_solve(factor, np.eye(at.size)) * s
-    return Posterior(at, mean, covariance)
+    """Return the coefficients of nuisance columns and a set, given sums over any rows.
+
+    Coefficients that cannot be negative are zero where they would be.
+    """
+    both = joined(nuisance, prior)
+    size = both.index.size
+    free = np.ones(size, dtype=bool)
+    mean, covariance = np.zeros(size), np.zeros((size, size))
+    for _ in range(size):
+        at, s = both.index[free], both.deviation[free]
+        M = s[:, None] * products.gram[np.ix_(at, at)] * s + (1.0 + _RIDGE) * np.eye(at.size)
+        factor = cho_factor(M)
+        found = s * cho_solve(factor, s * products.product[at])
+        wrong = both.positive[free] & (found < 0)
+        if not wrong.any():
+            mean[free] = found
+            covariance[np.ix_(free, free)] = s[:, None] * cho_solve(factor, np.eye(at.size)) * s
+            break
+        free[np.flatnonzero(free)[wrong]] = False
+    return Posterior(both.index, mean, covariance)
 
 
 def joined(*priors: Prior) -> Prior:
@@ -98,4 +129,5 @@ def joined(*priors: Prior) -> Prior:
     return Prior(
         np.concatenate([np.zeros(0, dtype=np.int64), *(p.index for p in priors)]),
         np.concatenate([np.zeros(0), *(p.deviation for p in priors)]),
+        np.concatenate([np.zeros(0, dtype=bool), *(p.positive for p in priors)]),
     )

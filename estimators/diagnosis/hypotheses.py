@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 Realise: TypeAlias = Callable[["FloatArray"], "tuple[Effect, ...]"]
 
-STOP_WIDTHS = tuple(np.geomspace(1e-4, 0.25, 9))  # [rad]
+STOP_WIDTHS = tuple(np.geomspace(3e-4, 0.25, 9))  # [rad]
 CREEP_SPEEDS = (0.003, 0.008, 0.02, 0.05, 0.12)  # [rad/s], of the Stribeck effect
 WARMING_TIMES = (0.1, 0.3, 1.0)  # of the length of the recordings
 KNOTS = 6  # of friction over position, and of drift over a recording
@@ -104,7 +104,7 @@ def single(effect: Effect, name: str, **more: Any) -> Hypothesis:  # noqa: ANN40
 
 def _friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
     joint, eps = j + 1, sign_width(observed, j + 1)
-    yield single(CoulombFriction(joint=joint, tau_c=1.0, v_eps=eps), "tau_c", positive=True)
+    yield coulomb(joint, eps)
     yield single(ViscousFriction(joint=joint, f_v=1.0), "f_v", positive=True)
     up = AsymmetricFriction(joint=joint, tau_plus=1.0, tau_minus=0.0, v_eps=eps)
     down = AsymmetricFriction(joint=joint, tau_plus=0.0, tau_minus=1.0, v_eps=eps)
@@ -133,6 +133,18 @@ def sign_width(observed: Observations, joint: int) -> float:
         if isinstance(effect, CoulombFriction) and effect.joint == joint:
             return effect.v_eps
     return 0.002
+
+
+def coulomb(joint: int, v_eps: float) -> Hypothesis:
+    """Return Coulomb friction; how sharp its sign is has to be found, too."""
+    return single(
+        CoulombFriction(joint=joint, tau_c=1.0, v_eps=v_eps),
+        "tau_c",
+        positive=True,
+        settings=(v_eps,),
+        family=lambda width: coulomb(joint, width),
+        bounds=((2e-4, 0.02),),
+    )
 
 
 def stribeck(joint: int, v_s: float, delta: float) -> Hypothesis:
@@ -198,7 +210,7 @@ def maxwell_slip(joint: int, widths: tuple[float, ...]) -> Hypothesis:
             PreslidingHysteresis(joint=joint, law="maxwell_slip", stiffness=stiffness, width=width),
         )
 
-    return Hypothesis(terms[0].name, (joint - 1,), terms, realise)
+    return Hypothesis(terms[0].name, (joint - 1,), terms, realise, positive=True)
 
 
 def _transmission(j: int) -> Iterator[Hypothesis]:

@@ -37,10 +37,11 @@ def leftover(bench: Bench, solution: Solution) -> Leftover:
     left = bench.left(solution.fitted)
     floor, more = np.empty(bench.observed.n), np.empty(bench.observed.n)
     for joint in range(bench.observed.n):
+        rows = bench.observed.moving[:, joint]
         guess = foretold(bench.observed, left[:, joint], joint)
-        noise = float(np.mean((left[:, joint] - guess) ** 2))
+        noise = float(np.mean((left[:, joint] - guess)[rows] ** 2))
         floor[joint] = np.sqrt(noise)
-        more[joint] = np.sqrt(max(0.0, float(np.mean(left[:, joint] ** 2)) - noise))
+        more[joint] = np.sqrt(max(0.0, float(np.mean(left[rows, joint] ** 2)) - noise))
     return Leftover(floor, more)
 
 
@@ -69,7 +70,7 @@ def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidat
         if candidate.place == own.place or candidate.place in taken:
             continue
         gain = solution.search.gain((*rest, i))
-        if gain > reference - TELLABLE and solution.search.possible(tuple(sorted((*rest, i)))):
+        if gain > reference - TELLABLE:
             known = best.get(candidate.place)
             if known is None or known[0] < gain:
                 best[candidate.place] = (gain, candidate)

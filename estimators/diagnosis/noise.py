@@ -26,68 +26,88 @@ _LEAST = 1e-4  # [N m], below any torque sensor
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of n joints on K rows: e_t = Σ_i weight_i e_{t-i} + white."""
+    """Errors of n joints on K rows; row t of a run of used rows is foretold from those before."""
 
-    weight: FloatArray  # (n, ORDER)
-    white: FloatArray  # (n,) standard deviation of the white part [N m]
-    segment: NDArray[np.int64]  # (K,)
+    weight: FloatArray  # (n, ORDER + 1, ORDER): of the last rows, for each number of them known
+    white: FloatArray  # (n, ORDER + 1) deviation of what they do not foretell [N m]
+    known: NDArray[np.int64]  # (K, n) rows before, at most ORDER, in the same run
 
     @classmethod
     def of(cls, residual: FloatArray, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
-        """Fit to residuals (K, n) on the rows in `use` (K, n)."""
+        """Fit to residuals (K, n) on the rows in `use` (K, n), within segments (K,)."""
         n = residual.shape[1]
-        weight, white = np.zeros((n, ORDER)), np.zeros(n)
-        complete = _complete(segment)
+        weight, white = np.zeros((n, ORDER + 1, ORDER)), np.zeros((n, ORDER + 1))
+        known = _known(use, segment)
         for j in range(n):
-            e = residual[:, j]
-            past = np.stack([np.roll(e, lag) for lag in range(1, ORDER + 1)], axis=1)
-            rows = use[:, j] & complete
-            for lag in range(1, ORDER + 1):
-                rows &= np.roll(use[:, j], lag)
-            X, y = past[rows], e[rows]
-            if len(y) <= ORDER:
-                white[j] = max(_LEAST, float(np.std(e)))
-                continue
-            gram = X.T @ X
-            gram += _RIDGE * np.trace(gram) / ORDER * np.eye(ORDER) + 1e-30 * np.eye(ORDER)
-            weight[j] = _stable(np.linalg.solve(gram, X.T @ y))
-            white[j] = max(_LEAST, float(np.sqrt(np.mean((y - X @ weight[j]) ** 2))))
-        return cls(weight, white, segment)
-
-    @property
-    def complete(self) -> NDArray[np.bool_]:
-        """Mark rows whose past is in the same stretch, (K,)."""
-        return _complete(self.segment)
+            weight[j], white[j] = _levinson(_covariance(residual[:, j], use[:, j], known[:, j]))
+        return cls(weight, np.maximum(white, _LEAST), known)
 
     def whiten(self, values: FloatArray, joint: int) -> FloatArray:
         """Whiten one joint's errors or columns, (K, ...), to unit variance."""
-        result = values.copy()
-        for lag, weight in enumerate(self.weight[joint], start=1):
-            result[lag:] -= weight * values[:-lag]
-        return result / self.white[joint]
+        result = np.empty_like(values)
+        known = self.known[:, joint]
+        for order in range(ORDER + 1):
+            rows = np.flatnonzero(known == order)
+            part = values[rows].copy()
+            for lag in range(1, order + 1):
+                part -= self.weight[joint, order, lag - 1] * values[rows - lag]
+            result[rows] = part / self.white[joint, order]
+        return result
 
-    def scaled(self, factor: FloatArray) -> Noise:
-        """Return the noise with each joint's deviation times a factor (n,)."""
-        return Noise(self.weight, self.white * factor, self.segment)
 
-
-def _complete(segment: NDArray[np.int64]) -> NDArray[np.bool_]:
-    complete = np.ones(segment.size, dtype=bool)
+def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Count the used rows right before each row in its segment, up to ORDER; (K, n)."""
+    known = np.zeros(use.shape, dtype=np.int64)
+    unbroken = np.ones(use.shape, dtype=bool)
     for lag in range(1, ORDER + 1):
-        complete[:lag] = False
-        complete[lag:] &= segment[lag:] == segment[:-lag]
-    return complete
+        before = np.zeros(use.shape, dtype=bool)
+        before[lag:] = use[:-lag] & (segment[lag:] == segment[:-lag])[:, None]
+        unbroken &= before
+        known += unbroken
+    return known
 
 
-def _stable(weight: FloatArray) -> FloatArray:
-    """Shrink an autoregression whose errors would grow or never forget."""
-    for _ in range(50):
-        companion = np.eye(weight.size, k=-1)
-        companion[0] = weight
-        if np.abs(np.linalg.eigvals(companion)).max() < _LONGEST:
-            break
-        weight = 0.98 * weight
-    return weight
+def _covariance(
+    residual: FloatArray, use: NDArray[np.bool_], known: NDArray[np.int64]
+) -> FloatArray:
+    """Return the covariance of errors 0 to ORDER rows apart, (ORDER + 1,) [N² m²]."""
+    result = np.zeros(ORDER + 1)
+    for lag in range(ORDER + 1):
+        rows = np.flatnonzero(use & (known >= lag))
+        if rows.size:
+            result[lag] = float(np.mean(residual[rows] * residual[rows - lag]))
+    result[0] = result[0] * (1.0 + _RIDGE) + _LEAST**2
+    return result
 
 
-_LONGEST = 0.98  # largest root: forgets within 50 rows
+def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Solve for the best foretelling from 0 to ORDER rows, one after the other."""
+    weight, white = np.zeros((ORDER + 1, ORDER)), np.zeros(ORDER + 1)
+    variance = float(covariance[0])
+    white[0] = np.sqrt(variance)
+    for order in range(1, ORDER + 1):
+        last = weight[order - 1, : order - 1]
+        reflection = (covariance[order] - last @ covariance[order - 1 : 0 : -1]) / variance
+        reflection = float(np.clip(reflection, -_STRONGEST, _STRONGEST))
+        weight[order, : order - 1] = last - reflection * last[::-1]
+        weight[order, order - 1] = reflection
+        variance *= 1.0 - reflection**2
+        white[order] = np.sqrt(variance)
+    return weight, white
+
+
+_STRONGEST = 0.97  # reflection: errors forget within some fifty rows
+
+
+def roughness(residual: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
+    """Return what changes from row to row in residuals (K, n), as a white deviation; (n,) [N m].
+
+    Third differences leave nothing of what changes slowly; a lower bound of the noise.
+    """
+    rough = np.diff(residual, n=3, axis=0)
+    rows = use[3:] & use[2:-1] & use[1:-2] & use[:-3]
+    energy = np.sum(np.where(rows, rough, 0.0) ** 2, axis=0) / np.maximum(rows.sum(axis=0), 1)
+    return np.maximum(np.sqrt(energy / _THIRD), _LEAST)
+
+
+_THIRD = 20.0  # variance of a third difference of white noise

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Enter: TypeAlias = "Callable[[Improvement, FloatArray], None]"
 
-SENSOR_LAG = 1e-3  # [s], 1 sigma: of a torque sensor's own filter against the encoder's
+SENSOR_LAG = 3e-4  # [s], 1 sigma: of a torque sensor's own filter against the encoder's
 WIDTH_TOLERANCE = 0.7  # relative, of the width of a smoothed sign
 _STEP = 0.05  # relative, for derivatives by a parameter
 _LEAST_LEVER = 0.01  # [m], scale of a centre of mass that lies on an axis
@@ -98,7 +98,7 @@ def _inertias(observed: Observations, columns: Columns) -> list[_Part]:
         parts.append(
             _Part(
                 tuple(f"{part} of {name}" for part in _INERTIAL_NAMES),
-                Prior(index, deviation),
+                Prior.free(index, deviation),
                 np.ones(PER_LINK),
                 _mover(link, scale),
             )
@@ -116,14 +116,14 @@ def _mover(link: int, scale: FloatArray) -> Enter:
 def relative_inertia(body: Inertial) -> FloatArray:
     """Return d(m, m c, I at the joint frame) / d(relative m, c, I at the com), (10, 10).
 
-    A component of the centre of mass is relative to itself, but at least to a part of its distance.
+    A component of the centre of mass is relative to the distance of that centre.
     """
     m, c = body.mass, np.array(body.com)
     tensor = body.tensor()
     scale = np.zeros((PER_LINK, PER_LINK))
     at_origin = _point(m, c)
     scale[0, 0], scale[1:4, 0], scale[4:, 0] = m, m * c, at_origin
-    lever = np.maximum(np.abs(c), max(0.2 * float(np.linalg.norm(c)), _LEAST_LEVER))
+    lever = np.full(3, max(float(np.linalg.norm(c)), _LEAST_LEVER))
     for axis in range(3):
         d = np.zeros(3)
         d[axis] = lever[axis]
@@ -158,7 +158,7 @@ def _parameters(observed: Observations, columns: Columns) -> list[_Part]:
             parts.append(
                 _Part(
                     (f"{effect.name} {known.name}{where}",),
-                    Prior(columns.add(joints, values[:, :, None]), np.array([tolerance])),
+                    Prior.free(columns.add(joints, values[:, :, None]), np.array([tolerance])),
                     np.array([float(value)]),
                     _reviser(place, known.name, width=width),
                 )
@@ -200,13 +200,15 @@ def _sensors(observed: Observations, columns: Columns, floor: FloatArray) -> lis
         lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
         index = columns.add(lag.joints, lag.values[:, :, None])
         deviation = np.array([SENSOR_LAG / UNIT_DELAY])
-        parts.append(_Part((f"lag of sensor {j + 1}",), Prior(index, deviation), np.ones(1), None))
+        parts.append(
+            _Part((f"lag of sensor {j + 1}",), Prior.free(index, deviation), np.ones(1), None)
+        )
         offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)
         index = columns.add(offset.joints, offset.values[:, :, None])
         parts.append(
             _Part(
                 (f"offset of sensor {j + 1}",),
-                Prior(index, 0.3 * floor[j : j + 1]),
+                Prior.free(index, 0.3 * floor[j : j + 1]),
                 np.ones(1),
                 None,
             )

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from estimators.rigid_body.regressor import Chain
 from limo_driver.differentiation import smooth
@@ -29,13 +31,16 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 ROWS_PER_BANDWIDTH = 2.5  # [rows/(s Hz)]; 2 would be the least that keeps all information
+SAMPLES_PER_BANDWIDTH = 20.0  # [samples/(s Hz)]; more would say nothing that passes the filters
 LEAST_ROWS = 200  # of all recordings together, on the slow grid
+REST = 0.0015  # [rad/s], slower is at rest
+NEAR_REST = 0.08  # [s] before and after, within which the filter has spread what happens at rest
 _DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
 
 
 @dataclass(frozen=True)
 class Observations:
-    """Recordings beside a simulation: T full-rate samples, K of them kept, n joints."""
+    """Recordings beside a simulation: T samples, K of them rows of the slow grid, n joints."""
 
     simulation: Simulation
     recordings: tuple[Recording, ...]
@@ -43,6 +48,7 @@ class Observations:
     motion: Motion  # (T,) all recordings, one after the other; time starts anew in each
     slow: Motion  # (K,) the same within the bandwidth, on the rows kept
     segments: tuple[slice, ...]  # contiguous stretches of those samples
+    recording_of_sample: NDArray[np.int64]  # (T,) which recording each sample is from
     kept: NDArray[np.int64]  # (K,) samples that are rows of the slow grid
     measured: FloatArray  # (K, n) [N m]
 
@@ -55,20 +61,11 @@ class Observations:
         Raises:
             RecordingError: Too little is left, or the bandwidth does not suit a recording.
         """
-        motions = [recording.sharp_motion(bandwidth) for recording in recordings]
-        smooth_motions = [recording.motion(bandwidth) for recording in recordings]
-        starts = np.cumsum([0, *(len(recording) for recording in recordings)])
-        segments = tuple(
-            slice(start + rows.start, start + rows.stop)
-            for recording, start in zip(recordings, starts, strict=False)
-            for rows in recording.segments
+        parts = [_Part.of(recording, bandwidth) for recording in recordings]
+        starts = np.cumsum([0, *(len(part.sharp) for part in parts)])[:-1]
+        rows = np.concatenate(
+            [start + part.kept for start, part in zip(starts, parts, strict=True)]
         )
-        kept = [
-            start + _slow_rows(recording, bandwidth)
-            for recording, start in zip(recordings, starts, strict=False)
-        ]
-        measured = [recording.filtered_torque(bandwidth) for recording in recordings]
-        rows = np.concatenate(kept)
         if rows.size < LEAST_ROWS:
             raise RecordingError(
                 f"the recordings leave {rows.size} independent rows at a bandwidth of "
@@ -78,11 +75,16 @@ class Observations:
             simulation,
             tuple(recordings),
             bandwidth,
-            _joined(motions),
-            _joined(smooth_motions)[rows],
-            segments,
+            _joined([part.sharp for part in parts]),
+            _joined([part.smooth for part in parts])[rows],
+            tuple(
+                slice(start + segment.start, start + segment.stop)
+                for start, part in zip(starts, parts, strict=True)
+                for segment in part.segments
+            ),
+            np.repeat(np.arange(len(parts)), [len(part.sharp) for part in parts]),
             rows,
-            np.concatenate(measured)[rows],
+            np.concatenate([part.measured for part in parts])[rows],
         )
 
     @property
@@ -94,11 +96,6 @@ class Observations:
     def chain(self) -> Chain:
         """The arm for regressors."""
         return Chain.of(self.simulation.model)
-
-    @cached_property
-    def recording_of_sample(self) -> NDArray[np.int64]:
-        """Which recording each full-rate sample is from, (T,)."""
-        return np.repeat(np.arange(len(self.recordings)), [len(r) for r in self.recordings])
 
     @cached_property
     def recording(self) -> NDArray[np.int64]:
@@ -194,6 +191,20 @@ class Observations:
         return result.transpose(0, 2, 1)
 
     @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """Mark the rows on which a joint is not near rest, (K, n).
+
+        Near rest friction takes any value in its band, and a sharp sign turns the noise of the
+        velocity into torque: such rows say little and err much.
+        """
+        still = np.abs(self.motion.velocity) < REST
+        near = np.zeros_like(still)
+        for rows in self.segments:
+            reach = max(1, round(NEAR_REST / float(np.median(np.diff(self.motion.time[rows])))))
+            near[rows] = maximum_filter1d(still[rows], 2 * reach + 1, axis=0)
+        return ~near[self.kept]
+
+    @cached_property
     def since_reversal(self) -> FloatArray:
         """Distance that each joint has travelled since its last reversal, (T, n) [rad]."""
         result = np.zeros_like(self.motion.position)
@@ -202,13 +213,42 @@ class Observations:
         return result
 
 
-def _slow_rows(recording: Recording, bandwidth: float) -> NDArray[np.int64]:
+@dataclass(frozen=True)
+class _Part:
+    """One recording, filtered, and thinned to what the sharp bandwidth needs."""
+
+    sharp: Motion
+    smooth: Motion
+    measured: FloatArray  # (T, n) [N m]
+    segments: tuple[slice, ...]
+    kept: NDArray[np.int64]  # samples that are rows of the slow grid
+
+    @classmethod
+    def of(cls, recording: Recording, bandwidth: float) -> _Part:
+        stride = max(1, int(recording.rate / (SAMPLES_PER_BANDWIDTH * bandwidth)))
+        chosen = [np.arange(rows.start, rows.stop, stride) for rows in recording.segments]
+        samples = np.concatenate(chosen)
+        ends = np.cumsum([0, *(part.size for part in chosen)])
+        segments = tuple(slice(a, b) for a, b in pairwise(ends.tolist()))
+        time = recording.time[samples]
+        inside = ~recording.edges(bandwidth)[samples]
+        return cls(
+            recording.sharp_motion(bandwidth)[samples],
+            recording.motion(bandwidth)[samples],
+            recording.filtered_torque(bandwidth)[samples],
+            segments,
+            _slow_rows(time, segments, inside, bandwidth),
+        )
+
+
+def _slow_rows(
+    time: FloatArray, segments: Sequence[slice], inside: NDArray[np.bool_], bandwidth: float
+) -> NDArray[np.int64]:
     """Return the samples of the slow grid: at most so many per second, none at an edge."""
     period = 1.0 / (ROWS_PER_BANDWIDTH * bandwidth)
-    inside = ~recording.edges(bandwidth)
     kept: list[NDArray[np.int64]] = []
-    for rows in recording.segments:
-        cell = np.floor((recording.time[rows] - recording.time[rows.start]) / period)
+    for rows in segments:
+        cell = np.floor((time[rows] - time[rows.start]) / period)
         first = np.flatnonzero(np.diff(cell, prepend=-1)) + rows.start
         kept.append(first[inside[first]])
     return np.concatenate(kept)

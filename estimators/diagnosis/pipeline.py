@@ -16,7 +16,7 @@ from estimators.diagnosis.evidence import Evidence, Posterior
 from estimators.diagnosis.hypotheses import alternatives
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.judgement import MATERIAL, abstained, contribution, leftover
-from estimators.diagnosis.noise import Noise
+from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.proof import Split, rmse
@@ -57,22 +57,16 @@ class Bench:
         residual = observed.residual
         split = Split.of(observed)
         columns = Columns(*residual.shape)
-        use = np.repeat(split.fitted[:, None], observed.n, axis=1)
-        rough = Noise.of(residual, use, observed.segment)
-        nuisance = nuisance_of(observed, columns, rough.white)
+        rough = roughness(residual, observed.moving)
+        nuisance = nuisance_of(observed, columns, rough)
         progress("columns of every effect at every place", 0.2)
-        level = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 3 * rough.white)
+        level = np.maximum(rmse(residual, observed.moving), 3 * rough)
         candidates = candidates_of(observed, columns, level)
         return cls(observed, columns, nuisance, candidates, split, residual, level)
 
     def left(self, fitted: Posterior) -> FloatArray:
         """Return what a fit leaves of the residual, (K, n) [N m]."""
         return self.residual - self.columns.apply(fitted.index, fitted.mean)
-
-    def rows(self, held_out: bool = False) -> FloatArray:
-        """Return the rows to fit to or those held out, for every joint, (K, n)."""
-        chosen = self.split.held_out if held_out else self.split.fitted
-        return np.repeat(chosen[:, None], self.observed.n, axis=1)
 
 
 @dataclass(frozen=True)
@@ -88,11 +82,11 @@ class Solution:
 
 def solve(bench: Bench, progress: Progress) -> Solution:
     """Find the set of effects; noise and set are found in turn until both stay."""
-    noise = Noise.of(bench.residual, bench.rows(), bench.observed.segment)
+    noise = Noise.of(bench.residual, bench.split.fitted, bench.observed.segment)
     solution = fitted(bench, (), noise)
     for turn in range(_ROUNDS):
         progress("comparing explanations", 0.3 + 0.1 * turn)
-        noise = Noise.of(bench.left(solution.fitted), bench.rows(), bench.observed.segment)
+        noise = Noise.of(bench.left(solution.fitted), bench.split.fitted, bench.observed.segment)
         search = _search(bench, noise)
         found = search.best()
         same = turn > 0 and set(found.members) == set(solution.members)
@@ -113,7 +107,7 @@ def fitted(
 
 
 def _search(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
-    rows = np.ones_like(bench.rows()) if everything else bench.rows()
+    rows = bench.observed.moving if everything else bench.split.fitted
     products = Products.of(bench.columns, bench.residual, noise, rows)
     return Search(bench.candidates, Evidence(products, bench.nuisance.prior))
 
@@ -153,7 +147,7 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
             others,
             bench.residual,
             solution.noise,
-            bench.rows(),
+            bench.split.fitted,
             bench.level,
         )
         rivals = alternatives(candidate.hypothesis, bench.observed)
@@ -250,5 +244,5 @@ def _traces(bench: Bench, after: FloatArray) -> Traces:
         measured=observed.measured,
         before=observed.simulated,
         after=after,
-        held_out=bench.split.held_out,
+        held_out=bench.split.held_out.any(axis=1),
     )

@@ -24,8 +24,8 @@ _GUARD = 1.0  # [s] between rows fitted and rows held out
 class Split:
     """Which rows are fitted to, and which are held out; none is both, some near an edge neither."""
 
-    fitted: NDArray[np.bool_]  # (K,)
-    held_out: NDArray[np.bool_]  # (K,)
+    fitted: NDArray[np.bool_]  # (K, n)
+    held_out: NDArray[np.bool_]  # (K, n)
 
     @classmethod
     def of(cls, observed: Observations) -> Split:
@@ -42,12 +42,13 @@ class Split:
                 low, high = edges[block], edges[block + 1]
                 held_out[rows] |= (time >= low) & (time < high)
                 near[rows] |= (time >= low - _GUARD) & (time < high + _GUARD)
-        return cls(~near, held_out)
+        moving = observed.moving
+        return cls(~near[:, None] & moving, held_out[:, None] & moving)
 
 
 def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
-    """Return the RMSE of each joint over some rows, (n,) [N m]."""
-    return np.sqrt(np.mean(residual[rows] ** 2, axis=0))
+    """Return the RMSE of each joint over its rows in `rows` (K, n), (n,) [N m]."""
+    return np.sqrt(np.sum(np.where(rows, residual, 0.0) ** 2, axis=0) / np.maximum(rows.sum(0), 1))
 
 
 def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) -> float:
@@ -72,23 +73,24 @@ def bootstrap(
         after: Residuals (K, n) of the improved simulation [N m].
         floor: Noise floor (n,) [N m].
         observed: Where time comes from.
-        rows: Held-out rows (K,).
+        rows: Held-out rows (K, n).
 
     Source: Künsch, "The jackknife and the bootstrap for general stationary observations", 1989.
     """
     block = np.floor(observed.slow.time / _BLOCK) + 1e6 * observed.recording
-    _, of_row = np.unique(block[rows], return_inverse=True)
-    count = int(of_row.max(initial=-1)) + 1
+    _, of_row = np.unique(block, return_inverse=True)
+    sums = np.zeros((3, int(of_row.max(initial=-1)) + 1, before.shape[1]))
+    np.add.at(sums[0], of_row, np.where(rows, before, 0.0) ** 2)
+    np.add.at(sums[1], of_row, np.where(rows, after, 0.0) ** 2)
+    np.add.at(sums[2], of_row, rows.astype(float))
+    sums = sums[:, sums[2].any(axis=1)]
+    count = sums.shape[1]
     if count < 2:  # noqa: PLR2004  # nothing to resample
         return (-1.0, 1.0)
-    sums = np.zeros((3, count, before.shape[1]))
-    np.add.at(sums[0], of_row, before[rows] ** 2)
-    np.add.at(sums[1], of_row, after[rows] ** 2)
-    np.add.at(sums[2], of_row, 1.0)
     random = np.random.default_rng(0)
     found = np.empty(_RESAMPLES)
     for k in range(_RESAMPLES):
-        drawn = sums[:, random.integers(0, count, count)].sum(axis=1)
+        drawn = np.maximum(sums[:, random.integers(0, count, count)].sum(axis=1), 1e-12)
         found[k] = reducible_removed(
             np.sqrt(drawn[0] / drawn[2]), np.sqrt(drawn[1] / drawn[2]), floor
         )

@@ -113,7 +113,7 @@ class _Local:
             self._white.append((A, to, y))
 
     def _rows(self, joint: int) -> NDArray[np.bool_]:
-        return self.around.use[:, joint] & self.around.noise.complete
+        return self.around.use[:, joint]
 
     def gain(self, hypothesis: Hypothesis) -> float:
         """Return the log evidence of the hypothesis together with the others."""
@@ -134,10 +134,14 @@ class _Local:
             gram[np.ix_(size + at, size + at)] += B.T @ B
             product[size + at] += B.T @ y
         gram[size:, :size] = gram[:size, size:].T
-        own = Prior(size + candidate.prior.index, candidate.prior.deviation)
+        own = Prior(
+            size + candidate.prior.index, candidate.prior.deviation, candidate.prior.positive
+        )
         count = self.around.nuisance.index.size
-        nuisance = Prior(np.arange(count), self.around.nuisance.deviation)
-        others = Prior(np.arange(count, size), self.around.others.deviation)
+        nuisance = Prior.free(np.arange(count), self.around.nuisance.deviation)
+        others = Prior(
+            np.arange(count, size), self.around.others.deviation, self.around.others.positive
+        )
         evidence = Evidence(Products(gram, product, self._energy), nuisance)
         return evidence.gain(joined(others, own))
 

@@ -18,12 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from estimators.diagnosis.candidates import Candidate
-    from limo_driver.types import FloatArray
 
 WIDTH = 6  # sets that are grown further
 LARGEST = 6  # effects in a set
 RARITY = 5.0  # [nat] that an effect has to bring before it is believed
-_CHECKED = 40  # best sets of each size whose signs are checked
 
 
 @dataclass(frozen=True)
@@ -75,9 +73,9 @@ class Search:
 
     def ranked(self, base: Sequence[int], limit: int) -> list[Explained]:
         """Return the best single additions to a set."""
-        return self._grown([tuple(base)])[:limit]
+        return self._grown([tuple(base)], limit)
 
-    def _grown(self, beam: Sequence[tuple[int, ...]]) -> list[Explained]:
+    def _grown(self, beam: Sequence[tuple[int, ...]], width: int = WIDTH) -> list[Explained]:
         seen: dict[tuple[int, ...], float] = {}
         for members in beam:
             taken = {self.candidates[i].place for i in members}
@@ -86,9 +84,8 @@ class Search:
                     key = tuple(sorted((*members, i)))
                     if key not in seen:
                         seen[key] = self.gain(key)
-        ranked = sorted(seen.items(), key=lambda item: -item[1])[:_CHECKED]
-        right = [Explained(key, gain) for key, gain in ranked if self.possible(key)]
-        return right[:WIDTH]
+        ranked = sorted(seen.items(), key=lambda item: -item[1])
+        return [Explained(key, gain) for key, gain in ranked[:width]]
 
     def _settled(self, best: Explained) -> Explained:
         """Take members out and swap them while that helps."""
@@ -101,22 +98,3 @@ class Search:
                 return best
             best = better
         return best
-
-    def possible(self, members: Sequence[int]) -> bool:
-        """Say whether no amplitude has a sign that its effect cannot have."""
-        mean = self.amplitudes(members)
-        at = 0
-        for i in members:
-            size = self.candidates[i].prior.index.size
-            if self.candidates[i].positive and mean[at : at + size].min() < 0:
-                return False
-            at += size
-        return True
-
-    def amplitudes(self, members: Sequence[int]) -> FloatArray:
-        """Return the most likely coefficients of a set."""
-        prior = self.prior(members)
-        a = prior.deviation
-        M = a[:, None] * self.evidence.gram[np.ix_(prior.index, prior.index)] * a
-        M.flat[:: a.size + 1] += 1.0
-        return a * np.linalg.solve(M, a * self.evidence.product[prior.index])
