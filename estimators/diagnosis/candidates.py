@@ -94,6 +94,9 @@ def entered(
     deviation = np.where(strength > _TINY, 1.0 / strength, 0.0)
 
     def enter(improvement: Improvement, c: FloatArray) -> None:
+        if hypothesis.enter is not None:
+            hypothesis.enter(improvement, c)
+            return
         for effect in hypothesis.realise(c):
             improvement.add(effect)
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.columns import Products
     from limo_driver.types import FloatArray
 
+REACH = 3.0  # prior deviations of a nuisance parameter; more is a wrong parameter
 _RIDGE = 1e-9
 
 
@@ -104,24 +105,29 @@ class Evidence:
 def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:
     """Return the coefficients of nuisance columns and a set, given sums over any rows.
 
-    Coefficients that cannot be negative are zero where they would be.
+    Nuisance parameters stay inside `REACH` deviations: where thousands of rows outvote a prior, a
+    posterior would otherwise accept what no tolerance allows. Coefficients that cannot be negative
+    are zero where they would be.
     """
     both = joined(nuisance, prior)
-    size = both.index.size
-    free = np.ones(size, dtype=bool)
-    mean, covariance = np.zeros(size), np.zeros((size, size))
-    for _ in range(size):
-        at, s = both.index[free], both.deviation[free]
-        M = s[:, None] * products.gram[np.ix_(at, at)] * s + (1.0 + _RIDGE) * np.eye(at.size)
-        factor = cho_factor(M)
-        found = s * cho_solve(factor, s * products.product[at])
-        wrong = both.positive[free] & (found < 0)
-        if not wrong.any():
-            mean[free] = found
-            covariance[np.ix_(free, free)] = s[:, None] * cho_solve(factor, np.eye(at.size)) * s
+    s, count = both.deviation, nuisance.index.size
+    M = s[:, None] * products.gram[np.ix_(both.index, both.index)] * s
+    M.flat[:: s.size + 1] += 1.0 + _RIDGE
+    c = s * products.product[both.index]
+    high = np.where(np.arange(s.size) < count, REACH, np.inf)
+    low = np.where(both.positive, 0.0, -high)
+    x, free = np.zeros(s.size), np.ones(s.size, dtype=bool)
+    for _ in range(s.size):
+        factor = cho_factor(M[np.ix_(free, free)])
+        found = cho_solve(factor, c[free] - M[np.ix_(free, ~free)] @ x[~free])
+        x[free] = np.clip(found, low[free], high[free])
+        outside = np.flatnonzero(free)[x[free] != found]
+        if not outside.size:
             break
-        free[np.flatnonzero(free)[wrong]] = False
-    return Posterior(both.index, mean, covariance)
+        free[outside] = False
+    covariance = np.zeros((s.size, s.size))
+    covariance[np.ix_(free, free)] = cho_solve(factor, np.eye(int(free.sum())))
+    return Posterior(both.index, s * x, s[:, None] * covariance * s)
 
 
 def joined(*priors: Prior) -> Prior:

@@ -41,16 +41,19 @@ from limo_driver.physics import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from estimators.diagnosis.improvement import Improvement
     from estimators.diagnosis.observations import Observations
     from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
 
 Realise: TypeAlias = Callable[["FloatArray"], "tuple[Effect, ...]"]
+Enter: TypeAlias = Callable[["Improvement", "FloatArray"], None]
 
 STOP_WIDTHS = tuple(np.geomspace(3e-4, 0.25, 9))  # [rad]
-CREEP_SPEEDS = (0.003, 0.008, 0.02, 0.05, 0.12)  # [rad/s], of the Stribeck effect
+CREEP_SPEEDS = (0.006, 0.015, 0.04, 0.1)  # [rad/s], of the Stribeck effect
 WARMING_TIMES = (0.1, 0.3, 1.0)  # of the length of the recordings
-KNOTS = 6  # of friction over position, and of drift over a recording
+KNOTS = 6  # of drift over a recording
+PLACES = 14  # of friction over a joint's range
 UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
 UNIT_DELAY = 1e-3  # [s]
 UNIT_ANGLE = 1e-3  # [rad]
@@ -69,6 +72,7 @@ class Hypothesis:
     settings: tuple[float, ...] = ()  # what is not linear in the torque, for a refinement
     family: Callable[..., Hypothesis] | None = field(default=None, compare=False)
     bounds: tuple[tuple[float, float], ...] = ()  # of the settings
+    enter: Enter | None = field(default=None, compare=False)  # where adding effects is not enough
 
     @property
     def label(self) -> str:
@@ -112,7 +116,8 @@ def _friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
         up.name,
         (j,),
         (up, down),
-        lambda c: (replace(up, tau_plus=float(c[0]), tau_minus=float(c[1])),),
+        lambda c: (replace(up, tau_plus=abs(float(c[0])), tau_minus=abs(float(c[1]))),),
+        enter=lambda improvement, c: improvement.skew(joint, float(c[0]), float(c[1]), eps),
     )
     for v_s in CREEP_SPEEDS:
         for delta in (1.0, 2.0):
@@ -156,7 +161,7 @@ def stribeck(joint: int, v_s: float, delta: float) -> Hypothesis:
         positive=True,
         settings=(v_s, delta),
         family=lambda v, d: stribeck(joint, v, d),
-        bounds=((5e-4, 0.6), (0.5, 4.0)),
+        bounds=((3e-3, 0.6), (0.5, 4.0)),
     )
 
 
@@ -176,8 +181,8 @@ def position_dependent(observed: Observations, joint: int) -> Hypothesis:
     """Return friction that varies with the position, around its mean."""
     q = observed.slow.position[:, joint - 1]
     low, high = float(q.min()), float(q.max())
-    knots = tuple(np.linspace(low, max(high, low + 1e-3), KNOTS).tolist())
-    hats = np.eye(KNOTS)
+    knots = tuple(np.linspace(low, max(high, low + 1e-3), PLACES).tolist())
+    hats = np.eye(PLACES)
     terms = tuple(
         PositionDependentFriction(joint=joint, positions=knots, excess=tuple(hat)) for hat in hats
     )

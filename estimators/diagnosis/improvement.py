@@ -33,7 +33,7 @@ _ADDING = {
     "quadratic_drag": "coefficient",
     "backlash": "gap",
 }
-_HALVINGS = 12
+_STEPS = 9  # from the inertia that was found to the nominal one
 
 
 class Improvement:
@@ -64,6 +64,23 @@ class Improvement:
                 return
         self.effects.append(effect)
 
+    def skew(self, joint: int, plus: float, minus: float, v_eps: float) -> None:
+        """Add friction that differs with the direction; Coulomb friction there becomes part of it."""
+        for place, old in enumerate(self.effects):
+            if isinstance(old, CoulombFriction) and old.joint == joint:
+                self.effects[place] = AsymmetricFriction(
+                    joint=joint,
+                    tau_plus=max(0.0, old.tau_c + plus),
+                    tau_minus=max(0.0, old.tau_c + minus),
+                    v_eps=old.v_eps,
+                )
+                return
+        self.effects.append(
+            AsymmetricFriction(
+                joint=joint, tau_plus=max(0.0, plus), tau_minus=max(0.0, minus), v_eps=v_eps
+            )
+        )
+
     def simulation(self) -> Simulation:
         """Return the simulation; bodies that cannot exist are drawn back to the nominal ones."""
         model = self.given.model
@@ -84,12 +101,6 @@ def _merged(old: Any, new: Any) -> Effect | None:  # noqa: ANN401  # effects of 
         return new
     if getattr(old, "joint", None) != getattr(new, "joint", None):
         return None
-    if isinstance(old, CoulombFriction) and isinstance(new, AsymmetricFriction):
-        return replace(
-            new,
-            tau_plus=max(0.0, new.tau_plus + old.tau_c),
-            tau_minus=max(0.0, new.tau_minus + old.tau_c),
-        )
     if type(old) is not type(new):
         return None
     if isinstance(old, JointElasticity):
@@ -105,13 +116,19 @@ def _merged(old: Any, new: Any) -> Effect | None:  # noqa: ANN401  # effects of 
 
 
 def _body(nominal: Inertial, change: FloatArray) -> Inertial:
-    """Return the nearest possible body on the way from nominal to nominal + change."""
-    start = parameters_of(nominal)
-    for _ in range(_HALVINGS):
-        body = body_of(start + change)
-        if body is not None and body.is_consistent():
-            return body
-        change = 0.5 * change
+    """Return a possible body with the changed mass and centre of mass.
+
+    Those are what gravity reveals. The inertia gives way towards the nominal one, with the mass.
+    """
+    body = body_of(parameters_of(nominal) + change)
+    if body is None:
+        return nominal
+    rigid = np.array(nominal.inertia) * body.mass / nominal.mass
+    for part in np.linspace(0.0, 1.0, _STEPS):
+        mixed = (1.0 - part) * np.array(body.inertia) + part * rigid
+        possible = replace(body, inertia=tuple(mixed.tolist()))
+        if possible.is_consistent():
+            return possible
     return nominal
 
 

@@ -42,6 +42,13 @@ class Noise:
             weight[j], white[j] = _levinson(_covariance(residual[:, j], use[:, j], known[:, j]))
         return cls(weight, np.maximum(white, _LEAST), known)
 
+    @classmethod
+    def independent(cls, deviation: FloatArray, use: NDArray[np.bool_]) -> Noise:
+        """Return white noise of given deviations (n,) [N m] on rows (K, n)."""
+        n = deviation.size
+        white = np.repeat(deviation[:, None], ORDER + 1, axis=1)
+        return cls(np.zeros((n, ORDER + 1, ORDER)), white, np.zeros(use.shape, dtype=np.int64))
+
     def whiten(self, values: FloatArray, joint: int) -> FloatArray:
         """Whiten one joint's errors or columns, (K, ...), to unit variance."""
         result = np.empty_like(values)

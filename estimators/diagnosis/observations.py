@@ -34,7 +34,7 @@ ROWS_PER_BANDWIDTH = 2.5  # [rows/(s Hz)]; 2 would be the least that keeps all i
 SAMPLES_PER_BANDWIDTH = 20.0  # [samples/(s Hz)]; more would say nothing that passes the filters
 LEAST_ROWS = 200  # of all recordings together, on the slow grid
 REST = 0.0015  # [rad/s], slower is at rest
-NEAR_REST = 0.08  # [s] before and after, within which the filter has spread what happens at rest
+NEAR_REST = 0.1  # [s] before and after, within which the filter has spread what happens at rest
 _DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
 
 
@@ -124,7 +124,7 @@ class Observations:
 
     def predict(self, simulation: Simulation) -> FloatArray:
         """Return the torque that a simulation says was measured, unfiltered, (T, n) [N m]."""
-        return np.concatenate([simulation.predict(self.motion[rows]) for rows in self.segments])
+        return simulation.predict_stretches(self.motion, self.segments, self.bandwidth)
 
     @cached_property
     def load(self) -> FloatArray:

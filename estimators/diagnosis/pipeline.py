@@ -12,7 +12,7 @@ from estimators.diagnosis.candidates import Candidate, candidates_of
 from estimators.diagnosis.columns import Columns, Products
 from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
-from estimators.diagnosis.evidence import Evidence, Posterior
+from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
 from estimators.diagnosis.hypotheses import alternatives
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.judgement import MATERIAL, abstained, contribution, leftover
@@ -81,12 +81,15 @@ class Solution:
 
 
 def solve(bench: Bench, progress: Progress) -> Solution:
-    """Find the set of effects; noise and set are found in turn until both stay."""
-    noise = Noise.of(bench.residual, bench.split.fitted, bench.observed.segment)
+    """Find the set of effects; noise and set are found in turn until both stay.
+
+    The first noise is what a fit of everything at once leaves. Taken from a residual that still
+    has an effect in it, the noise would explain that effect, and hide it.
+    """
+    noise = _noise_of_everything(bench)
     solution = fitted(bench, (), noise)
     for turn in range(_ROUNDS):
         progress("comparing explanations", 0.3 + 0.1 * turn)
-        noise = Noise.of(bench.left(solution.fitted), bench.split.fitted, bench.observed.segment)
         search = _search(bench, noise)
         found = search.best()
         same = turn > 0 and set(found.members) == set(solution.members)
@@ -94,7 +97,17 @@ def solve(bench: Bench, progress: Progress) -> Solution:
         solution = Solution(found.members, search, noise, posterior, found.gain)
         if same:
             break
+        noise = Noise.of(bench.left(posterior), bench.split.fitted, bench.observed.segment)
     return solution
+
+
+def _noise_of_everything(bench: Bench) -> Noise:
+    white = Noise.independent(roughness(bench.residual, bench.observed.moving), bench.split.fitted)
+    evidence = _search(bench, white).evidence
+    everything = joined(*(candidate.prior for candidate in bench.candidates))
+    free = Prior.free(everything.index, everything.deviation)
+    left = bench.left(evidence.posterior(free))
+    return Noise.of(left, bench.split.fitted, bench.observed.segment)
 
 
 def fitted(

@@ -6,20 +6,19 @@ gravity or acts on the sensor is taken to first order around the given simulatio
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import singledispatch
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.diagnosis.observations import Observations  # read by singledispatch
-from limo_driver.differentiation import differentiate
 from limo_driver.physics import JointElasticity
 from limo_driver.physics.effect import (
     ArmEffect,
     ArmMotion,
     BodyEffect,
     Effect,
-    JointMotion,
     MotionEffect,
     SensedTorque,
     SensorEffect,
@@ -86,31 +85,10 @@ def _(effect: MotionEffect, observed: Observations) -> Response:
 
 @response.register
 def _(effect: JointElasticity, observed: Observations) -> Response:
-    j = effect.joint - 1
-    displacement = _over_joint(effect, observed)
-    filtered = observed.filter(displacement[:, None])[:, 0]
-    values = -filtered * observed.stiffness[j] - _second(effect, observed) * observed.inertia[j]
-    return _acting(values.T)
-
-
-def _second(effect: JointElasticity, observed: Observations) -> FloatArray:
-    """Return the second derivative of the deflection under gravity alone, (K,) [rad/s²].
-
-    Under the full load it would be the fourth derivative of a measured position.
-    """
-    j, motion = effect.joint - 1, observed.motion
-    load = observed.simulation.body.gravity_torque(motion.position)[:, j]
-    still = np.zeros_like(load)
-    result = np.empty_like(load)
-    for rows in observed.segments:
-        part = JointMotion(
-            motion.time[rows], motion.position[rows, j], still[rows], still[rows], load[rows]
-        )
-        deflection = effect.advance(effect.initial_state(), part)[0][:, None]
-        time = motion.time[rows]
-        whole = [slice(0, time.size)]
-        result[rows] = differentiate(time, deflection, observed.bandwidth, whole).second[:, 0]
-    return result[observed.kept]
+    """Take the difference that the simulation itself makes: it includes the winding's motion."""
+    given = observed.simulation
+    more = replace(given, effects=(*given.effects, effect))
+    return _acting(observed.filter(observed.predict(more) - observed.predicted))
 
 
 def _over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.differentiation import differentiate
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics.effect import (
@@ -25,12 +26,16 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.transmission import JointElasticity
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
+
+
+WINDING = 0.7  # of the bandwidth, within which elastic joints wind and unwind
 
 
 @dataclass(frozen=True)
@@ -143,8 +148,48 @@ class Simulation:
             ShapeError: The recording has another number of joints.
             RecordingError: The bandwidth is too high for the sampling rate.
         """
-        motion = recording.sharp_motion(bandwidth)
-        return np.concatenate([self.predict(motion[rows]) for rows in recording.segments])
+        return self.predict_stretches(
+            recording.sharp_motion(bandwidth), recording.segments, bandwidth
+        )
+
+    def predict_stretches(
+        self, motion: Motion, segments: Sequence[slice], bandwidth: float
+    ) -> FloatArray:
+        """Predict contiguous stretches of a motion; each starts relaxed.
+
+        Here, where past and future are known, the winding of elastic joints has its velocity and
+        acceleration, too, within `WINDING` times the bandwidth: `predict`, which has to work
+        sample by sample, takes it as quasi-static.
+
+        Args:
+            motion: T samples; time may start anew in each stretch.
+            segments: Contiguous stretches that cover all samples.
+            bandwidth: Of the motion's acceleration [Hz].
+
+        Returns:
+            Joint torques, (T, n) [N m].
+        """
+        torque = np.concatenate([self.predict(motion[rows]) for rows in segments])
+        if not any(isinstance(effect, JointElasticity) for effect in self.effects):
+            return torque
+        for rows in segments:
+            torque[rows] += self._of_winding(motion[rows], WINDING * bandwidth)
+        return torque
+
+    def _of_winding(self, motion: Motion, bandwidth: float) -> FloatArray:
+        """Return the torque of the links' motion against the encoders', (T, n) [N m]."""
+        body, time = self.body, motion.time
+        still = motion.position, motion.velocity, motion.acceleration
+        terms = _Terms(ArmMotion(motion, body.inverse_dynamics(*still), body))
+        for effect in self.effects:
+            if isinstance(effect, JointElasticity):
+                terms.add(effect, effect.initial_state())
+        wound = differentiate(time, terms.displacement, bandwidth, [slice(0, time.size)])
+        position = motion.position - terms.displacement
+        moving = motion.velocity - wound.first, motion.acceleration - wound.second
+        return body.inverse_dynamics(position, *moving) - body.inverse_dynamics(
+            position, *still[1:]
+        )
 
     def init(self) -> tuple[State, ...]:
         """Return the memory of all effects before the first sample."""

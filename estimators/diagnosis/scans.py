@@ -1,0 +1,220 @@
+"""Scans: hypotheses that have to be looked for in the residual, since no grid can hold them.
+
+A ripple has any number of cycles in a revolution, and a push can come at any time. Both are
+sought in what a fit of the nuisance parameters alone leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from estimators.diagnosis.hypotheses import Hypothesis
+from limo_driver.differentiation import ORDER
+from limo_driver.physics import TorqueRipple
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.observations import Observations
+    from limo_driver.physics import Effect
+    from limo_driver.types import FloatArray
+
+MOST_CYCLES = 400.0  # in a revolution
+LEAST_PERIODS = 2.0  # over the range of a joint; fewer are no line but a shape
+FALSE_LINES = 1e-3  # expected in a whole scan of noise
+_OVERSAMPLING = 4.0  # grid points within the resolution of a line
+_NEIGHBOURS = 61  # grid points whose median is the level that a line stands out from
+_PASSED = 0.25  # rows on which the filter leaves less of a line do not count
+_LEAST_SHARE = 0.1  # of the rows, on which a line has to pass the filter
+_SHAPE = 6  # knots of the low-order dependence on position, taken out first
+_BLOCK = 32  # frequencies at a time
+_TINY = 1e-30
+
+
+def ripples(observed: Observations, residual: FloatArray, limit: int = 3) -> list[Hypothesis]:
+    """Look for lines over the joint angle.
+
+    Args:
+        observed: Recordings and simulation, K slow rows of n joints.
+        residual: What the nuisance parameters leave, (K, n) [N m].
+        limit: Most lines at one joint.
+
+    Returns:
+        For each joint with lines one hypothesis of the strongest line, one of the two strongest,
+        and so on; they are one effect at one place and exclude each other.
+
+    Source: Scargle, "Studies in astronomical time series analysis II", ApJ 263, 1982; the lines
+    are taken out one by one as in Högbom, "Aperture synthesis with a non-regular distribution of
+    interferometer baselines", A&A Suppl. 15, 1974.
+    """
+    found: list[Hypothesis] = []
+    for joint in range(observed.n):
+        lines = _lines(_Angle.of(observed, residual, joint), limit, observed.n)
+        found += [rippling(joint + 1, lines[: k + 1]) for k in range(len(lines))]
+    return found
+
+
+def rippling(joint: int, cycles: tuple[float, ...]) -> Hypothesis:
+    """Return a ripple of several lines at one joint (1-based)."""
+    one = tuple(
+        TorqueRipple(joint=joint, cycles_per_rev=(N,), amplitude=(1.0,), phase=(0.0,))
+        for N in cycles
+    )
+    terms = tuple(
+        term for base in one for term in (base, replace(base, phase=(np.pi / 2,)))
+    )
+
+    def realise(c: FloatArray) -> tuple[Effect, ...]:
+        sine, cosine = c[0::2], c[1::2]
+        size, phase = np.hypot(sine, cosine), np.arctan2(cosine, sine)
+        return (
+            TorqueRipple(
+                joint=joint,
+                cycles_per_rev=cycles,
+                amplitude=tuple(size.tolist()),
+                phase=tuple(phase.tolist()),
+            ),
+        )
+
+    return Hypothesis(
+        TorqueRipple.name,
+        (joint - 1,),
+        terms,
+        realise,
+        settings=cycles,
+        family=lambda *N: rippling(joint, N),
+        bounds=tuple((0.98 * N, 1.02 * N) for N in cycles),
+    )
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Power of a residual in lines over the joint angle; each array (F,)."""
+
+    cycles: FloatArray  # [1/rev]
+    amount: FloatArray  # squared sum
+    noise: FloatArray  # what it would be in white noise of the same size
+
+    @property
+    def normalised(self) -> FloatArray:
+        """Amount over that of white noise."""
+        return self.amount / self.noise
+
+    @property
+    def above(self) -> FloatArray:
+        """Power over its neighbourhood's level, exponential of mean 1 for noise of any colour.
+
+        Half of an exponential variable lies below log 2 of its mean.
+        """
+        level = median_filter(self.normalised, _NEIGHBOURS, mode="nearest") / np.log(2)
+        return self.normalised / np.maximum(level, 1.0)
+
+
+@dataclass(frozen=True)
+class _Angle:
+    """Residual of one joint over its angle, on R rows that move."""
+
+    position: FloatArray  # (R,) [rad]
+    speed: FloatArray  # (R,) [rad/s]
+    residual: FloatArray  # (R,) less its low-order dependence on position [N m]
+    bandwidth: float  # [Hz]
+
+    @classmethod
+    def of(cls, observed: Observations, residual: FloatArray, joint: int) -> _Angle:
+        """Take the rows of one joint (0-based) that move."""
+        rows = observed.moving[:, joint]
+        q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
+        shape = _shape(q, v)
+        y = residual[rows, joint]
+        y = y - shape @ np.linalg.lstsq(shape, y, rcond=1e-9)[0]
+        return cls(q, np.abs(v), y, observed.bandwidth)
+
+    @property
+    def range(self) -> float:
+        """Angle that nearly all rows lie in [rad]."""
+        if self.position.size < _SHAPE:
+            return 0.0
+        low, high = np.quantile(self.position, (0.01, 0.99))
+        return float(high - low)
+
+    def passed(self, cycles: FloatArray) -> FloatArray:
+        """Return what the filter leaves of lines at each row, (R, len(cycles))."""
+        ratio = self.speed[:, None] * (cycles / (2 * np.pi * self.bandwidth))
+        gain = 1.0 / (1.0 + ratio ** (2 * ORDER))
+        gain[gain < _PASSED] = 0.0
+        return gain
+
+    def power(self, first: float, step: float, count: int) -> Spectrum:
+        """Return how much of the residual is in evenly spaced lines, and how much noise would be.
+
+        The phase of a line is a product, so that few exponentials are needed.
+        """
+        ahead = np.exp(-1j * step * self.position[:, None] * np.arange(min(count, _BLOCK)))
+        amount, noise = np.zeros(count), np.zeros(count)
+        energy = self.residual**2
+        for start in range(0, count, _BLOCK):
+            size = min(_BLOCK, count - start)
+            N = first + step * (start + np.arange(size))
+            gain = self.passed(N)
+            turned = self.residual * np.exp(-1j * N[0] * self.position)
+            sums = np.einsum("r,rb,rb->b", turned, ahead[:, :size], gain)
+            enough = (gain > 0).mean(axis=0) > _LEAST_SHARE
+            rows = slice(start, start + size)
+            amount[rows] = np.where(enough, np.abs(sums) ** 2, 0.0)
+            noise[rows] = energy @ gain**2
+        return Spectrum(first + step * np.arange(count), amount, np.maximum(noise, _TINY))
+
+    def without(self, cycles: float) -> _Angle:
+        """Take one line out."""
+        gain = self.passed(np.array([cycles]))[:, 0]
+        angle = cycles * self.position
+        waves = np.stack([gain * np.sin(angle), gain * np.cos(angle)], axis=1)
+        c = np.linalg.lstsq(waves, self.residual, rcond=1e-9)[0]
+        return replace(self, residual=self.residual - waves @ c)
+
+
+def _shape(q: FloatArray, v: FloatArray) -> FloatArray:
+    """Return hats of the position, alone and times the sign of motion, (R, 2 _SHAPE)."""
+    if not q.size:
+        return np.zeros((0, 2 * _SHAPE))
+    knots = np.linspace(q.min(), max(q.max(), q.min() + 1e-6), _SHAPE)
+    hats = np.maximum(0.0, 1.0 - np.abs(q[:, None] - knots) / (knots[1] - knots[0]))
+    return np.concatenate([hats, np.sign(v)[:, None] * hats], axis=1)
+
+
+def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
+    """Return the cycles per revolution of the significant lines, strongest first."""
+    if angle.range <= 0 or LEAST_PERIODS * 2 * np.pi / angle.range > MOST_CYCLES:
+        return ()
+    step = 2 * np.pi / angle.range / _OVERSAMPLING
+    first = LEAST_PERIODS * _OVERSAMPLING * step
+    count = int((MOST_CYCLES - first) / step)
+    threshold = float(np.log(joints * count / FALSE_LINES))
+    found: list[float] = []
+    while len(found) < limit:
+        spectrum = angle.power(first, step, count)
+        best = float(spectrum.cycles[np.argmax(spectrum.above)])
+        near = angle.power(best - step, step / 20, 41)
+        line = float(near.cycles[np.argmax(near.amount)])
+        rest = angle.without(line)
+        if _stands_out(angle, rest, line, step) < threshold:
+            break
+        found.append(line)
+        angle = rest
+    return tuple(found)
+
+
+def _stands_out(angle: _Angle, rest: _Angle, line: float, step: float) -> float:
+    """Return a line's power over the level around it once it is taken out.
+
+    A strong line raises its own neighbourhood, since no joint covers its range evenly.
+    """
+    half = _NEIGHBOURS // 2
+    around = rest.power(line - half * step, step, _NEIGHBOURS)
+    level = max(1.0, float(np.median(around.normalised)) / np.log(2))
+    own = angle.power(line, step, 1)
+    return float(own.amount[0] / around.noise[half] / level)
