@@ -66,8 +66,8 @@ def test_one_row_for_each_row_and_nan_where_left_out(tmp_path, recording, predic
     assert torque.shape == (400, 7)
     assert np.flatnonzero(np.isnan(torque).any(axis=1)).tolist() == [40]
     measured = Recording.load(recording)
-    expected = SIMULATION.predict(measured.motion(10.0))
-    np.testing.assert_allclose(torque[measured.rows], expected, atol=1e-9)
+    sharp = measured.sharp_motion(10.0)  # the friction has a sharp sign
+    np.testing.assert_allclose(torque[measured.rows], SIMULATION.predict(sharp), atol=1e-9)
 
 
 def test_json_names_the_rows(recording, predict):
@@ -91,6 +91,24 @@ def test_a_bandwidth_too_low_for_the_recording_is_refused(recording, predict):
     status, _, notes = predict(recording, "--bandwidth", "1e-4")
     assert status == 2
     assert "too low for a recording of 3.99 s; give at least 0.125 Hz" in notes
+
+
+def test_at_reversals_it_is_nearer_to_the_arm_than_a_velocity_within_the_bandwidth():
+    # A triangle of position: its velocity jumps between two samples, as at a sharp reversal.
+    speed = 0.1
+    t = (np.arange(4000) + 0.5) / 500.0
+    position = np.zeros((t.size, 7))
+    position[:, 1] = speed * np.abs((t % 2) - 1)
+    recording = Recording.from_arrays(t, position, np.zeros_like(position))
+    friction = 1.5 * np.tanh(np.where(t % 2 < 1, -speed, speed) / 0.01)
+    rigid = SIMULATION.without_effects()
+
+    def error(torque, rigid_torque):
+        return np.sqrt(np.mean(((torque - rigid_torque)[:, 1] - friction) ** 2))
+
+    smooth = recording.motion(10.0)
+    sharp = error(SIMULATION.predict_recording(recording), rigid.predict_recording(recording))
+    assert sharp < 0.6 * error(SIMULATION.predict(smooth), rigid.predict(smooth))
 
 
 def test_memory_starts_anew_after_a_gap():

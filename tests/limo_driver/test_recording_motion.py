@@ -135,6 +135,41 @@ def test_slow_recordings_are_differentiated_too():
     assert worst(motion.acceleration, sinusoids(t, 0.5)[2], inside) < 1e-3
 
 
+def test_a_sharp_velocity_keeps_four_times_the_bandwidth_and_the_acceleration_does_not():
+    t = np.arange(0, 20, 0.004)
+    recording = record(t, 3.0 * BANDWIDTH)
+    sharp, smooth = recording.sharp_motion(BANDWIDTH), recording.motion(BANDWIDTH)
+    position, velocity, _ = sinusoids(t, 3.0 * BANDWIDTH)
+    middle = slice(500, -500)
+    assert worst(sharp.position, position, middle) < 0.1  # the filter's loss at 3/4, 0.091
+    assert worst(sharp.velocity, velocity, middle) < 0.1
+    assert np.abs(smooth.velocity[middle]).max() < 1e-3 * np.abs(velocity).max()
+    np.testing.assert_array_equal(sharp.acceleration, smooth.acceleration)
+
+
+def test_a_sharp_velocity_is_no_sharper_than_the_rate_allows():
+    recording = record(np.arange(400) / 40.0, 0.5)  # nothing above 16 Hz can be kept
+    for bandwidth in (6.0, 10.0, 16.0):
+        sharp = recording.sharp_motion(bandwidth)
+        np.testing.assert_allclose(sharp.velocity, recording.motion(16.0).velocity, atol=1e-9)
+
+
+def test_a_sharp_velocity_keeps_the_temperature():
+    t = np.arange(0, 10, 0.01)
+    position = sinusoids(t, 0.5)[0]
+    warm = np.stack([30 + t, 31 + t], axis=1)
+    recording = Recording.from_arrays(t, position, position, extras={"temperature": warm})
+    np.testing.assert_array_equal(recording.sharp_motion(BANDWIDTH).temperature, warm)
+
+
+def test_the_slowest_rate_is_that_of_the_slowest_stretch():
+    t = np.concatenate([np.arange(0, 4, 0.005), np.arange(6, 12, 0.02)])
+    recording = record(t, 0.5)
+    assert len(recording.segments) == 2
+    assert recording.rate == pytest.approx(200.0)
+    assert recording.slowest_rate == pytest.approx(50.0)
+
+
 @pytest.mark.parametrize("bandwidth", [0.0, -1.0, 50.0])
 def test_a_bandwidth_that_cannot_be_is_refused(bandwidth):
     recording = record(np.arange(0, 4, 0.01), 0.5)

@@ -60,6 +60,55 @@ def test_elasticity_moves_the_links_and_so_the_torque_of_other_joints(motion: Mo
     assert np.abs(change[:, 1]).max() > 1e-2
 
 
+def swing(duration: float = 6.0) -> Motion:
+    """Move all joints of an iiwa by sinusoids below 1 Hz, 200 samples a second."""
+    t = np.arange(0, duration, 5e-3)
+    w = 2 * np.pi * np.array([0.4, 0.5, 0.6, 0.7, 0.8, 0.55, 0.65])
+    angle = np.outer(t, w)
+    return Motion(
+        t, 0.6 + 0.3 * np.sin(angle), 0.3 * w * np.cos(angle), -0.3 * w**2 * np.sin(angle)
+    )
+
+
+def test_where_the_future_is_known_elastic_joints_wind_with_velocity_and_acceleration():
+    motion, k = swing(), 300.0
+    elastic = Simulation("iiwa14", effects=(JointElasticity(joint=4, stiffness=k),))
+    body = elastic.body
+    load = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+    wound = np.zeros_like(load)
+    wound[:, 3] = load[:, 3] / k
+    rate = np.gradient(wound, motion.time, axis=0)
+    links = motion.position - wound, motion.velocity - rate
+    true = body.inverse_dynamics(
+        *links, motion.acceleration - np.gradient(rate, motion.time, axis=0)
+    )
+    found = elastic.predict_stretches(motion, [slice(0, len(motion))], bandwidth=10.0)
+    middle = slice(200, -200)
+    quasi_static = np.abs(elastic.predict(motion) - true)[middle].max()
+    assert quasi_static > 0.05  # it matters
+    assert np.abs(found - true)[middle].max() < 0.02 * quasi_static
+
+
+def test_without_elastic_joints_stretches_are_predictions_that_start_relaxed():
+    motion, stretches = swing(), (slice(0, 500), slice(500, 1200))
+    effects = tuple(e for e in HYSTERETIC.effects if not isinstance(e, JointElasticity))
+    simulation = Simulation("iiwa14", effects=effects)
+    expected = [simulation.predict(motion[rows]) for rows in stretches]
+    np.testing.assert_array_equal(
+        simulation.predict_stretches(motion, stretches, 10.0), np.concatenate(expected)
+    )
+    assert np.abs(simulation.predict(motion)[500:] - expected[1]).max() > 1e-3  # memory
+
+
+def test_elastic_joints_wind_in_each_stretch_for_itself():
+    motion, stretches = swing(), (slice(0, 500), slice(500, 1200))
+    elastic = Simulation("iiwa14", effects=(JointElasticity(joint=2, stiffness=3e3),))
+    both = elastic.predict_stretches(motion, stretches, 10.0)
+    for rows in stretches:
+        alone = elastic.predict_stretches(motion[rows], [slice(0, len(motion[rows]))], 10.0)
+        np.testing.assert_allclose(both[rows], alone, atol=1e-9)
+
+
 def test_a_motion_of_another_robot_is_refused(motion: Motion):
     six = Motion(
         *(
