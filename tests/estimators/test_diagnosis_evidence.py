@@ -1,0 +1,102 @@
+"""Evidence: equal to that of a dense Gaussian, with bounds that bind where they should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from estimators.diagnosis.columns import Products
+from estimators.diagnosis.evidence import REACH, Evidence, Prior, joined, posterior
+
+ROWS = 40
+RANDOM = np.random.default_rng(5)
+COLUMNS = RANDOM.standard_normal((ROWS, 6))  # white noise of unit size
+COLUMNS[:, 3] += 0.8 * COLUMNS[:, 0]
+NUISANCE = Prior.free(np.array([0, 1]), np.array([0.3, 2.0]))
+SET = Prior.free(np.array([3, 5]), np.array([1.5, 0.7]))
+
+
+def products_of(y):
+    return Products(COLUMNS.T @ COLUMNS, COLUMNS.T @ y, float(y @ y))
+
+
+def density(y, *priors):
+    """Return the log density of y with every coefficient integrated out, all rows at once."""
+    covariance = np.eye(ROWS)
+    for prior in priors:
+        A = COLUMNS[:, prior.index] * prior.deviation
+        covariance += A @ A.T
+    return multivariate_normal(np.zeros(ROWS), covariance).logpdf(y)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gain_is_the_log_evidence_of_a_dense_gaussian(seed):
+    random = np.random.default_rng(seed)
+    y = COLUMNS @ random.standard_normal(6) + random.standard_normal(ROWS)
+    evidence = Evidence(products_of(y), NUISANCE)
+    expected = density(y, NUISANCE, SET) - density(y, NUISANCE)
+    assert evidence.gain(SET) == pytest.approx(expected, abs=1e-5)
+
+
+def test_no_columns_gain_nothing():
+    evidence = Evidence(products_of(COLUMNS[:, 2]), NUISANCE)
+    assert evidence.gain(SET.of(np.zeros(2, dtype=bool))) == 0.0
+
+
+def test_what_the_nuisance_explains_is_no_gain_but_a_loss():
+    y = 0.5 * COLUMNS[:, 1] + 0.3 * RANDOM.standard_normal(ROWS)
+    assert Evidence(products_of(y), NUISANCE).gain(SET) < 0
+
+
+def test_a_column_with_the_wrong_sign_is_dropped():
+    y = -2.0 * COLUMNS[:, 3] + 3.0 * COLUMNS[:, 5] + 0.1 * RANDOM.standard_normal(ROWS)
+    evidence = Evidence(products_of(y), NUISANCE)
+    positive = Prior(SET.index, SET.deviation, np.array([True, True]))
+    alone = SET.of(np.array([False, True]))
+    assert evidence.gain(positive) == pytest.approx(evidence.gain(alone))
+    assert evidence.gain(positive) < evidence.gain(SET)
+    found = evidence.posterior(positive)
+    assert found.mean[2] == 0.0
+    assert found.mean[3] > 0
+    none = Prior(np.array([3]), np.array([1.5]), np.array([True]))
+    assert Evidence(products_of(-2.0 * COLUMNS[:, 3]), NUISANCE).gain(none) == 0.0
+
+
+def test_where_nothing_binds_the_posterior_is_ridge_regression():
+    random = np.random.default_rng(8)
+    y = COLUMNS @ np.array([0.1, 1.0, 0.0, 0.7, 0.0, -0.4]) + 0.5 * random.standard_normal(ROWS)
+    found = posterior(products_of(y), NUISANCE, SET)
+    both = joined(NUISANCE, SET)
+    A = COLUMNS[:, both.index]
+    inverse = np.linalg.inv(A.T @ A + np.diag(both.deviation**-2.0))
+    np.testing.assert_array_equal(found.index, [0, 1, 3, 5])
+    np.testing.assert_allclose(found.mean, inverse @ A.T @ y, rtol=1e-6)
+    np.testing.assert_allclose(found.covariance, inverse, rtol=1e-5, atol=1e-9)
+
+
+def test_a_nuisance_parameter_stays_within_reach_and_the_rest_fits_what_it_leaves():
+    y = 50 * 0.3 * COLUMNS[:, 0] + 1.0 * COLUMNS[:, 5]
+    found = posterior(products_of(y), NUISANCE, SET)
+    assert found.mean[0] == pytest.approx(REACH * 0.3)
+    assert abs(found.mean[1]) < REACH * 2.0
+    free = joined(NUISANCE.of(np.array([False, True])), SET)
+    A, left = COLUMNS[:, free.index], y - found.mean[0] * COLUMNS[:, 0]
+    expected = np.linalg.solve(A.T @ A + np.diag(free.deviation**-2.0), A.T @ left)
+    np.testing.assert_allclose(found.mean[1:], expected, rtol=1e-6)
+    np.testing.assert_array_equal(found.covariance[0], 0.0)
+
+
+def test_amplitudes_of_a_set_have_no_reach():
+    y = 40 * 0.7 * COLUMNS[:, 5]
+    found = posterior(products_of(y), NUISANCE, SET)
+    assert found.mean[3] > 0.9 * 40 * 0.7
+
+
+def test_the_price_of_a_column_that_says_nothing_grows_with_its_prior():
+    y = RANDOM.standard_normal(ROWS)
+    y -= COLUMNS @ np.linalg.lstsq(COLUMNS, y, rcond=None)[0]
+    evidence = Evidence(products_of(y), NUISANCE)
+    gains = [evidence.gain(Prior.free(np.array([4]), np.array([a]))) for a in (0.1, 1.0, 10.0)]
+    assert gains[0] > gains[1] > gains[2]
+    assert gains[1] - gains[2] == pytest.approx(np.log(10.0), abs=0.05)
