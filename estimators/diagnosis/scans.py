@@ -17,20 +17,18 @@ from limo_driver.differentiation import ORDER
 from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.observations import Observations
     from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
 
 MOST_CYCLES = 400.0  # in a revolution
-LEAST_PERIODS = 2.0  # over the range of a joint; fewer are no line but a shape
-FALSE_LINES = 1e-3  # expected in a whole scan of noise
+LEAST_PERIODS = 3.0  # over the range of a joint; fewer are no line but a shape
+FALSE_LINES = 1e-6  # expected in a scan of white noise; that of a sensor is never quite so even
 _OVERSAMPLING = 4.0  # grid points within the resolution of a line
 _NEIGHBOURS = 61  # grid points whose median is the level that a line stands out from
 _PASSED = 0.25  # rows on which the filter leaves less of a line do not count
 _LEAST_SHARE = 0.1  # of the rows, on which a line has to pass the filter
-_SHAPE = 6  # knots of the low-order dependence on position, taken out first
+_SHAPE = 8  # knots of the low-order dependence on position, taken out first
 _BLOCK = 32  # frequencies at a time
 _TINY = 1e-30
 
@@ -64,9 +62,7 @@ def rippling(joint: int, cycles: tuple[float, ...]) -> Hypothesis:
         TorqueRipple(joint=joint, cycles_per_rev=(N,), amplitude=(1.0,), phase=(0.0,))
         for N in cycles
     )
-    terms = tuple(
-        term for base in one for term in (base, replace(base, phase=(np.pi / 2,)))
-    )
+    terms = tuple(term for base in one for term in (base, replace(base, phase=(np.pi / 2,))))
 
     def realise(c: FloatArray) -> tuple[Effect, ...]:
         sine, cosine = c[0::2], c[1::2]
@@ -120,7 +116,8 @@ class _Angle:
 
     position: FloatArray  # (R,) [rad]
     speed: FloatArray  # (R,) [rad/s]
-    residual: FloatArray  # (R,) less its low-order dependence on position [N m]
+    residual: FloatArray  # (R,) less what `known` explains [N m]
+    known: FloatArray  # (R, c) low-order dependence on position, and lines found before
     bandwidth: float  # [Hz]
 
     @classmethod
@@ -128,10 +125,8 @@ class _Angle:
         """Take the rows of one joint (0-based) that move."""
         rows = observed.moving[:, joint]
         q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
-        shape = _shape(q, v)
-        y = residual[rows, joint]
-        y = y - shape @ np.linalg.lstsq(shape, y, rcond=1e-9)[0]
-        return cls(q, np.abs(v), y, observed.bandwidth)
+        known = _shape(q, v)
+        return cls(q, np.abs(v), _rest(residual[rows, joint], known), known, observed.bandwidth)
 
     @property
     def range(self) -> float:
@@ -173,8 +168,20 @@ class _Angle:
         gain = self.passed(np.array([cycles]))[:, 0]
         angle = cycles * self.position
         waves = np.stack([gain * np.sin(angle), gain * np.cos(angle)], axis=1)
-        c = np.linalg.lstsq(waves, self.residual, rcond=1e-9)[0]
-        return replace(self, residual=self.residual - waves @ c)
+        known = np.concatenate([self.known, waves], axis=1)
+        return replace(self, residual=_rest(self.residual, known), known=known)
+
+    @property
+    def energy(self) -> float:
+        """Sum of squares of the residual."""
+        return float(self.residual @ self.residual)
+
+
+def _rest(values: FloatArray, known: FloatArray) -> FloatArray:
+    """Return what columns do not explain."""
+    gram = known.T @ known
+    ridge = 1e-9 * max(float(np.trace(gram)), _TINY) * np.eye(gram.shape[0])
+    return values - known @ np.linalg.solve(gram + ridge, known.T @ values)
 
 
 def _shape(q: FloatArray, v: FloatArray) -> FloatArray:
@@ -198,9 +205,8 @@ def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
     while len(found) < limit:
         spectrum = angle.power(first, step, count)
         best = float(spectrum.cycles[np.argmax(spectrum.above)])
-        near = angle.power(best - step, step / 20, 41)
-        line = float(near.cycles[np.argmax(near.amount)])
-        rest = angle.without(line)
+        near = best + step * np.linspace(-1, 1, 11)
+        line, rest = min(((float(N), angle.without(N)) for N in near), key=lambda x: x[1].energy)
         if _stands_out(angle, rest, line, step) < threshold:
             break
         found.append(line)
@@ -213,8 +219,7 @@ def _stands_out(angle: _Angle, rest: _Angle, line: float, step: float) -> float:
 
     A strong line raises its own neighbourhood, since no joint covers its range evenly.
     """
-    half = _NEIGHBOURS // 2
-    around = rest.power(line - half * step, step, _NEIGHBOURS)
+    around = rest.power(line - _NEIGHBOURS // 2 * step, step, _NEIGHBOURS)
     level = max(1.0, float(np.median(around.normalised)) / np.log(2))
-    own = angle.power(line, step, 1)
-    return float(own.amount[0] / around.noise[half] / level)
+    own = 0.5 * (angle.energy - rest.energy) / (rest.energy / rest.residual.size)
+    return own / level
