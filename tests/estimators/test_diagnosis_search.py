@@ -1,0 +1,125 @@
+"""Search: planted sets are found, also those that the best single effect leads away from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.candidates import Candidate
+from estimators.diagnosis.columns import Products
+from estimators.diagnosis.evidence import Evidence, Prior
+from estimators.diagnosis.search import LARGEST, RARITY, Search
+
+ROWS = 400
+EFFECTS = (
+    "viscous_friction",
+    "coulomb_friction",
+    "torque_gain",
+    "armature",
+    "backlash",
+    "spring_load",
+    "torque_ripple",
+    "quadratic_drag",
+)
+
+
+@pytest.fixture(scope="module")
+def columns():
+    """Twelve columns of white noise and a blend of the first two that fits neither."""
+    random = np.random.default_rng(11)
+    columns = random.standard_normal((ROWS, 13))
+    columns[:, 12] = columns[:, 0] + columns[:, 1] + 0.5 * columns[:, 12]
+    return columns
+
+
+def candidate(at, *, effect=None, joint=None, variants=1, positive=False):
+    return Candidate(
+        effect=effect or EFFECTS[at % 8],
+        joints=(at // 8 if joint is None else joint,),
+        kind="missing",
+        prior=Prior(np.array([at]), np.ones(1), np.array([positive])),
+        enter=lambda _improvement, _c: None,
+        variants=variants,
+    )
+
+
+def search_of(columns, y, candidates=None):
+    products = Products(columns.T @ columns, columns.T @ y, float(y @ y))
+    nuisance = Prior.free(np.array([11]), np.array([0.1]))
+    given = candidates or [candidate(at) for at in (*range(11), 12)]
+    return Search(given, Evidence(products, nuisance))
+
+
+def noise(seed):
+    return np.random.default_rng(seed).standard_normal(ROWS)
+
+
+def names(search, found):
+    return {int(search.candidates[i].prior.index[0]) for i in found.members}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_is_explained_by_nothing(columns, seed):
+    found = search_of(columns, noise(seed)).best()
+    assert found.members == ()
+    assert found.gain == 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_pair_that_greedy_addition_misses_is_found(columns, seed):
+    y = columns[:, 0] + columns[:, 1] + noise(seed)
+    search = search_of(columns, y)
+    assert names(search, search.ranked((), 1)[0]) == {12}  # greedy starts with the blend
+    assert names(search, search.best()) == {0, 1}
+
+
+def test_a_wrong_start_is_taken_out_or_swapped(columns):
+    y = columns[:, 0] + columns[:, 1] + noise(1)
+    search = search_of(columns, y)
+    blend = len(search.candidates) - 1
+    assert names(search, search.best(start=(0, blend))) == {0, 1}  # swap
+    assert names(search, search.best(start=(5,))) == {0, 1}  # deletion
+    single = search_of(columns, columns[:, 3] + noise(2))
+    assert names(single, single.best(start=(5, 7))) == {3}
+
+
+def test_four_effects_are_found(columns):
+    y = columns[:, [2, 4, 7, 9]] @ np.array([0.5, -0.6, 0.4, 0.8]) + noise(3)
+    search = search_of(columns, y)
+    assert names(search, search.best()) == {2, 4, 7, 9}
+
+
+def test_a_set_is_no_larger_than_the_largest(columns):
+    search = search_of(columns, columns[:, :11].sum(axis=1))
+    assert len(search.best().members) <= LARGEST
+
+
+def test_only_one_variant_of_an_effect_at_a_place_is_taken(columns):
+    y = columns[:, 0] + columns[:, 1] + noise(4)
+    pair = [candidate(at, effect="spring_load", joint=2, variants=2) for at in (0, 1)]
+    search = search_of(columns, y, [*pair, candidate(2), candidate(3)])
+    assert len(search.best().members) == 1
+
+
+def test_a_positive_effect_is_not_named_for_its_opposite(columns):
+    y = -0.8 * columns[:, 0] + noise(5)
+    search = search_of(columns, y, [candidate(0, positive=True), candidate(1)])
+    assert search.best().members == ()
+
+
+def test_gain_is_log_evidence_less_the_rarity_of_each_place_and_variant(columns):
+    y = columns[:, 0] + noise(6)
+    few = [candidate(0, variants=3), candidate(1), candidate(2)]
+    search = search_of(columns, y, few)
+    price = 2 * (RARITY + np.log(3)) + np.log(3)
+    evidence = search.evidence.gain(search.prior((0, 2)))
+    assert search.gain((2, 0)) == pytest.approx(evidence - price)
+
+
+def test_ranked_additions_are_best_first(columns):
+    y = columns[:, 3] + 0.5 * columns[:, 6] + noise(7)
+    search = search_of(columns, y)
+    ranked = search.ranked((3,), 5)
+    assert names(search, ranked[0]) == {3, 6}
+    assert [item.gain for item in ranked] == sorted((i.gain for i in ranked), reverse=True)
+    assert len(ranked) == 5
