@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.noise import roughness
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.surrogate import foretold
 
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
 
 MATERIAL = 0.5  # [noise floors] that a finding has to take off the held-out error of some joint
 TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
-FORETOLD = 0.5  # [noise floors] of foretellable rest that counts as unknown physics
-DOMINANT = 0.7  # part of a joint's foretellable error that its findings have to explain
+FORETOLD = 0.45  # [noise floors] of foretellable rest that counts as unknown physics
+SMOOTHER, SMOOTH = 1.4, 1.9  # times the other joints', and least, ratio of a rest to its roughness
+DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
 
 
 @dataclass(frozen=True)
@@ -33,16 +35,22 @@ class Leftover:
 
 
 def leftover(bench: Bench, solution: Solution) -> Leftover:
-    """Split the rest into what could be foretold and what is noise."""
-    left = bench.left(solution.fitted)
-    floor, more = np.empty(bench.observed.n), np.empty(bench.observed.n)
+    """Split the rest into what could be foretold and what is noise.
+
+    Some physics cannot be foretold from the motion (jumps, disturbances in time). It is slow where
+    noise is rough: a rest that is far smoother on one joint than on the others counts, too.
+    """
+    left, moving = bench.left(solution.fitted), bench.observed.moving
+    whole, floor = rmse(left, moving), np.empty(bench.observed.n)
     for joint in range(bench.observed.n):
-        rows = bench.observed.moving[:, joint]
         guess = foretold(bench.observed, left[:, joint], joint)
-        noise = float(np.mean((left[:, joint] - guess)[rows] ** 2))
-        floor[joint] = np.sqrt(noise)
-        more[joint] = np.sqrt(max(0.0, float(np.mean(left[rows, joint] ** 2)) - noise))
-    return Leftover(floor, more)
+        floor[joint] = rmse((left[:, joint] - guess)[:, None], moving[:, [joint]])[0]
+    rough = roughness(left, moving)
+    ratio = floor / rough
+    usual = float(np.median(ratio))
+    smooth = (ratio > SMOOTHER * usual) & (ratio > SMOOTH)
+    floor = np.where(smooth, usual * rough, floor)
+    return Leftover(floor, np.sqrt(np.maximum(whole**2 - floor**2, 0.0)))
 
 
 def without(solution: Solution, member: int) -> Posterior:
