@@ -171,9 +171,11 @@ def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[
             break
         if any(_overlap(push, other) for other in seen):
             continue
-        seen.append(scan.settled(push))
-        if seen[-1].evidence - scan.alone(seen[-1]) > ALONE:
-            found.append(seen[-1])
+        better = scan.settled(push)
+        new = not any(_overlap(better, other) for other in found)
+        if new and better.evidence - scan.alone(better) > ALONE:
+            found.append(better)
+        seen.append(better)
     # what recurs all the time is no push
     return tuple(found) if len(found) <= MOST_PUSHES else ()
 
@@ -189,7 +191,8 @@ def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
 
 
 def _overlap(a: Push, b: Push) -> bool:
-    return a.recording == b.recording and a.start < b.end and b.start < a.end
+    """Say whether two pushes share rows, once the filter has spread them."""
+    return a.recording == b.recording and a.start < b.end + _SPREAD and b.start < a.end + _SPREAD
 
 
 @dataclass(frozen=True)

@@ -153,7 +153,7 @@ class _Angle:
         energy = self.residual**2
         for start in range(0, count, _BLOCK):
             size = min(_BLOCK, count - start)
-            N = first + step * (start + np.arange(size))
+            N = first + step * np.arange(start, start + size, dtype=np.float64)
             gain = self.passed(N)
             turned = self.residual * np.exp(-1j * N[0] * self.position)
             sums = np.einsum("r,rb,rb->b", turned, ahead[:, :size], gain)
@@ -161,7 +161,8 @@ class _Angle:
             rows = slice(start, start + size)
             amount[rows] = np.where(enough, np.abs(sums) ** 2, 0.0)
             noise[rows] = energy @ gain**2
-        return Spectrum(first + step * np.arange(count), amount, np.maximum(noise, _TINY))
+        cycles = first + step * np.arange(count, dtype=np.float64)
+        return Spectrum(cycles, amount, np.maximum(noise, _TINY))
 
     def without(self, cycles: float) -> _Angle:
         """Take one line out."""
@@ -205,13 +206,26 @@ def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
     while len(found) < limit:
         spectrum = angle.power(first, step, count)
         best = float(spectrum.cycles[np.argmax(spectrum.above)])
-        near = best + step * np.linspace(-1, 1, 11)
-        line, rest = min(((float(N), angle.without(N)) for N in near), key=lambda x: x[1].energy)
+        line = _refined(angle, best, step)
+        rest = angle.without(line)
         if _stands_out(angle, rest, line, step) < threshold:
             break
         found.append(line)
         angle = rest
     return tuple(found)
+
+
+def _refined(angle: _Angle, cycles: float, step: float) -> float:
+    """Return the line near grid point `cycles` that leaves least; in the end by a parabola."""
+    for width in (step, step / 5):
+        near = cycles + width * np.linspace(-1.0, 1.0, 5)
+        energy = np.array([angle.without(float(N)).energy for N in near])
+        middle = int(np.clip(np.argmin(energy), 1, near.size - 2))
+        a, b, c = energy[middle - 1 : middle + 2]
+        curvature = a - 2 * b + c
+        shift = float(np.clip(0.5 * (a - c) / curvature, -1.0, 1.0)) if curvature > 0 else 0.0
+        cycles = float(near[middle] + shift * (near[1] - near[0]))
+    return cycles
 
 
 def _stands_out(angle: _Angle, rest: _Angle, line: float, step: float) -> float:

@@ -1,0 +1,162 @@
+"""Ripples and pushes, found in simulated recordings where they are and not where they are not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from estimators.diagnosis.noise import Noise
+from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.pushes import ContactIn, Push, contacts, covered, pushes
+from estimators.diagnosis.responses import response
+from estimators.diagnosis.scans import ripples
+from limo_driver.physics import ExternalContact, Simulation, TorqueRipple
+from limo_driver.recording import Recording
+from limo_driver.types import Motion
+
+if TYPE_CHECKING:
+    from limo_driver.physics import Effect
+    from limo_driver.types import FloatArray
+
+RATE, DURATION = 200.0, 60.0
+NOISE = 0.02  # [N m], RMS, most of it below 3 Hz
+WINDOWS = ((20.0, 20.8), (40.0, 40.6))  # [s]
+WRENCHES = ((20.0, -10.0, 15.0, 0.0, 1.0, 0.0), (-10.0, 20.0, 5.0, 1.0, 0.0, 0.0))
+
+
+def motion(seed: int) -> Motion:
+    """All seven joints wander over about 2 rad, none at the pace of another."""
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    q, v, a = (np.zeros((t.size, 7)) for _ in range(3))
+    for _ in range(3):
+        w, phase = 2 * np.pi * random.uniform(0.03, 0.12, 7), random.uniform(0, 6.3, 7)
+        size = random.uniform(0.2, 0.5, 7)
+        angle = t[:, None] * w + phase
+        q += size * np.sin(angle)
+        v += size * w * np.cos(angle)
+        a -= size * w**2 * np.sin(angle)
+    return Motion(t, q, v, a)
+
+
+def observed(*effects: Effect, seeds: tuple[int, ...] = (1,), affected: int = 0) -> Observations:
+    """Record motion with coloured noise; the effects act in one recording alone."""
+    simulation = Simulation("iiwa14")
+    recordings: list[Recording] = []
+    for k, seed in enumerate(seeds):
+        true = Simulation("iiwa14", effects) if k == affected else simulation
+        moved = motion(seed)
+        white = np.random.default_rng(100 + seed).standard_normal((len(moved), 7))
+        coloured = lfilter([1.0], [1.0, -0.9], white, axis=0)
+        torque = true.predict(moved) + NOISE * coloured / coloured.std()
+        recordings.append(Recording.from_arrays(moved.time, moved.position, torque, source=str(k)))
+    return Observations.of(simulation, recordings, 10.0)
+
+
+def noise_of(o: Observations, residual: FloatArray) -> Noise:
+    return Noise.of(residual, o.moving, o.segment)
+
+
+def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
+    true = TorqueRipple(joint=4, cycles_per_rev=(37.3,), amplitude=(0.03,), phase=(0.7,))
+    o = observed(true)
+
+    found = ripples(o, o.residual)
+
+    assert [hypothesis.label for hypothesis in found] == ["torque_ripple@4"]
+    assert found[0].settings == pytest.approx((37.3,), abs=0.1)
+
+
+def test_harmonics_are_offered_together() -> None:
+    true = TorqueRipple(joint=2, cycles_per_rev=(20, 40), amplitude=(0.06, 0.03), phase=(0.0, 1.0))
+    o = observed(true)
+
+    *_, both = ripples(o, o.residual)
+
+    assert sorted(both.settings) == pytest.approx([20, 40], abs=0.15)
+    assert len(both.terms) == 4
+
+
+def test_a_ripple_realises_as_the_sum_of_its_terms() -> None:
+    o = observed(TorqueRipple(joint=2, cycles_per_rev=(20,), amplitude=(0.06,), phase=(0.4,)))
+    (found,) = ripples(o, o.residual)
+    c = np.array([0.05, -0.02])
+
+    (effect,) = found.realise(c)
+
+    parts = [response(term, o).values for term in found.terms]
+    assert response(effect, o).values == pytest.approx(c[0] * parts[0] + c[1] * parts[1])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_found_in_coloured_noise(seed: int) -> None:
+    o = observed(seeds=(seed, seed + 50))
+
+    assert ripples(o, o.residual) == []
+    assert contacts(o, o.residual, noise_of(o, o.residual)) == []
+
+
+def test_a_ripple_is_no_push_and_a_push_no_ripple() -> None:
+    shaken = observed(TorqueRipple(joint=4, cycles_per_rev=(37,), amplitude=(0.1,), phase=(0.0,)))
+    pushed = observed(ExternalContact(windows=WINDOWS, wrench=WRENCHES))
+
+    assert pushes(shaken, shaken.residual, noise_of(shaken, shaken.residual)) == ()
+    assert ripples(pushed, pushed.residual) == []
+
+
+def test_a_push_is_found_in_its_recording_and_its_seconds() -> None:
+    o = observed(ExternalContact(windows=WINDOWS, wrench=WRENCHES), seeds=(1, 2), affected=1)
+
+    found = sorted(pushes(o, o.residual, noise_of(o, o.residual)), key=lambda push: push.start)
+
+    assert [push.recording for push in found] == [1, 1]
+    for push, (start, end) in zip(found, WINDOWS, strict=True):
+        assert push.start == pytest.approx(start, abs=0.15)
+        assert push.end == pytest.approx(end, abs=0.15)
+    rows = covered(o, found)
+    assert 0.005 < rows.mean() < 0.05
+    assert not rows[o.recording == 0].any()
+
+
+def test_the_column_of_a_push_is_what_the_contact_adds_there_and_nothing_elsewhere() -> None:
+    o = observed(seeds=(1, 2))
+    window, wrench = (WINDOWS[0],), (WRENCHES[0],)
+    everywhere = response(ExternalContact(windows=window, wrench=wrench), o).values
+
+    own = response(ContactIn(windows=window, wrench=wrench, recording=1), o).values
+
+    there = o.recording == 1
+    assert own[:, there] == pytest.approx(everywhere[:, there], abs=0.02)  # of 15 N m
+    assert not own[:, ~there].any()
+
+
+def test_what_one_joint_does_alone_is_no_push() -> None:
+    o = observed()
+    residual = o.residual.copy()
+    time = o.slow.time
+    residual[(time > 20) & (time < 20.8), 3] += 0.5
+
+    assert pushes(o, residual, noise_of(o, o.residual)) == ()
+
+
+def test_pushes_are_offered_as_half_sines_and_as_constant() -> None:
+    o = observed(ExternalContact(windows=WINDOWS, wrench=WRENCHES))
+
+    shapes = contacts(o, o.residual, noise_of(o, o.residual))
+
+    assert [len(shape.terms) for shape in shapes] == [12, 12]
+    (effect,) = shapes[1].realise(np.arange(12.0))
+    assert isinstance(effect, ExternalContact)
+    assert len(effect.windows) == 2
+    assert effect.wrench[1] == pytest.approx(tuple(np.arange(6.0, 12.0)))
+
+
+def test_half_a_second_of_motion_has_no_pushes() -> None:
+    o = observed()
+    still = Noise.of(np.zeros_like(o.residual), o.moving, o.segment)
+
+    assert pushes(o, np.zeros_like(o.residual), still) == ()
+    assert covered(o, [Push(0, 1.0, 2.0, 1.0)]).sum() == pytest.approx(1.6 * 25, abs=2)
