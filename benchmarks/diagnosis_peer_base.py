@@ -79,7 +79,7 @@ def rows_of(recording: Recording, nominal: Simulation) -> Rows:
     reach = 2 * round(GUARD * recording.rate) + 1
     still = np.abs(recording.motion(BAND).velocity) <= MOVING
     usable = maximum_filter1d(still.astype(np.uint8), reach, axis=0) == 0
-    usable &= ~recording.edges(2.0)[:, None]  # as far from the ends as closure stays
+    usable &= ~recording.edges(1.0)[:, None]  # as far from the ends as closure stays
     above = recording.torque - recording.filtered_torque(BAND)
     share = min(BAND / (recording.rate / 2), 0.5)  # of white noise that lies below 10 Hz
     noise = above.std(axis=0) * np.sqrt(share / (1 - share))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +45,9 @@ def sysid(task: Task) -> Answer:
         resample_true=False, n_threads=1,
     )  # fmt: skip
     initial = fit.parameters()
-    best, result = optimize(initial, residual, verbose=False, max_iters=ITERATIONS, eps=STEP)
+    best, result = optimize(
+        initial, residual, verbose=False, max_iters=ITERATIONS, eps=STEP, output=StringIO()
+    )
     left, _, _ = residual(result.x, best)
     _, interval = calculate_intervals([part.ravel() for part in left], np.asarray(result.jac))
     beyond = np.abs(best.as_vector() - initial.as_vector()) - interval
