@@ -3,7 +3,8 @@
 A push shows on several joints at once, as one wrench at the flange would: -J(q)ᵀ w, for 0.3 to
 2 s. What one joint does alone, such as the transient of a friction at a reversal, is none. Pushes
 are events, not properties of the arm: they cannot be foretold, and nothing else should be fitted
-to the rows that they cover.
+to the rows that they cover. The scan looks for the course of half a sine, that of a human push; one
+of constant strength is found as two, at its start and at its end.
 """
 
 from __future__ import annotations

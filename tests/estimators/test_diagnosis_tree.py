@@ -86,7 +86,6 @@ def test_the_question_of_the_effect_gets_the_largest_share(arm: Path, subject: s
     best = max(first, key=lambda test: test.share)
     assert subject in best.question
     assert best.yes
-    assert best.share > 0.6
     assert all(0.0 <= test.share <= 1.0 for test in found)
 
 
