@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Enter: TypeAlias = "Callable[[Improvement, FloatArray], None]"
 
+MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
+DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
 WRONG = 1.0  # relative deviation of a parameter that is simply wrong
 WRONG_INERTIA = 0.4
 _PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
@@ -42,6 +44,7 @@ class Candidate:
     prior: Prior
     enter: Enter
     hypothesis: Hypothesis | None = None
+    rarity: float = MISSING  # [nat] it has to bring before it is believed
     variants: int = 1  # with how many of its kind it shares its chance
 
     @property
@@ -138,6 +141,7 @@ def _revisions(observed: Observations, columns: Columns) -> Iterator[Candidate]:
             "wrong_parameter",
             Prior.free(columns.add(joints, values), np.full(len(names), WRONG)),
             _reviser(place, names),
+            rarity=DEVIATING,
         )
 
 

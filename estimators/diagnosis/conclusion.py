@@ -92,8 +92,17 @@ def _sentence(
     return (
         f"At joint {joint + 1} {SIGNATURES[candidate.effect]}; on motion held out, it brings the "
         f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and the "
-        f"recordings are e^{lead:.0f} times likelier with it than with the next explanation."
+        f"recordings speak for it {_how(lead)} the next explanation."
     )
+
+
+def _how(lead: float) -> str:
+    """Say a lead of evidence [nat] as odds."""
+    if lead <= 0:
+        return "no more than for"
+    power = lead / np.log(10.0)
+    odds = f"{np.exp(lead):.0f} times" if power < 3 else f"10^{min(power, 99):.0f} times"  # noqa: PLR2004
+    return odds + " more than for" if power < 99 else "beyond doubt against"  # noqa: PLR2004
 
 
 def _parameters(bench: Bench, solution: Solution, member: int) -> dict[str, Interval]:
@@ -186,9 +195,8 @@ def _where(bench: Bench, solution: Solution, member: int, joint: int) -> Where:
         half = float(values[order][min(np.searchsorted(total, 0.5 * total[-1]), len(order) - 1)])
         usual = float(np.median(values))
         if usual > 0 and not _NARROW < half / usual < _WIDE:
-            words.append(
-                f"{'small' if half < usual else 'large'} {name} (half of it {'below' if half < usual else 'above'} {half:.2g} {unit})"
-            )
+            size, side = ("small", "below") if half < usual else ("large", "above")
+            words.append(f"{size} {name} (half of it {side} {half:.2g} {unit})")
     text = f"joint {joint + 1}" + (": " + ", ".join(words) if words else ", all over the motion")
     return Where(region=text, figure=f"joint-{joint + 1}")
 
@@ -235,7 +243,7 @@ def conclude(
     """
     after = rmse(proven, bench.split.held_out)
     named = findings_of(bench, solution, final, rest, after)
-    findings = (*named, *_unknown(bench, rest, unknown, after))
+    findings = (*named, *_unknown(rest, unknown, after))
     if not findings:
         summary = "consistent"
     elif not unknown:
@@ -255,9 +263,7 @@ def conclude(
     )
 
 
-def _unknown(
-    bench: Bench, rest: Leftover, joints: tuple[int, ...], after: FloatArray
-) -> tuple[Finding, ...]:
+def _unknown(rest: Leftover, joints: tuple[int, ...], after: FloatArray) -> tuple[Finding, ...]:
     if not joints:
         return ()
     worst = max(joints, key=lambda j: rest.foretold[j] / rest.floor[j])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -147,7 +148,7 @@ def coulomb(joint: int, v_eps: float) -> Hypothesis:
         "tau_c",
         positive=True,
         settings=(v_eps,),
-        family=lambda width: coulomb(joint, width),
+        family=partial(coulomb, joint),
         bounds=((2e-4, 0.02),),
     )
 
@@ -160,7 +161,7 @@ def stribeck(joint: int, v_s: float, delta: float) -> Hypothesis:
         "tau_s",
         positive=True,
         settings=(v_s, delta),
-        family=lambda v, d: stribeck(joint, v, d),
+        family=partial(stribeck, joint),
         bounds=((3e-3, 0.6), (0.5, 4.0)),
     )
 
@@ -172,7 +173,7 @@ def warming(joint: int, time_constant: float) -> Hypothesis:
         effect,
         "excess",
         settings=(time_constant,),
-        family=lambda T: warming(joint, T),
+        family=partial(warming, joint),
         bounds=((0.02 * time_constant, 20 * time_constant),),
     )
 
@@ -286,7 +287,7 @@ def cubic_spring(joint: int, rest: float) -> Hypothesis:
         (linear, replace(linear, stiffness=0.0, cubic=1.0)),
         lambda c: (replace(linear, stiffness=float(c[0]), cubic=float(c[1])),),
         settings=(rest,),
-        family=lambda q: cubic_spring(joint, q),
+        family=partial(cubic_spring, joint),
         bounds=((rest - 1.5, rest + 1.5),),
     )
 
@@ -341,12 +342,6 @@ def ripple(joint: int, cycles: float) -> Hypothesis:
         terms,
         realise,
         settings=(cycles,),
-        family=lambda N: ripple(joint, N),
+        family=partial(ripple, joint),
         bounds=((cycles - 0.5, cycles + 0.5),),
     )
-
-
-def alternatives(hypothesis: Hypothesis, observed: Observations) -> tuple[Hypothesis, ...]:
-    """Return other forms of the same effect at the same joint that are worth a refinement."""
-    del observed
-    return (hypothesis,)

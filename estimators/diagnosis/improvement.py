@@ -65,7 +65,7 @@ class Improvement:
         self.effects.append(effect)
 
     def skew(self, joint: int, plus: float, minus: float, v_eps: float) -> None:
-        """Add friction that differs with the direction; Coulomb friction there becomes part of it."""
+        """Add friction that differs with the direction; Coulomb friction becomes part of it."""
         for place, old in enumerate(self.effects):
             if isinstance(old, CoulombFriction) and old.joint == joint:
                 self.effects[place] = AsymmetricFriction(
@@ -97,16 +97,12 @@ def _within(known: Any) -> tuple[float, float]:  # noqa: ANN401  # Parameter
 
 def _merged(old: Any, new: Any) -> Effect | None:  # noqa: ANN401  # effects of any class
     """Return one effect for two of the same joint; None where they stay two."""
-    if isinstance(old, GravityDirection) and isinstance(new, GravityDirection):
+    if type(old) is not type(new) or old.joints != new.joints:
+        return None
+    if isinstance(old, GravityDirection):
         return new
-    if getattr(old, "joint", None) != getattr(new, "joint", None):
-        return None
-    if type(old) is not type(new):
-        return None
     if isinstance(old, JointElasticity):
         return replace(old, stiffness=1.0 / (1.0 / old.stiffness + 1.0 / new.stiffness))
-    if isinstance(old, Payload):
-        return None
     name = _ADDING.get(old.name)
     if name is None:
         return None

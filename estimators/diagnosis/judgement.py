@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.candidates import Candidate
     from estimators.diagnosis.evidence import Posterior
+    from estimators.diagnosis.observations import Observations
     from estimators.diagnosis.pipeline import Bench, Solution
     from limo_driver.types import FloatArray
 
@@ -34,16 +35,20 @@ class Leftover:
     foretold: FloatArray  # RMS of what one can
 
 
-def leftover(bench: Bench, solution: Solution) -> Leftover:
+def leftover(observed: Observations, left: FloatArray) -> Leftover:
     """Split the rest into what could be foretold and what is noise.
 
     Some physics cannot be foretold from the motion (jumps, disturbances in time). It is slow where
     noise is rough: a rest that is far smoother on one joint than on the others counts, too.
+
+    Args:
+        observed: Recordings and simulation.
+        left: Residual of the improved simulation, (K, n) [N m].
     """
-    left, moving = bench.left(solution.fitted), bench.observed.moving
-    whole, floor = rmse(left, moving), np.empty(bench.observed.n)
-    for joint in range(bench.observed.n):
-        guess = foretold(bench.observed, left[:, joint], joint)
+    moving = observed.moving
+    whole, floor = rmse(left, moving), np.empty(observed.n)
+    for joint in range(observed.n):
+        guess = foretold(observed, left[:, joint], joint)
         floor[joint] = rmse((left[:, joint] - guess)[:, None], moving[:, [joint]])[0]
     rough = roughness(left, moving)
     ratio = floor / rough

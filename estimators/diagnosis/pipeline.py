@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from estimators.diagnosis.candidates import Candidate, candidates_of
+from estimators.diagnosis.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.columns import Columns, Products
 from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
-from estimators.diagnosis.hypotheses import alternatives
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.judgement import MATERIAL, abstained, contribution, leftover
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.proof import Split, rmse
-from estimators.diagnosis.refinement import Setting, best_of, replaced
+from estimators.diagnosis.refinement import Setting, refine, replaced
+from estimators.diagnosis.scans import ripples
 from estimators.diagnosis.search import Search
 
 if TYPE_CHECKING:
@@ -90,6 +90,8 @@ def solve(bench: Bench, progress: Progress) -> Solution:
     """
     noise = _noise_of_everything(bench)
     solution = fitted(bench, (), noise)
+    if _scanned(bench, solution):
+        solution = fitted(bench, (), noise)
     for turn in range(_ROUNDS):
         progress("comparing explanations", 0.3 + 0.1 * turn)
         search = _search(bench, noise)
@@ -101,6 +103,16 @@ def solve(bench: Bench, progress: Progress) -> Solution:
             break
         noise = Noise.of(bench.left(posterior), bench.split.fitted, bench.observed.segment)
     return solution
+
+
+def _scanned(bench: Bench, solution: Solution) -> bool:
+    """Add the candidates that have to be looked for in the residual; say whether there are any."""
+    before = len(bench.candidates)
+    for hypothesis in ripples(bench.observed, bench.left(solution.fitted)):
+        candidate = entered(hypothesis, bench.observed, bench.columns, bench.level)
+        if candidate is not None:
+            bench.candidates.append(candidate)
+    return len(bench.candidates) > before
 
 
 def _noise_of_everything(bench: Bench) -> Noise:
@@ -165,8 +177,7 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
             bench.split.fitted,
             bench.level,
         )
-        rivals = alternatives(candidate.hypothesis, bench.observed)
-        best, _ = best_of(rivals, around)
+        best, _ = refine(candidate.hypothesis, around)
         if best is not candidate.hypothesis:
             new = replaced(candidate, best, around)
             if new is not None:
@@ -189,6 +200,13 @@ def improve(bench: Bench, solution: Solution) -> Simulation:
         candidate.enter(improvement, solution.fitted.mean[at : at + size])
         at += size
     return improvement.simulation()
+
+
+def _proven(bench: Bench, solution: Solution) -> FloatArray:
+    """Return the residual (K, n) of a simulation that was fitted to no row held out [N m]."""
+    observed = bench.observed
+    trial = polished(observed, improve(bench, solution), bench.split.fitted)
+    return observed.measured - observed.filter(observed.predict(trial))
 
 
 def polished(
@@ -248,17 +266,17 @@ def diagnose(
     bench = Bench.of(observed, progress)
     solution = pruned(bench, solve(bench, progress))
     solution = pruned(bench, refined(bench, solution, progress))
-    progress("looking for what is left", 0.8)
-    rest = leftover(bench, solution)
+    progress("proving on held-out motion", 0.8)
+    proven = _proven(bench, solution)
+    progress("looking for what is left", 0.9)
+    rest = leftover(observed, proven)
     stay, unknown = abstained(bench, solution, rest)
     if stay != solution.members:
         solution = fitted(bench, stay, solution.noise)
-    progress("proving on held-out motion", 0.9)
-    trial = polished(observed, improve(bench, solution), split=bench.split.fitted)
-    proven = observed.measured - observed.filter(observed.predict(trial))
+        proven = _proven(bench, solution)
     progress("fitting to all rows", 0.95)
     final = fitted(bench, solution.members, solution.noise, everything=True)
-    improved = polished(observed, improve(bench, final), split=observed.moving)
+    improved = polished(observed, improve(bench, final), observed.moving)
     after = observed.filter(observed.predict(improved))
     verdict = conclude(bench, solution, final, rest, unknown, proven)
     progress("done", 1.0)
@@ -287,5 +305,5 @@ def _traces(bench: Bench, after: FloatArray) -> Traces:
         measured=observed.measured,
         before=observed.simulated,
         after=after,
-        held_out=bench.split.held_out.any(axis=1),
+        held_out=np.asarray(bench.split.held_out.any(axis=1)),
     )

@@ -1,4 +1,4 @@
-"""Refinement: the parameters that the torque is not linear in, found after the effects are named."""
+"""Refinement: parameters that the torque is not linear in, found once effects are named."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from estimators.diagnosis.columns import Columns, Products
 from estimators.diagnosis.evidence import Evidence, Prior, joined
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from estimators.diagnosis.hypotheses import Hypothesis
@@ -66,8 +64,12 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
             (start - low) / (high - low),
         )
     family = hypothesis.family
+
+    def cost(x: FloatArray) -> float:
+        return -local.gain(family(*settings(x)))
+
     found = minimize(
-        lambda x: -local.gain(family(*settings(x))),
+        cost,
         np.clip(x0, 0.02, 0.98),
         method="Nelder-Mead",
         options={
@@ -144,12 +146,6 @@ class _Local:
         )
         evidence = Evidence(Products(gram, product, self._energy), nuisance)
         return evidence.gain(joined(others, own))
-
-
-def best_of(hypotheses: Sequence[Hypothesis], around: Setting) -> tuple[Hypothesis, float]:
-    """Refine each hypothesis and return the one with the highest evidence."""
-    refined = [refine(hypothesis, around) for hypothesis in hypotheses]
-    return max(refined, key=lambda item: item[1])
 
 
 def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> Candidate | None:

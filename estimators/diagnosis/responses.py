@@ -35,7 +35,7 @@ class Response(NamedTuple):
 
 
 @singledispatch
-def response(effect: Effect, observed: Observations) -> Response:
+def response(effect: Effect, observed: Observations) -> Response:  # noqa: ARG001  # dispatched on
     """Return what one effect adds, on the slow rows."""
     raise TypeError(f"no response is known for {type(effect).__name__}")
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 WIDTH = 6  # sets that are grown further
 LARGEST = 6  # effects in a set
-RARITY = 5.0  # [nat] that an effect has to bring before it is believed
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,6 @@ class Search:
 
     def __init__(self, candidates: Sequence[Candidate], evidence: Evidence) -> None:
         self.candidates, self.evidence = candidates, evidence
-        places = {candidate.place for candidate in candidates}
-        self._price = RARITY + np.log(len(places))
         self._known: dict[tuple[int, ...], float] = {(): 0.0}
 
     def gain(self, members: Iterable[int]) -> float:
@@ -51,7 +48,8 @@ class Search:
         key = tuple(sorted(members))
         if key not in self._known:
             prior = self.prior(key)
-            price = sum(self._price + np.log(self.candidates[i].variants) for i in key)
+            members_of = [self.candidates[i] for i in key]
+            price = sum(item.rarity + np.log(item.variants) for item in members_of)
             self._known[key] = self.evidence.gain(prior) - price
         return self._known[key]
 

@@ -39,9 +39,9 @@ def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatA
     Returns:
         Foretold residual, (K,) [N m]; zero where nothing can be foretold.
     """
-    X = _features(observed, joint) * observed.moving[:, joint, None]
+    features = _features(observed, joint) * observed.moving[:, joint, None]
     residual = residual * observed.moving[:, joint]
-    X = X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
+    X = features / np.maximum(np.sqrt(np.mean(features**2, axis=0)), 1e-12)
     fold = _folds(observed)
     grams = [X[fold == k].T @ X[fold == k] for k in range(_FOLDS)]
     products = [X[fold == k].T @ residual[fold == k] for k in range(_FOLDS)]

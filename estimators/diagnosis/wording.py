@@ -10,7 +10,7 @@ SIGNATURES: dict[str, str] = {
     "coulomb_friction": "a loop of constant height that flips with the direction of motion",
     "asymmetric_friction": "two plateaus of different height for the two directions",
     "viscous_friction": "torque grows in proportion to speed",
-    "stribeck_friction": "friction falls as speed grows from creep, whatever the distance travelled",
+    "stribeck_friction": "friction falls as speed grows from creep, at any distance travelled",
     "presliding_hysteresis": "torque rises with the distance since the last reversal",
     "load_dependent_friction": "the friction loop widens with the load the joint carries",
     "position_dependent_friction": "the friction loop changes its height over the joint's range",

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.diagnosis.candidates import Candidate
+from estimators.diagnosis.candidates import MISSING, Candidate
 from estimators.diagnosis.columns import Products
 from estimators.diagnosis.evidence import Evidence, Prior
-from estimators.diagnosis.search import LARGEST, RARITY, Search
+from estimators.diagnosis.search import LARGEST, Search
 
 ROWS = 400
 EFFECTS = (
@@ -111,7 +111,7 @@ def test_gain_is_log_evidence_less_the_rarity_of_each_place_and_variant(columns)
     y = columns[:, 0] + noise(6)
     few = [candidate(0, variants=3), candidate(1), candidate(2)]
     search = search_of(columns, y, few)
-    price = 2 * (RARITY + np.log(3)) + np.log(3)
+    price = 2 * MISSING + np.log(3)
     evidence = search.evidence.gain(search.prior((0, 2)))
     assert search.gain((2, 0)) == pytest.approx(evidence - price)
 
