@@ -31,15 +31,22 @@ _LEAST_SHARE = 0.1  # of the rows, on which a line has to pass the filter
 _SHAPE = 8  # knots of the low-order dependence on position, taken out first
 _BLOCK = 32  # frequencies at a time
 _TINY = 1e-30
+_BURST = 6.0  # median deviations, beyond which a residual is clipped
 
 
-def ripples(observed: Observations, residual: FloatArray, limit: int = 3) -> list[Hypothesis]:
+def ripples(
+    observed: Observations,
+    residual: FloatArray,
+    limit: int = 3,
+    left_out: NDArray[np.bool_] | None = None,
+) -> list[Hypothesis]:
     """Look for lines over the joint angle.
 
     Args:
         observed: Recordings and simulation, K slow rows of n joints.
         residual: What the nuisance parameters leave, (K, n) [N m].
         limit: Most lines at one joint.
+        left_out: Rows that do not count, (K,), such as those that a push covers.
 
     Returns:
         For each joint with lines one hypothesis of the strongest line, one of the two strongest,
@@ -50,8 +57,10 @@ def ripples(observed: Observations, residual: FloatArray, limit: int = 3) -> lis
     interferometer baselines", A&A Suppl. 15, 1974.
     """
     found: list[Hypothesis] = []
+    use = observed.moving if left_out is None else observed.moving & ~left_out[:, None]
     for joint in range(observed.n):
-        lines = _lines(_Angle.of(observed, residual, joint), limit, observed.n)
+        angle = _Angle.of(observed, residual, joint, use[:, joint])
+        lines = _lines(angle, limit, observed.n)
         found += [rippling(joint + 1, lines[: k + 1]) for k in range(len(lines))]
     return found
 
@@ -121,12 +130,18 @@ class _Angle:
     bandwidth: float  # [Hz]
 
     @classmethod
-    def of(cls, observed: Observations, residual: FloatArray, joint: int) -> _Angle:
-        """Take the rows of one joint (0-based) that move."""
-        rows = observed.moving[:, joint]
+    def of(
+        cls, observed: Observations, residual: FloatArray, joint: int, rows: NDArray[np.bool_]
+    ) -> _Angle:
+        """Take some rows (K,) of one joint (0-based)."""
         q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
         known = _shape(q, v)
-        return cls(q, np.abs(v), _rest(residual[rows, joint], known), known, observed.bandwidth)
+        y = residual[rows, joint]
+        if y.size:  # a short burst is no line, yet would have power in all of them
+            middle = float(np.median(y))
+            most = _BURST * float(np.median(np.abs(y - middle)))
+            y = np.clip(y, middle - most, middle + most)
+        return cls(q, np.abs(v), _rest(y, known), known, observed.bandwidth)
 
     @property
     def range(self) -> float:
