@@ -17,6 +17,8 @@ from limo_driver.differentiation import ORDER
 from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from estimators.diagnosis.observations import Observations
     from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
