@@ -1,4 +1,4 @@
-"""See the whole way of the data once: plan, run, identify, learn, evaluate; `make demo`.
+"""See the whole way of the data once: plan, run, identify, learn, evaluate, diagnose; `make demo`.
 
 Runs the commands that a user would type, one after the other, and writes OUT/index.html.
 """
@@ -14,12 +14,18 @@ import shlex
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
 
+from limo_driver.physics import Payload, QuadraticDrag, Simulation
+
 HERE = Path(os.path.relpath(Path(__file__).parent))
 TRUTH = HERE / "iiwa14_hysteretic.yaml"
+CONCEALED = (
+    Payload(mass=0.8, com=(0.0, 0.02, 0.08), inertia=(2e-3, 0.0, 0.0, 2e-3, 0.0, 1e-3)),
+    QuadraticDrag(joint=4, coefficient=6.0),
+)
 
 
 @dataclass(frozen=True)
@@ -67,7 +73,22 @@ def commands(out: Path, scaffolds: int, epochs: int) -> list[tuple[str, str]]:
             f"evaluate {out}/test.parquet --model {out}/model --sim {out}/sim.yaml "
             f"--out {out}/evaluation",
         ),
+        (
+            "Run the second motion on an arm in which a payload and a drag are concealed",
+            f"run --backend mujoco --trajectory {out}/test.traj.parquet --sim {out}/concealed.yaml "
+            f"--record {out}/concealed.parquet --seed 3",
+        ),
+        (
+            "Diagnose that recording with the simulation that knows of neither",
+            f"diagnose {out}/concealed.parquet --sim {TRUTH} --out {out}/diagnosis",
+        ),
     ]
+
+
+def conceal(path: Path) -> None:
+    """Write the simulation of an arm that has more in it than the diagnosis is told."""
+    known = Simulation.load(TRUTH)
+    replace(known, effects=(*known.effects, *CONCEALED)).save(path)
 
 
 def run(purpose: str, command: str) -> Step:
@@ -114,6 +135,22 @@ def table(evaluation: dict) -> str:
     )
 
 
+def diagnosis(verdict: dict) -> str:
+    """Return what was concealed and what was found as an HTML list."""
+    concealed = ", ".join(effect.name.replace("_", " ") for effect in CONCEALED)
+    found = [
+        f"<li>{html.escape(item['effect'].replace('_', ' '))}, joint "
+        f"{html.escape(', '.join(map(str, item['joints'])))}: confidence {item['confidence']:.0%}"
+        f"<br><span>{html.escape(item['evidence'])}</span></li>"
+        for item in verdict["findings"]
+    ]
+    return (
+        f"<p>Concealed in the arm, and told to nobody: {html.escape(concealed)}. Found:</p>"
+        f"<ul>{''.join(found) or '<li>nothing</li>'}</ul>"
+        '<p><a href="diagnosis/report.html">The whole report</a></p>'
+    )
+
+
 def page(steps: list[Step], out: Path) -> str:
     """Return the demo's page."""
     evaluation = json.loads((out / "evaluation" / "evaluation.json").read_text())
@@ -140,6 +177,7 @@ def page(steps: list[Step], out: Path) -> str:
             "Locally isotropic motion: reaching from pose to pose, exploring each with small "
             "random sinusoids on every joint.",
         ),
+        diagnosis=diagnosis(json.loads((out / "diagnosis" / "verdict.json").read_text())),
         commands="\n".join(
             f"<li>{html.escape(s.purpose)} <span>({s.seconds:.0f} s)</span>"
             f"<pre>{html.escape(s.command)}</pre></li>"
@@ -157,6 +195,7 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, default=20, help="passes over the training motion")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
+    conceal(options.out / "concealed.yaml")
     steps = [
         run(purpose, command)
         for purpose, command in commands(options.out, options.scaffolds, options.epochs)

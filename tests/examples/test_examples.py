@@ -11,9 +11,14 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 @pytest.mark.parametrize(
     ("name", "says"),
-    [("predict_torque", "beyond the rigid body"), ("creep_and_reverse", "the arm holds")],
+    [
+        ("predict_torque", "beyond the rigid body"),
+        ("creep_and_reverse", "the arm holds"),
+        ("diagnose_simulated", "found: payload, presliding_hysteresis"),
+    ],
 )
-def test_the_example_runs(name, says, capsys):
+def test_the_example_runs(name, says, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # some write their output to out/
     runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
     assert says in capsys.readouterr().out
 
