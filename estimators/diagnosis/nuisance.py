@@ -154,7 +154,8 @@ def _parameters(observed: Observations, columns: Columns) -> list[_Part]:
             joints, values = derivative(observed, place, known.name)
             width = known.name in _WIDTHS
             tolerance = WIDTH_TOLERANCE if width else observed.simulation.tolerances.friction
-            where = f" of joint {effect.joint}" if hasattr(effect, "joint") else ""
+            joint = getattr(effect, "joint", None)
+            where = "" if joint is None else f" of joint {joint}"
             parts.append(
                 _Part(
                     (f"{effect.name} {known.name}{where}",),

@@ -1,0 +1,249 @@
+"""The diagnosis from end to end on simulated recordings in which one effect is concealed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from estimators.diagnosis import diagnose
+from estimators.diagnosis.verdict import UNKNOWN
+from limo_driver.errors import RecordingError
+from limo_driver.physics import (
+    CoulombFriction,
+    Payload,
+    PreslidingHysteresis,
+    Simulation,
+    Tolerances,
+    TorqueGain,
+    ViscousFriction,
+)
+from limo_driver.recording import Recording
+from limo_driver.types import Motion
+
+RATE = 100.0  # [Hz]
+MEMORY = 0.05  # [s], of the torque sensors' errors
+NOISE = 0.03  # [N m], of the first joint; less towards the flange
+HARMONICS = np.arange(1, 9)  # of 0.05 Hz
+CLOSED = 1.2  # [noise floors] of held-out error that a right explanation may leave
+
+
+def motion_of(simulation, seed, duration=60.0):
+    """Return a Fourier motion within 0.6 of the position limits and 0.4 of the speeds."""
+    random = np.random.default_rng(seed)
+    t = np.arange(int(duration * RATE)) / RATE
+    w = 2 * np.pi * 0.05 * HARMONICS
+    limits = simulation.model.limits
+    c, d = random.normal(size=(2, w.size, simulation.model.n)) / np.sqrt(HARMONICS)[:, None]
+    sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    position, velocity = sin @ c + cos @ d, (cos * w) @ c - (sin * w) @ d
+    acceleration = -(sin * w**2) @ c - (cos * w**2) @ d
+    scale = np.minimum(
+        0.6 * limits.position_max / np.abs(position).max(axis=0),
+        0.4 * limits.velocity / np.abs(velocity).max(axis=0),
+    )
+    return Motion(t, scale * position, scale * velocity, scale * acceleration)
+
+
+def record(true, seed, duration=60.0):
+    """Measure a motion with coloured noise and an encoder of 10 µrad."""
+    motion = motion_of(true, seed, duration)
+    random = np.random.default_rng(1000 + seed)
+    a = np.exp(-1 / (RATE * MEMORY))
+    drawn = np.sqrt(1 - a**2) * random.standard_normal(motion.position.shape)
+    noise = NOISE / np.arange(1, motion.n + 1) * lfilter([1.0], [1.0, -a], drawn, axis=0)
+    position = np.round(motion.position / 1e-5) * 1e-5
+    return Recording.from_arrays(motion.time, position, true.predict(motion) + noise)
+
+
+def names(diagnosis):
+    return {(item.effect, item.kind, item.joints) for item in diagnosis.verdict.findings}
+
+
+def closure(diagnosis):
+    """Return the worst joint's held-out RMSE over its noise floor, before and after."""
+    fit = diagnosis.verdict.fit
+    floor = np.array(fit.noise_floor)
+    before, after = fit.heldout_rmse_before, fit.heldout_rmse_after
+    return np.max(before / floor), np.max(after / floor)
+
+
+def error(simulation, truth, seed=77):
+    """Return the worst joint's RMS error on another motion of the arm [N m]."""
+    recording = record(truth, seed)
+    difference = truth.predict_recording(recording) - simulation.predict_recording(recording)
+    return float(np.sqrt(np.mean(difference**2, axis=0)).max())
+
+
+@pytest.fixture(scope="module")
+def given(arm):
+    """A two-joint arm that is known well."""
+    return Simulation(
+        str(arm),
+        (
+            CoulombFriction(joint=1, tau_c=1.0),
+            CoulombFriction(joint=2, tau_c=0.6),
+            ViscousFriction(joint=1, f_v=0.5),
+            ViscousFriction(joint=2, f_v=0.3),
+        ),
+        tolerances=Tolerances(inertia=0.005, friction=0.15),
+    )
+
+
+def plus(simulation, effect):
+    return replace(simulation, effects=(*simulation.effects, effect))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_simulation_that_is_right_is_consistent(given, seed):
+    found = diagnose(given, [record(given, seed)])
+    assert found.verdict.verdict == "consistent"
+    assert found.verdict.findings == ()
+    assert closure(found)[1] < CLOSED
+    assert error(found.after, given) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_is_off_within_tolerances_is_consistent_and_mended(given, seed):
+    """The friction is 15 % larger, one deviation; the improved simulation says so."""
+    more = tuple(
+        replace(effect, tau_c=1.15 * effect.tau_c)
+        if isinstance(effect, CoulombFriction)
+        else effect
+        for effect in given.effects
+    )
+    true = replace(given, effects=more)
+    found = diagnose(given, [record(true, seed)])
+    assert found.verdict.verdict == "consistent"
+    assert closure(found)[0] > 2
+    assert closure(found)[1] < CLOSED
+    assert error(found.after, true) < 0.2 * error(given, true)
+
+
+@pytest.fixture(scope="module")
+def hysteresis(given):
+    slip = PreslidingHysteresis(joint=2, stiffness=(30.0, 10.0), width=(0.01, 0.05))
+    true = plus(given, slip)
+    return true, record(true, 3), diagnose(given, [record(true, 3)])
+
+
+def test_hysteresis_is_named_at_its_joint_and_modelled(hysteresis, given):
+    true, _, found = hysteresis
+    assert names(found) == {("presliding_hysteresis", "missing", (2,))}
+    assert found.verdict.verdict == "explained"
+    before, after = closure(found)
+    assert before > 10
+    assert after < CLOSED
+    assert error(found.after, true) < 0.05 * error(given, true)
+    finding = found.verdict.findings[0]
+    assert finding.share > 0.9
+    assert finding.confidence > 0.8
+    stiffness, width = (np.array(finding.parameters[p].value) for p in ("stiffness", "width"))
+    assert stiffness @ width == pytest.approx(0.8, rel=0.1)  # height of its loop [N m]
+
+
+def test_the_same_input_gives_the_same_verdict(hysteresis, given):
+    _, recording, found = hysteresis
+    again = diagnose(given, [recording])
+    assert again.verdict.as_values() == found.verdict.as_values()
+    assert again.after == found.after
+
+
+def test_the_fit_says_how_much_of_the_error_is_gone(hysteresis):
+    fit = hysteresis[2].verdict.fit
+    low, high = fit.ci95
+    assert 0.95 < low <= fit.reducible_error_removed <= high <= 1.0
+
+
+def test_traces_have_the_rows_that_were_compared(hysteresis):
+    traces = hysteresis[2].traces
+    rows = traces.time.size
+    assert traces.measured.shape == traces.before.shape == traces.after.shape == (rows, 2)
+    assert np.all(np.diff(traces.time) > 0)
+    held = traces.held_out
+    left = np.sqrt(np.mean((traces.measured - traces.after)[held] ** 2, axis=0))
+    assert np.all(left < np.sqrt(np.mean((traces.measured - traces.before)[held] ** 2, axis=0)))
+
+
+def test_the_chosen_explanation_is_the_likeliest(hysteresis):
+    explanations = hysteresis[2].explanations
+    assert explanations[0].effects == ("presliding_hysteresis",)
+    assert explanations[0].joints == ((2,),)
+    evidence = [item.log_evidence for item in explanations]
+    assert evidence == sorted(evidence, reverse=True)
+
+
+def test_a_gain_is_named_at_its_joint(given):
+    true = plus(given, TorqueGain(joint=1, gain=0.08))
+    found = diagnose(given, [record(true, 1)])
+    assert names(found) == {("torque_gain", "missing", (1,))}
+    gain = found.verdict.findings[0].parameters["gain"]
+    assert gain.value == pytest.approx(0.08, rel=0.1)
+    assert gain.ci95[0] < 0.08 < gain.ci95[1]
+    assert closure(found)[1] < CLOSED
+
+
+@pytest.fixture(scope="module")
+def doubled(given):
+    effects = (given.effects[0], replace(given.effects[1], tau_c=1.2), *given.effects[2:])
+    true = replace(given, effects=effects)
+    return true, diagnose(given, [record(true, 2)])
+
+
+def test_friction_that_doubled_is_a_wrong_parameter(doubled):
+    _, found = doubled
+    assert names(found) == {("coulomb_friction", "wrong_parameter", (2,))}
+    assert found.after.effects[1].tau_c == pytest.approx(1.2, rel=0.01)
+    assert closure(found)[1] < CLOSED
+
+
+def test_the_verdict_reports_the_value_that_the_improved_simulation_has(doubled):
+    _, found = doubled
+    reported = found.verdict.findings[0].parameters["tau_c"]
+    assert reported.ci95[0] < 1.2 < reported.ci95[1]
+    assert reported.value == pytest.approx(found.after.effects[1].tau_c)
+
+
+def test_a_payload_is_named_with_its_mass():
+    iiwa = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))
+    payload = Payload(mass=1.5, com=(0.02, 0.0, 0.08), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.005))
+    true = plus(iiwa, payload)
+    found = diagnose(iiwa, [record(true, 4, duration=25.0)])
+    assert names(found) == {("payload", "missing", (7,))}
+    parameters = found.verdict.findings[0].parameters
+    assert parameters["mass"].value == pytest.approx(1.5, rel=0.05)
+    np.testing.assert_allclose(parameters["com"].value, payload.com, atol=0.02)
+    assert closure(found)[1] < CLOSED
+    assert error(found.after, true) < 0.02 * error(iiwa, true)
+
+
+def test_what_nothing_explains_is_unknown_at_its_joint(given):
+    """Torque that goes with the product of both velocities is in no catalogue."""
+    recording = record(given, 5)
+    v = motion_of(given, 5).velocity
+    torque = np.array(recording.torque)
+    torque[:, 0] += (
+        0.3 * np.tanh(6 * v[:, 0] * v[:, 1]) * np.cos(motion_of(given, 5).position[:, 1])
+    )
+    found = diagnose(given, [replace(recording, torque=torque)])
+    assert (UNKNOWN, (1,)) in {(item.effect, item.joints) for item in found.verdict.findings}
+    assert found.verdict.verdict in {"unexplained", "partly_explained"}
+    assert found.verdict.unexplained.joints == (1,)
+
+
+def test_progress_is_told_from_begin_to_end(given):
+    told = []
+    diagnose(given, [record(given, 0)], progress=lambda stage, done: told.append((stage, done)))
+    done = [item[1] for item in told]
+    assert done == sorted(done)
+    assert done[0] == 0.0
+    assert done[-1] == 1.0
+
+
+def test_a_recording_of_another_robot_is_refused(given):
+    t = np.arange(6000) / RATE
+    position = 0.3 * np.sin(t)[:, None] * np.ones(3)
+    with pytest.raises(RecordingError, match=r"has 3 joints, but \S*two_joints\S* has 2"):
+        diagnose(given, [Recording.from_arrays(t, position, position)])
