@@ -51,7 +51,7 @@ true = replace(believed, effects=(*believed.effects, *concealed))
 OUT.mkdir(parents=True, exist_ok=True)
 believed.save(OUT / "believed.yaml")
 true.save(OUT / "true.yaml")
-limo(f"plan --robot iiwa14 --scaffolds 3 --seed 5 --out {OUT}/motion.traj.parquet")
+limo(f"plan --robot iiwa14 --scaffolds 4 --seed 5 --out {OUT}/motion.traj.parquet")
 limo(
     f"run --backend mujoco --trajectory {OUT}/motion.traj.parquet --sim {OUT}/true.yaml "
     f"--record {OUT}/run.parquet"

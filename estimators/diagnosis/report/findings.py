@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from estimators.diagnosis.report.markup import (
 from estimators.diagnosis.verdict import UNKNOWN
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from estimators.diagnosis.diagnosis import Diagnosis
     from estimators.diagnosis.verdict import Finding, Fit, Interval, Value
 
@@ -177,10 +179,16 @@ def _value(value: Value) -> str:
 def _interval(known: Interval) -> str:
     if not known.ci95:
         return UNSAID
-    first = known.ci95[0]
-    if first is None or isinstance(first, (int, float)):
-        return _range(known.ci95)
-    return _listed([_range(pair) for pair in known.ci95])
+    return _listed([_range(pair) for pair in _pairs(known.ci95)])
+
+
+def _pairs(nested: tuple[Any, ...]) -> Iterator[tuple[float | None, float | None]]:
+    """Yield the intervals of a number, of a list, or of a list of rows."""
+    if isinstance(nested[0], (tuple, list)):
+        for inner in nested:
+            yield from _pairs(inner)
+    else:
+        yield nested[0], nested[1]
 
 
 def _range(pair: tuple[float | None, ...]) -> str:
