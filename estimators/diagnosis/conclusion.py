@@ -59,7 +59,7 @@ def findings_of(
             Finding(
                 effect=candidate.effect,
                 kind=candidate.kind,
-                joints=tuple(j + 1 for j in candidate.joints),
+                joints=tuple(j + 1 for j in candidate.joints or range(bench.observed.n)),
                 equivalent=tuple(
                     dict.fromkeys(c.effect for c in same if c.effect != candidate.effect)
                 ),
@@ -230,6 +230,7 @@ def conclude(
     rest: Leftover,
     unknown: tuple[int, ...],
     proven: FloatArray,
+    contact: tuple[Finding, ...] = (),
 ) -> Verdict:
     """Put the verdict together.
 
@@ -240,9 +241,10 @@ def conclude(
         rest: What is left.
         unknown: Joints (0-based) on which something unknown acts.
         proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
+        contact: Pushes that were found.
     """
     after = rmse(proven, bench.split.held_out)
-    named = findings_of(bench, solution, final, rest, after)
+    named = (*contact, *findings_of(bench, solution, final, rest, after))
     findings = (*named, *_unknown(rest, unknown, after))
     if not findings:
         summary = "consistent"

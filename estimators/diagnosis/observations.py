@@ -51,6 +51,7 @@ class Observations:
     recording_of_sample: NDArray[np.int64]  # (T,) which recording each sample is from
     kept: NDArray[np.int64]  # (K,) samples that are rows of the slow grid
     measured: FloatArray  # (K, n) [N m]
+    disturbed: NDArray[np.bool_] | None = None  # (K,) rows on which something pushed
 
     @classmethod
     def of(
@@ -192,7 +193,7 @@ class Observations:
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        """Mark the rows on which a joint is not near rest, (K, n).
+        """Mark the rows on which a joint is not near rest and nothing pushes, (K, n).
 
         Near rest friction takes any value in its band, and a sharp sign turns the noise of the
         velocity into torque: such rows say little and err much.
@@ -202,7 +203,8 @@ class Observations:
         for rows in self.segments:
             reach = max(1, round(NEAR_REST / float(np.median(np.diff(self.motion.time[rows])))))
             near[rows] = maximum_filter1d(still[rows], 2 * reach + 1, axis=0)
-        return ~near[self.kept]
+        moving = ~near[self.kept]
+        return moving if self.disturbed is None else moving & ~self.disturbed[:, None]
 
     @cached_property
     def since_reversal(self) -> FloatArray:

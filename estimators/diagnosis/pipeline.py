@@ -11,6 +11,7 @@ import numpy as np
 from estimators.diagnosis.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.columns import Columns, Products
 from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
+from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
 from estimators.diagnosis.improvement import Improvement
@@ -19,9 +20,11 @@ from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.proof import Split, rmse
+from estimators.diagnosis.pushes import covered, pushes
 from estimators.diagnosis.refinement import Setting, refine, replaced
 from estimators.diagnosis.scans import ripples
 from estimators.diagnosis.search import Search
+from estimators.diagnosis.tree import tests_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -103,6 +106,12 @@ def solve(bench: Bench, progress: Progress) -> Solution:
             break
         noise = Noise.of(bench.left(posterior), bench.split.fitted, bench.observed.segment)
     return solution
+
+
+def _first(bench: Bench) -> tuple[FloatArray, Noise]:
+    """Return what the nuisance parameters leave, and the noise of it."""
+    noise = _noise_of_everything(bench)
+    return bench.left(fitted(bench, (), noise).fitted), noise
 
 
 def _scanned(bench: Bench, solution: Solution) -> bool:
@@ -264,6 +273,10 @@ def diagnose(
     progress("reading motion", 0.0)
     observed = observe(simulation, recordings, bandwidth)
     bench = Bench.of(observed, progress)
+    pushed = pushes(observed, *_first(bench))
+    if pushed:  # events: nothing is fitted to the rows that they cover
+        observed = replace(observed, disturbed=covered(observed, pushed))
+        bench = Bench.of(observed, progress)
     solution = pruned(bench, solve(bench, progress))
     solution = pruned(bench, refined(bench, solution, progress))
     progress("proving on held-out motion", 0.8)
@@ -278,7 +291,8 @@ def diagnose(
     final = fitted(bench, solution.members, solution.noise, everything=True)
     improved = polished(observed, improve(bench, final), observed.moving)
     after = observed.filter(observed.predict(improved))
-    verdict = conclude(bench, solution, final, rest, unknown, proven)
+    contact = contact_of(pushed, observed, proven, rest) if pushed else ()
+    verdict = conclude(bench, solution, final, rest, unknown, proven, contact)
     progress("done", 1.0)
     return Diagnosis(
         verdict=verdict,
@@ -287,6 +301,7 @@ def diagnose(
         recordings=tuple(recordings),
         traces=_traces(bench, after),
         explanations=explanations_of(bench, solution),
+        tests=tests_of(bench, solution),
         shifts=shifts_of(bench, final),
         bandwidth=bandwidth,
     )
