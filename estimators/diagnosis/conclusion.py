@@ -52,7 +52,8 @@ def findings_of(
         same = equivalents(bench, solution, member)
         gained = contribution(bench, solution, member)
         share = float(np.clip(gained.sum() / max(reducible, 1e-12), 0.0, 1.0))
-        joint = int(np.argmax(gained / leftover.floor**2))
+        own = list(candidate.joints or range(bench.observed.n))
+        joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
         lead = margin(bench, solution, member, same)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         found.append(

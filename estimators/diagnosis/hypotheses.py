@@ -308,6 +308,7 @@ def coupling(joint: int, other: int, ratio: int) -> Hypothesis:
         (joint - 1, other - 1),
         terms,
         lambda c: (replace(base, f_v=float(c[0]), tau_c=float(c[1]), inertia=float(c[2])),),
+        positive=True,
     )
 
 

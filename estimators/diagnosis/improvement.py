@@ -48,7 +48,7 @@ class Improvement:
         """Change a parameter of the effect at a place in the list by a part of itself."""
         effect: Any = self.effects[place]
         known = next(item for item in effect.parameters() if item.name == name)
-        value = getattr(effect, name) * (1.0 + relative)
+        value = getattr(effect, name) + relative * getattr(self.given.effects[place], name)
         self.effects[place] = replace(effect, **{name: float(np.clip(value, *_within(known)))})
 
     def move_inertia(self, link: int, change: FloatArray) -> None:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 Progress: TypeAlias = Callable[[str, float], None]
 
+BEYOND_DOUBT = 400.0  # [nat]; before effects are known, they look like weaker pushes
 _ROUNDS = 3  # of noise and search in turn
 _LEAST_FLOOR = 1e-4  # [N m]
 
@@ -273,7 +274,8 @@ def diagnose(
     progress("reading motion", 0.0)
     observed = observe(simulation, recordings, bandwidth)
     bench = Bench.of(observed, progress)
-    pushed = pushes(observed, *_first(bench))
+    found = pushes(observed, *_first(bench))
+    pushed = tuple(push for push in found if push.evidence > BEYOND_DOUBT)
     if pushed:  # events: nothing is fitted to the rows that they cover
         observed = replace(observed, disturbed=covered(observed, pushed))
         bench = Bench.of(observed, progress)

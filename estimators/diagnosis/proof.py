@@ -90,7 +90,8 @@ def bootstrap(
     random = np.random.default_rng(0)
     found = np.empty(_RESAMPLES)
     for k in range(_RESAMPLES):
-        drawn = np.maximum(sums[:, random.integers(0, count, count)].sum(axis=1), 1e-12)
+        drawn = sums[:, random.integers(0, count, count)].sum(axis=1)
+        drawn[2] = np.maximum(drawn[2], 1.0)
         found[k] = reducible_removed(
             np.sqrt(drawn[0] / drawn[2]), np.sqrt(drawn[1] / drawn[2]), floor
         )
