@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.candidates import Candidate
     from estimators.diagnosis.judgement import Leftover
     from estimators.diagnosis.pipeline import Bench, Solution
-    from limo_driver.physics import Effect
+    from limo_driver.physics import Effect, Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -264,6 +265,23 @@ def conclude(
         fit=fit_of(bench, bench.residual, proven, rest.floor),
         rows=rows_of(bench.observed.recordings),
     )
+
+
+def agreed(verdict: Verdict, improved: Simulation) -> Verdict:
+    """Give single-valued parameters the value that the improved simulation has; move intervals."""
+    findings: list[Finding] = []
+    for finding in verdict.findings:
+        parameters = dict(finding.parameters)
+        for effect in improved.effects:
+            if effect.name != finding.effect or effect.joints != finding.joints:
+                continue
+            for name, known in finding.parameters.items():
+                value, ci = getattr(effect, name), known.ci95
+                if isinstance(value, float) and isinstance(known.value, float) and ci:
+                    moved = tuple(limit + value - known.value for limit in ci)
+                    parameters[name] = replace(known, value=value, ci95=moved)
+        findings.append(replace(finding, parameters=parameters))
+    return replace(verdict, findings=tuple(findings))
 
 
 def _unknown(rest: Leftover, joints: tuple[int, ...], after: FloatArray) -> tuple[Finding, ...]:

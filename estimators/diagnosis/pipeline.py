@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.diagnosis.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.columns import Columns, Products
-from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
+from estimators.diagnosis.conclusion import agreed, conclude, explanations_of, shifts_of
 from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Progress: TypeAlias = Callable[[str, float], None]
 
-BEYOND_DOUBT = 400.0  # [nat]; before effects are known, they look like weaker pushes
+BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 _ROUNDS = 3  # of noise and search in turn
 _LEAST_FLOOR = 1e-4  # [N m]
 
@@ -107,12 +107,6 @@ def solve(bench: Bench, progress: Progress) -> Solution:
             break
         noise = Noise.of(bench.left(posterior), bench.split.fitted, bench.observed.segment)
     return solution
-
-
-def _first(bench: Bench) -> tuple[FloatArray, Noise]:
-    """Return what the nuisance parameters leave, and the noise of it."""
-    noise = _noise_of_everything(bench)
-    return bench.left(fitted(bench, (), noise).fitted), noise
 
 
 def _scanned(bench: Bench, solution: Solution) -> bool:
@@ -274,12 +268,15 @@ def diagnose(
     progress("reading motion", 0.0)
     observed = observe(simulation, recordings, bandwidth)
     bench = Bench.of(observed, progress)
-    found = pushes(observed, *_first(bench))
+    solution = solve(bench, progress)
+    # Before the effects are out, they would look like pushes themselves.
+    found = pushes(observed, bench.left(solution.fitted), solution.noise)
     pushed = tuple(push for push in found if push.evidence > BEYOND_DOUBT)
     if pushed:  # events: nothing is fitted to the rows that they cover
         observed = replace(observed, disturbed=covered(observed, pushed))
         bench = Bench.of(observed, progress)
-    solution = pruned(bench, solve(bench, progress))
+        solution = solve(bench, progress)
+    solution = pruned(bench, solution)
     solution = pruned(bench, refined(bench, solution, progress))
     progress("proving on held-out motion", 0.8)
     proven = _proven(bench, solution)
@@ -295,6 +292,7 @@ def diagnose(
     after = observed.filter(observed.predict(improved))
     contact = contact_of(pushed, observed, proven, rest) if pushed else ()
     verdict = conclude(bench, solution, final, rest, unknown, proven, contact)
+    verdict = agreed(verdict, improved)
     progress("done", 1.0)
     return Diagnosis(
         verdict=verdict,
