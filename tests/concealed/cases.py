@@ -21,7 +21,7 @@ from arm import N
 from draft import Draft, Place
 from known_effects import KNOWN
 from other_effects import UNKNOWN, WRONG
-from world import World
+from world import FRICTION, INERTIA, World
 
 KINDS = ("single", "set", "unknown", "wrong_parameter", "null")
 SIZES = (1.0, 3.0, 10.0)
@@ -50,15 +50,34 @@ class Hidden:
     amplitude: float
     sizes: np.ndarray  # (n,)
 
-    def as_dict(self) -> dict:
+    def as_dict(self, nominal: dict) -> dict:
+        """Return everything about it.
+
+        Args:
+            nominal: The simulation file handed over, in which a value may be wrong.
+        """
         d = self.draft
-        return {
+        described = {
             "effect": d.effect, "kind": d.kind, "joints": list(d.joints), "law": d.law,
             "equivalent": list(d.equivalent), "amplitude": float(self.amplitude),
             "parameters": d.parameters(self.amplitude), "foretellable": d.foretellable,
             "size": float(self.sizes.max()), "sizes": [round(float(s), 3) for s in self.sizes],
             "most_affected": int(self.sizes.argmax()) + 1,
         }  # fmt: skip
+        return described | ({"wrong": self._wrong(nominal)} if d.wrong else {})
+
+    def _wrong(self, nominal: dict) -> dict:
+        """Return which value is wrong, and by how many sigmas of its tolerance."""
+        name, joint = self.draft.wrong, self.draft.joints[0]
+        if self.draft.effect == "link_inertia":
+            stated, tolerance = nominal["inertials"][f"link{joint}"][name], INERTIA
+        else:
+            entries = [e for e in nominal["effects"] if e.get("joint") == joint]
+            entry = next(e for e in entries if e["effect"] == self.draft.effect)
+            stated, tolerance = entry[name], FRICTION
+        true = self.draft.parameters(self.amplitude)[name]
+        off = (true / stated - 1) / tolerance
+        return {"parameter": name, "true": true, "nominal": stated, "sigmas": off}
 
 
 @dataclass(frozen=True)
@@ -98,7 +117,7 @@ class Case:
     def truth(self) -> dict:
         return {
             "seed": self.seed, "kind": self.kind, "drawn_as": self.drawn_as,
-            "effects": [h.as_dict() for h in self.hidden],
+            "effects": [h.as_dict(self.nominal) for h in self.hidden],
             "asked": list(self.asked), "skipped": self.skipped,
             "foretellable": all(h.draft.foretellable for h in self.hidden),
             "noise_floor": [float(x) for x in self.floor],

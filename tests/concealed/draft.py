@@ -1,7 +1,7 @@
 """Draft: an effect before its amplitude is known."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from world import World
@@ -33,4 +33,5 @@ class Draft:
     kind: str = "missing"
     foretellable: bool = True  # on another motion, by someone who knows this one
     law: str = ""  # the plant's own name of it
-    scale: float = field(default=1.0)  # share of the true effect that the nominal model lacks
+    scale: float = 1.0  # share of the true effect that the nominal model lacks
+    wrong: str = ""  # parameter whose value in the nominal file is wrong

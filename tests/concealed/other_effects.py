@@ -11,6 +11,8 @@ from draft import Draft, Place
 from known_effects import KNOWN
 from world import World
 
+_FACTORS = (0.4, 0.5, 2.0, 2.5)  # value stated over the true one: at least 3.3 sigma of it off
+
 
 def coupled_bearings(at: Place) -> Draft:
     """Dry friction goes with the load of another joint."""
@@ -93,27 +95,23 @@ UNKNOWN: dict[str, Callable] = {
 
 
 def wrong_coulomb(at: Place) -> Draft:
-    factor = float(at.random.choice([0.4, 0.5, 2.0, 2.5]))
-
-    def change(w: World, _: float) -> World:
-        coulomb = w.nominal.coulomb.copy()
-        coulomb[at.j] *= factor
-        return w.with_nominal(coulomb=coulomb)
-
-    true = float(at.world.drive["coulomb"][at.j])
-    return _fixed("coulomb_friction", (at.j + 1,), change, {"tau_c": true})
+    return _wrong_friction(at, "coulomb", "tau_c")
 
 
 def wrong_viscous(at: Place) -> Draft:
-    factor = float(at.random.choice([0.35, 0.5, 2.0, 2.5]))
+    return _wrong_friction(at, "viscous", "f_v")
+
+
+def _wrong_friction(at: Place, name: str, parameter: str) -> Draft:
+    factor = float(at.random.choice(_FACTORS))
 
     def change(w: World, _: float) -> World:
-        viscous = w.nominal.viscous.copy()
-        viscous[at.j] *= factor
-        return w.with_nominal(viscous=viscous)
+        values = getattr(w.nominal, name).copy()
+        values[at.j] *= factor
+        return w.with_nominal(**{name: values}, wrong=w.nominal.wrong | {(name, at.j)})
 
-    true = float(at.world.drive["viscous"][at.j])
-    return _fixed("viscous_friction", (at.j + 1,), change, {"f_v": true})
+    true = {parameter: float(at.world.drive[name][at.j])}
+    return _fixed(f"{name}_friction", (at.j + 1,), change, true, parameter)
 
 
 def wrong_link(at: Place) -> Draft:
@@ -126,11 +124,14 @@ def wrong_link(at: Place) -> Draft:
         return w.with_nominal(arm=w.nominal.arm._replace(mass=mass))
 
     same = ("payload",) if link == N - 1 else ()
-    return replace(_fixed("link_inertia", (link + 1,), change, {}), equivalent=same)
+    true = {"mass": float(at.world.arm.mass[link])}
+    return replace(_fixed("link_inertia", (link + 1,), change, true, "mass"), equivalent=same)
 
 
-def _fixed(effect, joints, change, parameters):
-    return Draft(effect, joints, 1.0, 1.0, change, lambda _: parameters, kind="wrong_parameter")
+def _fixed(effect, joints, change, true, wrong):
+    return Draft(
+        effect, joints, 1.0, 1.0, change, lambda _: true, kind="wrong_parameter", wrong=wrong
+    )
 
 
 def wrong_armature(at: Place) -> Draft:
@@ -162,7 +163,7 @@ def wrong_elasticity(at: Place) -> Draft:
 
 def _in_file(made: Draft, random: np.random.Generator, name: str) -> Draft:
     """Put the effect into the nominal file, with one value wrong by a factor."""
-    factor = float(random.choice([0.4, 0.5, 2.0, 2.5]))
+    factor = float(random.choice(_FACTORS))
     joint = made.joints[0]
 
     def change(w: World, amplitude: float) -> World:
@@ -172,7 +173,9 @@ def _in_file(made: Draft, random: np.random.Generator, name: str) -> Draft:
         return w.with_nominal(entries=(*w.nominal.entries, entry))
 
     known = 1 / factor if name == "stiffness" else factor
-    return replace(made, change=change, kind="wrong_parameter", scale=abs(1 - known))
+    return replace(
+        made, change=change, kind="wrong_parameter", scale=abs(1 - known), wrong=name
+    )  # fmt: skip
 
 
 WRONG: dict[str, Callable] = {

@@ -10,7 +10,7 @@ import yaml
 from draft import Place
 from known_effects import KNOWN
 from other_effects import UNKNOWN, WRONG
-from world import COULOMB, INERTIA, World, off_within
+from world import COULOMB, FRICTION, INERTIA, World, off_within
 
 from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
@@ -57,6 +57,16 @@ def test_nominal_values_stay_inside_their_tolerances():
     assert np.abs(np.array(ratios) - 1).max() <= 2.5 * INERTIA + 1e-12
 
 
+def test_stated_friction_is_as_far_from_the_truth_as_its_tolerance_says():
+    random = np.random.default_rng(4)
+    world = World.draw(random)
+    stated = [e for _ in range(60) for e in world.simulation_file(random)["effects"]]
+    dry = np.array([e["tau_c"] for e in stated if e["effect"] == "coulomb_friction"])
+    sigmas = (world.drive["coulomb"] / dry.reshape(-1, 7) - 1) / FRICTION
+    assert np.std(sigmas) == pytest.approx(1.0, rel=0.1)
+    assert np.abs(sigmas).max() <= 2.5 + 1e-9
+
+
 @pytest.fixture(scope="module")
 def bench():
     random = np.random.default_rng([5, 7001])
@@ -92,11 +102,14 @@ def test_tolerances_imitate_a_scaled_friction_but_not_another_law(bench):
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_value_can_be_written(bench, name, tmp_path):
-    draft = WRONG[name](Place(np.random.default_rng(4), 3, float(bench.floor[3]), bench.world))
+@pytest.mark.parametrize("seed", range(6))
+def test_a_wrong_value_is_stated_and_outside_its_tolerance(bench, name, seed, tmp_path):
+    draft = WRONG[name](Place(np.random.default_rng(seed), 3, float(bench.floor[3]), bench.world))
     amplitude = min(draft.guess, draft.largest)
-    nominal = draft.change(bench.world, amplitude).simulation_file(np.random.default_rng(0))
+    nominal = draft.change(bench.world, amplitude).simulation_file(np.random.default_rng(seed))
     path = tmp_path / "sim.yaml"
     path.write_text(yaml.safe_dump(nominal))
     assert draft.effect in [e.name for e in Simulation.load(path).effects] + ["link_inertia"]
-    json.dumps(draft.parameters(amplitude))
+    described = cases.Hidden(draft, amplitude, np.ones(7)).as_dict(nominal)
+    assert abs(described["wrong"]["sigmas"]) > 3
+    json.dumps(described)

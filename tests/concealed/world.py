@@ -34,6 +34,8 @@ class Nominal:
     coulomb: np.ndarray  # (n,) [N m]; 0: not in the file
     viscous: np.ndarray  # (n,) [N m s/rad]
     entries: tuple[dict, ...] = ()  # further effects in the file
+    wrong: frozenset[tuple[str, int]] = frozenset()  # friction (name, 0-based joint) that is as
+    # far off as it stands, so that no tolerance is added to it
 
     def torque(self, response: Response, sharpness: float) -> np.ndarray:
         """Return what it says about a motion, with the true sharpness of the sign."""
@@ -109,8 +111,7 @@ class World:
             }
         effects = []
         for j in range(N):
-            tau_c = self.nominal.coulomb[j] * (1 + FRICTION * normal(random))
-            f_v = self.nominal.viscous[j] * (1 + FRICTION * normal(random))
+            tau_c, f_v = (self._stated(name, j, normal(random)) for name in ("coulomb", "viscous"))
             if tau_c:
                 dry = {"effect": "coulomb_friction", "joint": j + 1}
                 effects.append(dry | {"tau_c": float(tau_c), "v_eps": 0.002})
@@ -122,6 +123,14 @@ class World:
             "tolerances": {"inertia": INERTIA, "friction": FRICTION},
             "effects": effects + [dict(entry) for entry in self.nominal.entries],
         }
+
+    def _stated(self, name: str, joint: int, sigmas: float) -> float:
+        """Return friction as the file states it: the truth is so many sigmas from that value.
+
+        A tolerance is relative to the value stated, which is all that a reader of the file has.
+        """
+        value = float(getattr(self.nominal, name)[joint])
+        return value if (name, joint) in self.nominal.wrong else value / (1 + FRICTION * sigmas)
 
 
 def off_within(arm: Arm, random: np.random.Generator) -> Arm:
