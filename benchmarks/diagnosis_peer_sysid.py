@@ -38,7 +38,7 @@ def sysid(task: Task) -> Answer:
     try:
         from mujoco.sysid import build_residual_fn, calculate_intervals, optimize
     except ImportError:
-        sys.exit('sysid: not installed, expected: pip install "mujoco[sysid]"')
+        sys.exit('sysid: mujoco[sysid] is missing, expected: pip install -e ".[bench]"')
     fit = _Sysid(task)
     residual = build_residual_fn(
         models_sequences=[fit.sequence], custom_rollout=fit.rollout, modify_residual=fit.weigh,

@@ -5,17 +5,16 @@
 
 identify   `limo identify` fits every inertia, friction, armature and offset anew
 sysid      mujoco.sysid fits ten inertial parameters a link and damping, frictionloss and armature
-           a joint to recorded torques through MuJoCo's inverse dynamics (`pip install
-           "mujoco[sysid]"`)
+           a joint to recorded torques through MuJoCo's inverse dynamics
 pysindy    a PySINDy ensemble of sparse regressions on each joint's residual, after links and
            friction inside their tolerances were fitted to it
 trees      boosted trees on the same: no names, a bound on what its inputs foretell
 
-None of them names anything, so the rules are ours (`pip install -e ".[bench]"` brings the last
-two): a parameter is named where it leaves twice its tolerance, friction and armature only if the
-change also exceeds the joint's noise; mujoco.sysid's have to leave their 95 % interval besides; a
-term of PySINDy where nine tenths of the ensemble keep it. What a peer foretells and names is
-written to `peers/NAME/` in each case, and judged as `limo diagnose` is.
+`pip install -e ".[bench]" -c constraints.txt` brings all of them. None of them names anything, so
+the rules are ours: a parameter is named where it leaves twice its tolerance, friction and armature
+only if the change also exceeds the joint's noise; mujoco.sysid's have to leave their 95 % interval
+besides; a term of PySINDy where nine tenths of the ensemble keep it. What a peer foretells and
+names is written to `peers/NAME/` in each case, and judged as `limo diagnose` is.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def load_dependent_friction(at: Place) -> Draft:
     return Draft(
         "load_dependent_friction", (at.j + 1,), at.floor / 4, 0.4,
         lambda w, k: w.with_drive(at.j, load=k, load_side=side),
-        lambda k: {"coefficient": k}, law=variant,
+        lambda k: {"coefficient": k, "variant": variant}, law=variant,
     )  # fmt: skip
 
 
