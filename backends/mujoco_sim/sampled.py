@@ -12,7 +12,6 @@ from backends.mujoco_sim import layout
 from limo_driver.physics import ArmEffect, Friction, JointCoupling, MotionEffect, TorqueEffect
 from limo_driver.physics.effect import ArmMotion
 from limo_driver.physics.friction import away_from_rest
-from limo_driver.physics.simulation import of_joint
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ class SampledEffects:
     @_add.register(TorqueEffect)
     def _(self, effect: TorqueEffect, state: State, cycle: _Cycle) -> State:
         j = effect.joint - 1
-        value, state = effect.advance(state, of_joint(cycle.arm, j))
+        value, state = effect.advance(state, cycle.arm.of_joint(j))
         self.added[layout.ADDED_TORQUE, j] += value[0]
         return state
 
@@ -117,14 +116,14 @@ class SampledEffects:
     def _(self, effect: Friction, state: State, cycle: _Cycle) -> State:
         j = effect.joint - 1
         v = away_from_rest(cycle.ahead[j : j + 1])
-        value, state = effect.advance(state, replace(of_joint(cycle.arm, j), velocity=v))
+        value, state = effect.advance(state, replace(cycle.arm.of_joint(j), velocity=v))
         self.added[layout.ADDED_DAMPING, j] += value[0] / v[0]
         return state
 
     @_add.register(MotionEffect)
     def _(self, effect: MotionEffect, state: State, cycle: _Cycle) -> State:
         j = effect.joint - 1
-        motion = of_joint(cycle.arm, j)
+        motion = cycle.arm.of_joint(j)
         at_rest = replace(motion, load=cycle.static[j : j + 1])
         self.added[layout.ADDED_STATIC_WIND_UP, j] += effect.advance(state, at_rest)[0][0]
         value, state = effect.advance(state, motion)

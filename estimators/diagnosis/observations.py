@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d
 from estimators.rigid_body.regressor import Chain
 from limo_driver.differentiation import smooth
 from limo_driver.errors import RecordingError
-from limo_driver.physics.effect import JointMotion
+from limo_driver.physics.effect import ArmMotion
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.physics import Simulation
+    from limo_driver.physics.effect import JointMotion
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -137,16 +138,7 @@ class Observations:
 
     def of_joint(self, joint: int, rows: slice) -> JointMotion:
         """Return the motion and load of one joint (0-based) over some samples."""
-        motion = self.motion
-        temperature = None if motion.temperature is None else motion.temperature[rows, joint]
-        return JointMotion(
-            motion.time[rows],
-            np.ascontiguousarray(motion.position[rows, joint]),
-            motion.velocity[rows, joint],
-            motion.acceleration[rows, joint],
-            self.load[rows, joint],
-            temperature,
-        )
+        return ArmMotion(self.motion[rows], self.load[rows], self.simulation.body).of_joint(joint)
 
     @cached_property
     def predicted(self) -> FloatArray:

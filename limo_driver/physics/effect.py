@@ -1,7 +1,9 @@
 """Effect: one piece of physics, with one set of named parameters.
 
-A subclass writes only the mathematics. Every effect is used in three ways with the same
-equation: over a recording (`predict`), sample by sample (`step`), and inside the simulated robot.
+A subclass writes only the mathematics: `advance(state, ...)` evaluates it over the T samples that
+follow `state`, the memory after the sample before them, and returns its values and the memory after
+the last sample. Every effect is so used in three ways with the same equation: over a recording
+(`predict`), sample by sample (`step`), and inside the simulated robot.
 
 Effect
 ├── BodyEffect          what it makes of the rigid body
@@ -88,6 +90,18 @@ class ArmMotion:
     motion: Motion
     load: FloatArray  # (T, n), nominal rigid-body torque [N m]
     model: RobotModel
+
+    def of_joint(self, j: int) -> JointMotion:
+        """Return the motion and load of one joint (0-based)."""
+        motion = self.motion
+        return JointMotion(
+            motion.time,
+            motion.position[:, j],
+            motion.velocity[:, j],
+            motion.acceleration[:, j],
+            self.load[:, j],
+            None if motion.temperature is None else motion.temperature[:, j],
+        )
 
 
 @dataclass(frozen=True)
@@ -205,15 +219,7 @@ class ArmEffect(Effect):
 
     @abstractmethod
     def advance(self, state: State, motion: ArmMotion) -> tuple[FloatArray, State]:
-        """Evaluate the effect over T samples that follow `state`.
-
-        Args:
-            state: Memory after the sample before the first one.
-            motion: T samples of all joints.
-
-        Returns:
-            Torques, (T, n) [N m], and the memory after the last sample.
-        """
+        """Return the torques of T samples, (T, n) [N m], and the memory after them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,15 +239,7 @@ class TorqueEffect(JointEffect):
 
     @abstractmethod
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
-        """Evaluate the effect over T samples that follow `state`.
-
-        Args:
-            state: Memory after the sample before the first one.
-            motion: T samples of this joint.
-
-        Returns:
-            Torques, (T,) [N m], and the memory after the last sample.
-        """
+        """Return the torque of T samples, (T,) [N m], and the memory after them."""
 
 
 class Friction(TorqueEffect):
@@ -259,15 +257,7 @@ class MotionEffect(JointEffect):
 
     @abstractmethod
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
-        """Evaluate the effect over T samples that follow `state`.
-
-        Args:
-            state: Memory after the sample before the first one.
-            motion: T samples of this joint.
-
-        Returns:
-            Displacement encoder minus link, (T,) [rad], and the memory after the last sample.
-        """
+        """Return encoder minus link of T samples, (T,) [rad], and the memory after them."""
 
 
 class SensorEffect(JointEffect):
@@ -275,12 +265,4 @@ class SensorEffect(JointEffect):
 
     @abstractmethod
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
-        """Evaluate the effect over T samples that follow `state`.
-
-        Args:
-            state: Memory after the sample before the first one.
-            sensed: T samples of the torque of all joints, earlier sensor effects included.
-
-        Returns:
-            What the sensor of this joint adds, (T,) [N m], and the memory after the last sample.
-        """
+        """Return what this joint's sensor adds, (T,) [N m], and the memory after it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -17,68 +17,31 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import JointMotion
     from limo_driver.types import FloatArray
 
-Advance: TypeAlias = "Callable[[PreslidingHysteresis, FloatArray, JointMotion], FloatArray]"
-
 
 @dataclass(frozen=True)
 class Law:
-    """One law of hysteresis: its parameters, and how it advances a state in place."""
+    """One law of hysteresis: how it advances its memory, and its parameters."""
 
+    follow: Callable[..., FloatArray]  # (memory, path, *parameters), see hysteresis_laws
     required: tuple[str, ...]
-    advance: Advance
     optional: dict[str, float] = field(default_factory=dict)  # with their values if not given
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """All parameters of the law."""
+        """All parameters of the law, in the order in which `follow` takes them."""
         return (*self.required, *self.optional)
 
 
-def _values(owner: PreslidingHysteresis, *names: str) -> list[float]:
-    return [float(getattr(owner, name)) for name in names]
-
-
-def _lists(owner: PreslidingHysteresis, *names: str) -> list[FloatArray]:
-    return [np.array(getattr(owner, name), dtype=float) for name in names]
-
-
 LAWS: dict[str, Law] = {
-    "maxwell_slip": Law(
-        ("stiffness", "width"),
-        lambda own, state, motion: hysteresis_laws.maxwell_slip(
-            state, motion.position, *_lists(own, "stiffness", "width")
-        ),
-    ),
+    "maxwell_slip": Law(hysteresis_laws.maxwell_slip, ("stiffness", "width")),
     "lugre": Law(
-        ("sigma_0", "tau_c"),
-        lambda own, state, motion: hysteresis_laws.lugre(
-            state,
-            motion.position,
-            motion.velocity,
-            *_values(own, "sigma_0", "sigma_1", "tau_c", "tau_s", "v_s"),
-        ),
-        {"sigma_1": 0.0, "tau_s": 0.0, "v_s": 0.01},
+        hysteresis_laws.lugre, ("sigma_0", "tau_c"), {"sigma_1": 0.0, "tau_s": 0.0, "v_s": 0.01}
     ),
-    "dahl": Law(
-        ("sigma_0", "tau_c"),
-        lambda own, state, motion: hysteresis_laws.dahl(
-            state, motion.position, *_values(own, "sigma_0", "tau_c", "exponent")
-        ),
-        {"exponent": 1.0},
-    ),
+    "dahl": Law(hysteresis_laws.dahl, ("sigma_0", "tau_c"), {"exponent": 1.0}),
     "bouc_wen": Law(
-        ("sigma_0", "tau_c"),
-        lambda own, state, motion: hysteresis_laws.bouc_wen(
-            state, motion.position, *_values(own, "sigma_0", "tau_c", "beta_ratio", "exponent")
-        ),
-        {"beta_ratio": 0.5, "exponent": 1.0},
+        hysteresis_laws.bouc_wen, ("sigma_0", "tau_c"), {"beta_ratio": 0.5, "exponent": 1.0}
     ),
-    "preisach": Law(
-        ("up", "down", "weight"),
-        lambda own, state, motion: hysteresis_laws.preisach(
-            state, motion.position, *_lists(own, "up", "down", "weight")
-        ),
-    ),
+    "preisach": Law(hysteresis_laws.preisach, ("up", "down", "weight")),
 }
 
 
@@ -143,12 +106,14 @@ class PreslidingHysteresis(TorqueEffect):
             raise ConfigError(
                 f"{self.place}: law {self.law!r} is unknown; known: {', '.join(LAWS)}"
             )
-        self._check_parameters(LAWS[self.law])
-        for name, value in LAWS[self.law].optional.items():
+        law = LAWS[self.law]
+        self._check_parameters(law)
+        for name, value in law.optional.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
-        if lists := [name for name in LAWS[self.law].required if name in _LISTS]:
-            self._same_length(*lists)
+        self._same_length(
+            *(name for name in law.required if isinstance(getattr(self, name), tuple))
+        )
         for up, down in zip(self.up, self.down, strict=True):
             if up < down:
                 raise ConfigError(
@@ -181,9 +146,8 @@ class PreslidingHysteresis(TorqueEffect):
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Follow T positions; the state is (deflections, torque or relays …, last position)."""
-        after = state.copy()
-        torque = LAWS[self.law].advance(self, after, motion)
-        return torque, after
-
-
-_LISTS = {known.name for known in PreslidingHysteresis.parameters() if known.is_list}
+        law, after = LAWS[self.law], state.copy()
+        path = hysteresis_laws.path_of(after, motion.position, motion.velocity)
+        values = [getattr(self, name) for name in law.parameters]
+        given = [np.array(v) if isinstance(v, tuple) else float(v) for v in values]
+        return law.follow(after, path, *given), after

@@ -1,8 +1,10 @@
-"""Laws of presliding hysteresis, compiled: each advances a state along T positions.
+"""Laws of presliding hysteresis, compiled: each advances its memory along a path, in place.
 
-The last entry of every state is the last position, NaN before the first. A step between two
-positions is taken as monotonic, and each law is integrated exactly along it where that is
-possible: the torque does not depend on the sampling, only on the reversals in the samples.
+A path is three rows of T samples, (3, T): position, step since the sample before, velocity. A step
+is taken as monotonic, and each law is integrated exactly along it where that is possible: the
+torque does not depend on the sampling, only on the reversals in the samples. The last entry of
+every memory is the last position, NaN before the first. Parameters come in the order in which
+`hysteresis.LAWS` lists them. All laws return the torques, (T,) [N m].
 """
 
 from __future__ import annotations
@@ -16,102 +18,104 @@ from numba import njit
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
+POSITION, STEP, VELOCITY = 0, 1, 2  # rows of a path [rad, rad, rad/s]
 _SHORT_STEP = 0.05  # [presliding distances] of one Runge-Kutta step, for exponents up to 1
 _FAR = 25.0  # [presliding distances] after which any exponent slides, to 1e-10
 
 
 @njit(cache=True)
-def maxwell_slip(
-    state: FloatArray, position: FloatArray, stiffness: FloatArray, width: FloatArray
-) -> FloatArray:
-    """Advance the deflections in place; return the torques (T,) [N m]."""
-    torque = np.zeros(position.size)
-    last = state[-1]
+def path_of(memory: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return the path from the last position in `memory` on, (3, T), and leave its end there."""
+    path = np.empty((3, position.size))
     for t in range(position.size):
-        step = 0.0 if np.isnan(last) else position[t] - last
-        last = position[t]
+        path[POSITION, t], path[VELOCITY, t] = position[t], velocity[t]
+        path[STEP, t] = 0.0 if np.isnan(memory[-1]) else position[t] - memory[-1]
+        memory[-1] = position[t]
+    return path
+
+
+@njit(cache=True)
+def maxwell_slip(
+    memory: FloatArray, path: FloatArray, stiffness: FloatArray, width: FloatArray
+) -> FloatArray:
+    """Advance the deflections."""
+    torque = np.zeros(path.shape[1])
+    for t in range(torque.size):
         for i in range(width.size):
-            state[i] = min(max(state[i] + step, -width[i]), width[i])
-            torque[t] += stiffness[i] * state[i]
-    state[-1] = last
+            memory[i] = min(max(memory[i] + path[STEP, t], -width[i]), width[i])
+            torque[t] += stiffness[i] * memory[i]
     return torque
 
 
 @njit(cache=True)
 def lugre(
-    state: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
+    memory: FloatArray,
+    path: FloatArray,
     sigma_0: float,
-    sigma_1: float,
     tau_c: float,
+    sigma_1: float,
     tau_s: float,
     v_s: float,
 ) -> FloatArray:
-    """Advance the bristles' deflection in place; return the torques (T,) [N m].
+    """Advance the bristles' deflection.
 
     Along a step of constant sliding torque g, z runs exponentially to its end ±g / sigma_0.
     """
-    torque = np.zeros(position.size)
-    z, last = state[0], state[-1]
-    for t in range(position.size):
-        step = 0.0 if np.isnan(last) else position[t] - last
-        last = position[t]
-        v = velocity[t]
+    torque = np.zeros(path.shape[1])
+    z = memory[0]
+    for t in range(torque.size):
+        step, v = path[STEP, t], path[VELOCITY, t]
         g = tau_c + tau_s * math.exp(-((v / v_s) ** 2))
         end = math.copysign(g / sigma_0, step)
         z = end + (z - end) * math.exp(-sigma_0 * abs(step) / g)
         torque[t] = sigma_0 * z + sigma_1 * (v - sigma_0 * abs(v) / g * z)
-    state[0], state[-1] = z, last
+    memory[0] = z
     return torque
 
 
 @njit(cache=True)
 def dahl(
-    state: FloatArray, position: FloatArray, sigma_0: float, tau_c: float, exponent: float
+    memory: FloatArray, path: FloatArray, sigma_0: float, tau_c: float, exponent: float
 ) -> FloatArray:
-    """Advance the torque in place; return the torques (T,) [N m].
+    """Advance the torque.
 
     With x = 1 - tau sign(dq) / tau_c, dx/d|q| = -(sigma_0 / tau_c) x^exponent has a closed form.
     """
-    torque = np.zeros(position.size)
-    last = state[-1]
-    for t in range(position.size):
-        step = 0.0 if np.isnan(last) else position[t] - last
-        last = position[t]
+    torque = np.zeros(path.shape[1])
+    tau = memory[0]
+    for t in range(torque.size):
+        step = path[STEP, t]
         direction = 1.0 if step >= 0.0 else -1.0
-        x = max(1.0 - state[0] * direction / tau_c, 0.0)
+        x = max(1.0 - tau * direction / tau_c, 0.0)
         run = sigma_0 * abs(step) / tau_c
         if abs(exponent - 1.0) < 1e-9:  # noqa: PLR2004  # the limit of the other form
             x *= math.exp(-run)
         elif x > 0.0:
             power = x ** (1.0 - exponent) + (exponent - 1.0) * run
             x = power ** (1.0 / (1.0 - exponent)) if power > 0.0 else 0.0
-        state[0] = direction * tau_c * (1.0 - x)
-        torque[t] = state[0]
-    state[-1] = last
+        tau = direction * tau_c * (1.0 - x)
+        torque[t] = tau
+    memory[0] = tau
     return torque
 
 
 @njit(cache=True)
 def bouc_wen(
-    state: FloatArray,
-    position: FloatArray,
+    memory: FloatArray,
+    path: FloatArray,
     sigma_0: float,
     tau_c: float,
     beta_ratio: float,
     exponent: float,
 ) -> FloatArray:
-    """Advance the torque over tau_c in place; return the torques (T,) [N m]."""
-    torque = np.zeros(position.size)
-    last = state[-1]
-    for t in range(position.size):
-        step = 0.0 if np.isnan(last) else position[t] - last
-        last = position[t]
+    """Advance the torque over tau_c."""
+    torque = np.zeros(path.shape[1])
+    for t in range(torque.size):
+        step = path[STEP, t]
         run = min(sigma_0 * abs(step) / tau_c, _FAR)
         direction = 1.0 if step >= 0.0 else -1.0
         parts = math.ceil(run * max(exponent, 1.0) / _SHORT_STEP)
-        zeta = state[0] * direction
+        zeta = memory[0] * direction
         for _ in range(parts):
             h = run / parts
             k1 = _bouc_wen_slope(zeta, beta_ratio, exponent)
@@ -119,9 +123,8 @@ def bouc_wen(
             k3 = _bouc_wen_slope(zeta + 0.5 * h * k2, beta_ratio, exponent)
             k4 = _bouc_wen_slope(zeta + h * k3, beta_ratio, exponent)
             zeta += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        state[0] = direction * min(max(zeta, -1.0), 1.0)
-        torque[t] = tau_c * state[0]
-    state[-1] = last
+        memory[0] = direction * min(max(zeta, -1.0), 1.0)
+        torque[t] = tau_c * memory[0]
     return torque
 
 
@@ -134,19 +137,18 @@ def _bouc_wen_slope(zeta: float, beta_ratio: float, exponent: float) -> float:
 
 @njit(cache=True)
 def preisach(
-    state: FloatArray, position: FloatArray, up: FloatArray, down: FloatArray, weight: FloatArray
+    memory: FloatArray, path: FloatArray, up: FloatArray, down: FloatArray, weight: FloatArray
 ) -> FloatArray:
-    """Switch the relays in place; return the torques (T,) [N m]."""
-    torque = np.zeros(position.size)
-    for t in range(position.size):
-        q = position[t]
+    """Switch the relays, which are 1, -1, or 0 before the first sample."""
+    torque = np.zeros(path.shape[1])
+    for t in range(torque.size):
+        q = path[POSITION, t]
         for i in range(up.size):
-            if np.isnan(state[-1]):
-                state[i] = 1.0 if q > 0.5 * (up[i] + down[i]) else -1.0
+            if memory[i] == 0.0:
+                memory[i] = 1.0 if q > 0.5 * (up[i] + down[i]) else -1.0
             if q > up[i]:
-                state[i] = 1.0
+                memory[i] = 1.0
             elif q < down[i]:
-                state[i] = -1.0
-            torque[t] += weight[i] * state[i]
-        state[-1] = q
+                memory[i] = -1.0
+            torque[t] += weight[i] * memory[i]
     return torque

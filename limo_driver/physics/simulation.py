@@ -18,7 +18,6 @@ from limo_driver.physics.effect import (
     ArmMotion,
     BodyEffect,
     Effect,
-    JointMotion,
     MotionEffect,
     SensedTorque,
     SensorEffect,
@@ -258,23 +257,10 @@ class _Terms:
             self.torque += values
         elif isinstance(effect, (MotionEffect, TorqueEffect)):
             j = effect.joint - 1
-            values, state = effect.advance(state, of_joint(self.arm, j))
+            values, state = effect.advance(state, self.arm.of_joint(j))
             total = self.displacement if isinstance(effect, MotionEffect) else self.torque
             total[:, j] += values
         return state
-
-
-def of_joint(arm: ArmMotion, j: int) -> JointMotion:
-    """Return the motion and load of one joint (0-based)."""
-    motion = arm.motion
-    return JointMotion(
-        motion.time,
-        np.ascontiguousarray(motion.position[:, j]),
-        np.ascontiguousarray(motion.velocity[:, j]),
-        motion.acceleration[:, j],
-        arm.load[:, j],
-        None if motion.temperature is None else motion.temperature[:, j],
-    )
 
 
 def _joints_of(effect: Effect) -> tuple[int, ...]:
