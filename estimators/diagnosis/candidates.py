@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -15,15 +15,13 @@ from estimators.diagnosis.responses import response
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.columns import Columns
     from estimators.diagnosis.hypotheses import Hypothesis
-    from estimators.diagnosis.improvement import Improvement
+    from estimators.diagnosis.improvement import Enter, Improvement
     from estimators.diagnosis.observations import Observations
     from limo_driver.types import FloatArray
-
-Enter: TypeAlias = "Callable[[Improvement, FloatArray], None]"
 
 MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
 DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
@@ -154,8 +152,7 @@ def _reviser(place: int, names: Sequence[str]) -> Enter:
 
 
 def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
-    model, n = observed.simulation.model, observed.n
-    Y = observed.chain.regressor(observed.slow)
+    model, n, Y = observed.simulation.model, observed.n, observed.regressor
     for link, name in enumerate(model.link_names):
         scale = relative_inertia(model.inertials[name])
         own = Y[: link + 1, :, PER_LINK * link : PER_LINK * (link + 1)]

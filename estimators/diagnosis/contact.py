@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.proof import rmse
-from estimators.diagnosis.pushes import covered, pushing
+from estimators.diagnosis.pushes import covered, wrench_of
 from estimators.diagnosis.responses import response
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 
@@ -39,7 +39,7 @@ def contact_of(
     wrenches: list[tuple[float, ...]] = []
     intervals: list[tuple[tuple[float, float], ...]] = []
     for push in found:
-        terms = pushing((push,), "half_sine").terms
+        terms = wrench_of(push)
         rows = covered(observed, (push,))
         columns = np.zeros((observed.n, int(rows.sum()), len(terms)))
         for k, term in enumerate(terms):

@@ -35,20 +35,18 @@ from limo_driver.physics import (
     TorqueDrift,
     TorqueGain,
     TorqueOffset,
-    TorqueRipple,
     ViscousFriction,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from estimators.diagnosis.improvement import Improvement
+    from estimators.diagnosis.improvement import Enter
     from estimators.diagnosis.observations import Observations
     from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
 
 Realise: TypeAlias = Callable[["FloatArray"], "tuple[Effect, ...]"]
-Enter: TypeAlias = Callable[["Improvement", "FloatArray"], None]
 
 STOP_WIDTHS = tuple(np.geomspace(3e-4, 0.25, 9))  # [rad]
 CREEP_SPEEDS = (0.006, 0.015, 0.04, 0.1)  # [rad/s], of the Stribeck effect
@@ -74,12 +72,6 @@ class Hypothesis:
     family: Callable[..., Hypothesis] | None = field(default=None, compare=False)
     bounds: tuple[tuple[float, float], ...] = ()  # of the settings
     enter: Enter | None = field(default=None, compare=False)  # where adding effects is not enough
-
-    @property
-    def label(self) -> str:
-        """Say which effect where, for progress and reports."""
-        where = ", ".join(str(j + 1) for j in self.joints) or "arm"
-        return f"{self.effect}@{where}"
 
 
 def every(observed: Observations) -> Iterator[Hypothesis]:
@@ -199,12 +191,16 @@ def _hysteresis(j: int) -> Iterator[Hypothesis]:
     yield maxwell_slip(j + 1, STOP_WIDTHS)
 
 
+def stop(joint: int, width: float) -> PreslidingHysteresis:
+    """Return one spring that slips at a width [rad], and then carries 1 N m."""
+    return PreslidingHysteresis(
+        joint=joint, law="maxwell_slip", stiffness=(1.0 / width,), width=(width,)
+    )
+
+
 def maxwell_slip(joint: int, widths: tuple[float, ...]) -> Hypothesis:
     """Return parallel springs that slip at given widths."""
-    terms = tuple(
-        PreslidingHysteresis(joint=joint, law="maxwell_slip", stiffness=(1.0 / w,), width=(w,))
-        for w in widths
-    )
+    terms = tuple(stop(joint, width) for width in widths)
 
     def realise(c: FloatArray) -> tuple[Effect, ...]:
         used = [i for i in range(len(widths)) if c[i] > 0]
@@ -326,23 +322,3 @@ def gravity_direction(observed: Observations) -> Hypothesis:
         return (GravityDirection(gravity=tuple((tilted * size / np.linalg.norm(tilted)).tolist())),)
 
     return Hypothesis(terms[0].name, (), terms, realise)
-
-
-def ripple(joint: int, cycles: float) -> Hypothesis:
-    """Return a ripple of so many cycles in a revolution."""
-    base = TorqueRipple(joint=joint, cycles_per_rev=(cycles,), amplitude=(1.0,), phase=(0.0,))
-    terms = (base, replace(base, phase=(np.pi / 2,)))
-
-    def realise(c: FloatArray) -> tuple[Effect, ...]:
-        size, phase = float(np.hypot(c[0], c[1])), float(np.arctan2(c[1], c[0]))
-        return (replace(base, amplitude=(size,), phase=(phase,)),)
-
-    return Hypothesis(
-        base.name,
-        (joint - 1,),
-        terms,
-        realise,
-        settings=(cycles,),
-        family=partial(ripple, joint),
-        bounds=((cycles - 0.5, cycles + 0.5),),
-    )

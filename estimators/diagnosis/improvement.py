@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from limo_driver.physics import (
 if TYPE_CHECKING:
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
+
+Enter: TypeAlias = Callable[["Improvement", "FloatArray"], None]  # of fitted coefficients
 
 # Effects that add up to one of the same kind: the parameter that adds.
 _ADDING = {

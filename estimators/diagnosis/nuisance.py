@@ -8,7 +8,7 @@ elasticity or a backlash; ignored, they would look like physics.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,16 +19,12 @@ from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import TimeDelay, TorqueOffset
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from estimators.diagnosis.columns import Columns
-    from estimators.diagnosis.improvement import Improvement
+    from estimators.diagnosis.improvement import Enter, Improvement
     from estimators.diagnosis.observations import Observations
     from limo_driver.model import Inertial
     from limo_driver.physics import Parameter
     from limo_driver.types import FloatArray
-
-Enter: TypeAlias = "Callable[[Improvement, FloatArray], None]"
 
 SENSOR_LAG = 3e-4  # [s], 1 sigma: of a torque sensor's own filter against the encoder's
 WIDTH_TOLERANCE = 0.7  # relative, of the width of a smoothed sign
@@ -87,8 +83,7 @@ class _Part:
 
 
 def _inertias(observed: Observations, columns: Columns) -> list[_Part]:
-    Y = observed.chain.regressor(observed.slow)
-    model = observed.simulation.model
+    Y, model = observed.regressor, observed.simulation.model
     parts: list[_Part] = []
     for link, name in enumerate(model.link_names):
         scale = relative_inertia(model.inertials[name])

@@ -100,6 +100,11 @@ class Observations:
         return Chain.of(self.simulation.model)
 
     @cached_property
+    def regressor(self) -> FloatArray:
+        """Regressor of the rigid body on the slow rows, (n, K, 10 n)."""
+        return self.chain.regressor(self.slow)
+
+    @cached_property
     def recording(self) -> NDArray[np.int64]:
         """Which recording each kept row is from, (K,)."""
         return self.recording_of_sample[self.kept]
@@ -169,19 +174,6 @@ class Observations:
             )
             result[j] = (ahead - behind).T / (2 * _DIFFERENCE)
         return result
-
-    @cached_property
-    def inertia(self) -> FloatArray:
-        """Rows of the mass matrix on the slow rows, (n by, n of, K) [kg m²]."""
-        body, position = self.simulation.body, self.slow.position
-        still = np.zeros_like(position)
-        gravity = body.inverse_dynamics(position, still, still)
-        result = np.empty((self.n, *position.shape))
-        for j in range(self.n):
-            unit = still.copy()
-            unit[:, j] = 1.0
-            result[j] = body.inverse_dynamics(position, still, unit) - gravity
-        return result.transpose(0, 2, 1)
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:

@@ -37,7 +37,6 @@ Progress: TypeAlias = Callable[[str, float], None]
 
 BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 _ROUNDS = 3  # of noise and search in turn
-_LEAST_FLOOR = 1e-4  # [N m]
 
 
 def quiet(_stage: str, _done: float) -> None:

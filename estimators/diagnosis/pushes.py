@@ -10,13 +10,12 @@ of constant strength is found as two, at its start and at its end.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.ndimage import minimum_filter1d
 
-from estimators.diagnosis.hypotheses import Hypothesis
 from estimators.diagnosis.observations import Observations  # noqa: TC001  # read by singledispatch
 from estimators.diagnosis.responses import Response, response
 from limo_driver.differentiation import smooth
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.noise import Noise
-    from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
 
 MOST_PUSHES = 6
@@ -45,8 +43,6 @@ _SHORTEST, _LONGEST = 0.25, 3.0  # [s]
 _PIECES = 8  # constant stretches that a half sine is made of
 _CALM = 0.9  # quantile of the scan that stands for what is not a push
 _SPREAD = 0.3  # [s] over which the filter spreads a push
-
-Shape = Literal["half_sine", "constant"]
 
 
 @dataclass(frozen=True)
@@ -100,60 +96,32 @@ def _filtered(
     return smooth(motion.time, torque, observed.bandwidth, [slice(0, len(motion))])
 
 
-def contacts(observed: Observations, residual: FloatArray, noise: Noise) -> list[Hypothesis]:
-    """Look for short pushes on the flange.
-
-    Args:
-        observed: Recordings and simulation, K slow rows of n joints.
-        residual: What the nuisance parameters leave, (K, n) [N m].
-        noise: How errors look.
-
-    Returns:
-        Two hypotheses, or none: all pushes with the course of half a sine, and all of constant
-        strength. Each push has six coefficients, its wrench at the peak.
-
-    Source: Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a survey on detection,
-    isolation, and identification", IEEE T-RO 33(6), 2017.
-    """
-    found = pushes(observed, residual, noise)
-    return [pushing(found, "half_sine"), pushing(found, "constant")] if found else []
-
-
-def pushing(found: Sequence[Push], shape: Shape) -> Hypothesis:
-    """Return the hypothesis of given pushes.
-
-    Its effects stand for all recordings together, as sim.yaml knows no recordings: windows of one
-    recording also cover the same seconds of the others.
-    """
-    units = tuple(_unit(push, shape, axis) for push in found for axis in np.eye(6))
-
-    def realise(c: FloatArray) -> tuple[Effect, ...]:
-        windows = [unit.windows for unit in units[::6]]
-        course = [[wrench[0] for wrench in unit.wrench] for unit in units[::6]]
-        wrenches = [
-            tuple((size * np.asarray(w)).tolist())
-            for w, sizes in zip(np.reshape(c, (-1, 6)), course, strict=True)
-            for size in sizes
-        ]
-        flat = tuple(window for group in windows for window in group)
-        return (ExternalContact(windows=flat, wrench=tuple(wrenches)),)
-
-    return Hypothesis(ExternalContact.name, (), units, realise)
-
-
-def _unit(push: Push, shape: Shape, axis: FloatArray) -> ContactIn:
-    edges = np.linspace(push.start, push.end, (_PIECES if shape == "half_sine" else 1) + 1)
+def wrench_of(push: Push) -> tuple[ContactIn, ...]:
+    """Return six contacts: half a sine over a push, of unit size along each axis of the wrench."""
+    edges = np.linspace(push.start, push.end, _PIECES + 1)
     middle = (0.5 * (edges[1:] + edges[:-1]) - push.start) / (push.end - push.start)
-    course = np.sin(np.pi * middle)
-    return ContactIn(
-        windows=tuple(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)),
-        wrench=tuple(tuple((size * axis).tolist()) for size in course),
-        recording=push.recording,
+    windows = tuple(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    return tuple(
+        ContactIn(
+            windows=windows,
+            wrench=tuple(tuple((size * axis).tolist()) for size in np.sin(np.pi * middle)),
+            recording=push.recording,
+        )
+        for axis in np.eye(6)
     )
 
 
 def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[Push, ...]:
-    """Return the stretches of time in which one wrench explains several joints at once."""
+    """Return the stretches of time in which one wrench explains several joints at once.
+
+    Args:
+        observed: Recordings and simulation, K slow rows of n joints.
+        residual: What a fit leaves, (K, n) [N m].
+        noise: How errors look.
+
+    Source: Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a survey on detection,
+    isolation, and identification", IEEE T-RO 33(6), 2017.
+    """
     scan = _Scan.of(observed, residual, noise)
     trials = [
         scan.trial(recording, float(start), float(start + length))

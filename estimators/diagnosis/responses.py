@@ -42,7 +42,7 @@ def response(effect: Effect, observed: Observations) -> Response:  # noqa: ARG00
 
 @response.register
 def _(effect: TorqueEffect, observed: Observations) -> Response:
-    return _own(effect, observed, _over_joint(effect, observed))
+    return _own(effect, observed, over_joint(effect, observed))
 
 
 @response.register
@@ -78,7 +78,7 @@ def _(effect: BodyEffect, observed: Observations) -> Response:
 
 @response.register
 def _(effect: MotionEffect, observed: Observations) -> Response:
-    displacement = _over_joint(effect, observed)
+    displacement = over_joint(effect, observed)
     filtered = observed.filter(displacement[:, None])[:, 0]
     return _acting(-(filtered * observed.stiffness[effect.joint - 1]).T)
 
@@ -91,7 +91,7 @@ def _(effect: JointElasticity, observed: Observations) -> Response:
     return _acting(observed.filter(observed.predict(more) - observed.predicted))
 
 
-def _over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> FloatArray:
+def over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> FloatArray:
     """Evaluate an effect over all samples, its memory anew in each stretch; (T,)."""
     return np.concatenate(
         [

@@ -17,8 +17,6 @@ from limo_driver.differentiation import ORDER
 from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.observations import Observations
     from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
@@ -40,7 +38,6 @@ def ripples(
     observed: Observations,
     residual: FloatArray,
     limit: int = 3,
-    left_out: NDArray[np.bool_] | None = None,
 ) -> list[Hypothesis]:
     """Look for lines over the joint angle.
 
@@ -48,7 +45,6 @@ def ripples(
         observed: Recordings and simulation, K slow rows of n joints.
         residual: What the nuisance parameters leave, (K, n) [N m].
         limit: Most lines at one joint.
-        left_out: Rows that do not count, (K,), such as those that a push covers.
 
     Returns:
         For each joint with lines one hypothesis of the strongest line, one of the two strongest,
@@ -59,9 +55,8 @@ def ripples(
     interferometer baselines", A&A Suppl. 15, 1974.
     """
     found: list[Hypothesis] = []
-    use = observed.moving if left_out is None else observed.moving & ~left_out[:, None]
     for joint in range(observed.n):
-        angle = _Angle.of(observed, residual, joint, use[:, joint])
+        angle = _Angle.of(observed, residual, joint)
         lines = _lines(angle, limit, observed.n)
         found += [rippling(joint + 1, lines[: k + 1]) for k in range(len(lines))]
     return found
@@ -132,10 +127,9 @@ class _Angle:
     bandwidth: float  # [Hz]
 
     @classmethod
-    def of(
-        cls, observed: Observations, residual: FloatArray, joint: int, rows: NDArray[np.bool_]
-    ) -> _Angle:
-        """Take some rows (K,) of one joint (0-based)."""
+    def of(cls, observed: Observations, residual: FloatArray, joint: int) -> _Angle:
+        """Take the rows of one joint (0-based)."""
+        rows = observed.moving[:, joint]
         q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
         known = _shape(q, v)
         y = residual[rows, joint]

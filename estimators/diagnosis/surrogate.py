@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.physics import PreslidingHysteresis
+from estimators.diagnosis.hypotheses import stop
+from estimators.diagnosis.responses import over_joint
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,7 +73,7 @@ def _features(observed: Observations, j: int) -> FloatArray:
     size = np.abs(load) / np.maximum(np.abs(load).max(axis=0), 1e-9)
     own = [np.tanh(v / speed) for speed in _SPEEDS]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
-    own += [_stop(observed, j, width) for width in _WIDTHS]
+    own += [over_joint(stop(j + 1, width), observed) for width in _WIDTHS]
     waves = [f(k * q) for k in range(1, _WAVES + 1) for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
     own += [sign * size[:, k] for k in range(observed.n)]
@@ -85,15 +86,6 @@ def _features(observed: Observations, j: int) -> FloatArray:
     hats = _hats(observed)
     slow_sign = filtered[:, :1]
     return np.concatenate([filtered, hats, slow_sign * hats], axis=1)
-
-
-def _stop(observed: Observations, j: int, width: float) -> FloatArray:
-    unit = PreslidingHysteresis(
-        joint=j + 1, law="maxwell_slip", stiffness=(1 / width,), width=(width,)
-    )
-    return np.concatenate(
-        [unit.advance(unit.initial_state(), observed.of_joint(j, r))[0] for r in observed.segments]
-    )
 
 
 def _rested(observed: Observations, j: int) -> FloatArray:

@@ -15,7 +15,8 @@ import numpy as np
 from estimators.diagnosis.columns import Columns, Products
 from estimators.diagnosis.diagnosis import Test
 from estimators.diagnosis.evidence import Evidence, Prior, joined, posterior
-from limo_driver.physics import PreslidingHysteresis
+from estimators.diagnosis.hypotheses import stop
+from estimators.diagnosis.responses import over_joint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -145,18 +146,7 @@ def _sign(observed: Observations, j: int) -> FloatArray:
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:
-    stops = [
-        PreslidingHysteresis(joint=j + 1, law="maxwell_slip", stiffness=(1 / w,), width=(w,))
-        for w in _DISTANCES
-    ]
-    parts = [
-        np.stack(
-            [stop.advance(stop.initial_state(), observed.of_joint(j, rows))[0] for stop in stops],
-            axis=1,
-        )
-        for rows in observed.segments
-    ]
-    return np.concatenate(parts)
+    return np.stack([over_joint(stop(j + 1, w), observed) for w in _DISTANCES], axis=1)
 
 
 def _rate(observed: Observations, j: int) -> FloatArray:
