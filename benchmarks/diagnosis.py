@@ -23,7 +23,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from diagnosis_score import Judged, confusion, judge, resolution, score
+from diagnosis_judged import Judged, judge
+from diagnosis_score import Line, confusion, resolution, score
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -36,7 +37,7 @@ LIMO = Path(sys.executable).with_name("limo")
 FRESH = 1_000_000  # first of the seeds that nothing was tuned to
 FULL = {"null": 200, "single": 225, "set": 100, "unknown": 50, "wrong_parameter": 50}
 QUICK = {"null": 8, "single": 25, "set": 8, "unknown": 7, "wrong_parameter": 7}
-NEXT = "asked_for.parquet"
+ASKED, NEXT = "next_motion.parquet", "next.parquet"  # the motion asked for, the answer to it
 TIME_LIMIT = 600.0  # [s] of one command
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -106,13 +107,11 @@ def follow(
     """Record the next motion wherever one was asked for, and diagnose again with it."""
     asked = [
         case for case in _cases(folder)
-        if (case / name / "next_motion.parquet").exists() and not _finished(case / f"{name}_next")
+        if (case / name / ASKED).exists() and not _finished(case / f"{name}_next")
     ]  # fmt: skip
-    for text in _each(partial(_record_next, name), asked, jobs, "following", processes=True):
-        if text:
-            print(text)
-    again = [case for case in asked if (case / NEXT).exists()]
-    _each(partial(_run_one, f"{name}_next", limit), again, jobs, f"again {folder.name}")
+    _each(partial(_record_next, name), asked, jobs, "recording", processes=True)
+    again = [case for case in asked if (case / f"{name}_next" / NEXT).exists()]
+    _each(partial(_run_next, name, limit), again, jobs, f"again {folder.name}")
 
 
 @app.command("score")
@@ -126,15 +125,27 @@ def print_score(
     judged = [judge(case, name) for case in finished]
     console = Console(width=140, highlight=False)
     table = Table("what", "measured", "bar", title=f"{len(judged)} concealed cases")
-    pairs = [(judge(case, name), judge(case, f"{name}_next")) for case in finished
-             if _finished(case / f"{name}_next")]  # fmt: skip
-    for line in [*score(judged), resolution(pairs)]:
+    for line in [*score(judged), *_resolution(judged, name)]:
         table.add_row(line.what, line.value, line.bar)
     console.print(table)
     names = Table("hidden", "named (main finding)", title="single effects, unknown, wrong values")
     for hidden, said in confusion(judged):
         names.add_row(hidden, ", ".join(f"{effect} {count}" for effect, count in said))
     console.print(names, _wrong(judged))
+
+
+def _resolution(judged: list[Judged], name: str) -> list[Line]:
+    """Pair each case with its diagnosis after the motion that it asked for."""
+    pairs: list[tuple[Judged, Judged | None]] = []
+    waiting = 0
+    for before in judged:
+        if not (before.case / name / ASKED).exists():
+            pairs.append((before, None))
+        elif (before.case / f"{name}_next" / "result.json").exists():
+            pairs.append((before, judge(before.case, f"{name}_next")))
+        else:
+            waiting += 1
+    return resolution(pairs, waiting)
 
 
 def _wrong(judged: list[Judged]) -> Table:
@@ -165,13 +176,13 @@ def _cases(folder: Path) -> list[Path]:
 
 
 def _each(
-    work: Callable[[object], str],
+    work: Callable[..., object],
     items: list,
     jobs: int,
     what: str,
     *,
     processes: bool = False,
-) -> list[str]:
+) -> list:
     """Work on items, several at a time, behind a progress bar on stderr."""
     console = Console(stderr=True)
     pool = ProcessPoolExecutor(jobs) if processes else ThreadPoolExecutor(jobs)
@@ -192,44 +203,62 @@ def _make_one(kind: str, out: Path, seed: int) -> str:
     return ""
 
 
-def _record_next(name: str, case: Path) -> str:
-    """Record the motion that a diagnosis asked for; return what went wrong, or nothing."""
+def _record_next(name: str, case: Path) -> None:
+    """Record the motion that a diagnosis asked for; where that fails, the result says why."""
     sys.path.insert(0, str(CONCEALED))
     import cases
 
     from limo_driver.errors import LimoError
     from limo_driver.trajectory import Trajectory
 
+    out = case / f"{name}_next"
+    out.mkdir(exist_ok=True)
     truth = json.loads((case / "hidden" / "truth.json").read_text())
     try:
-        trajectory = Trajectory.load(case / name / "next_motion.parquet")
+        trajectory = Trajectory.load(case / name / ASKED)
     except LimoError as error:
-        return f"{case}: {error}"
-    motion = trajectory.resample(1e-3).position
-    cases.draw(truth["seed"], truth["drawn_as"]).answer(motion, case / NEXT)
-    return ""
+        _write_result(out, (2, 0.0, f"{ASKED}: {error}"))
+        return
+    drawn = cases.draw(truth["seed"], truth["drawn_as"])
+    if not drawn.is_of(truth):
+        raise SystemExit(f"{case}: made by other code, and seed {truth['seed']} gives another arm")
+    drawn.answer(trajectory.resample(1e-3).position, out / NEXT)
 
 
-def _run_one(name: str, limit: float, case: Path) -> str:
+def _run_next(name: str, limit: float, case: Path) -> None:
+    """Diagnose again, with the motion that was asked for."""
+    out = case / f"{name}_next"
+    _write_result(out, _diagnose(case, out, limit, out / NEXT))
+
+
+def _run_one(name: str, limit: float, case: Path) -> None:
+    """Diagnose, and let both simulations foretell the held-out motions."""
     out = case / name
     out.mkdir(exist_ok=True)
-    recordings = sorted(case.glob("recording_*.parquet"))
-    recordings += [case / NEXT] if name.endswith("_next") else []
-    nominal = case / "sim.yaml"
-    begin = perf_counter()
-    status, message = _limo(
-        limit, "diagnose", *recordings, "--sim", nominal, "--out", out, "--json"
-    )  # fmt: skip
-    seconds = perf_counter() - begin
-    for label, sim in (("before", nominal), ("after", out / "sim.yaml")):
+    status, seconds, message = _diagnose(case, out, limit)
+    for label, sim in (("before", case / "sim.yaml"), ("after", out / "sim.yaml")):
         for k in (1, 2) if sim.exists() else ():
             target = out / f"{label}_{k}.parquet"
             held_out = case / f"held_out_{k}.parquet"
             failed, why = _limo(limit, "predict", held_out, "--sim", sim, "--out", target)
             message += f"\npredict {label} {k}: {why}" if failed else ""
-    result = {"status": status, "seconds": seconds, "message": message}
+    _write_result(out, (status, seconds, message))
+
+
+def _diagnose(case: Path, out: Path, limit: float, *more: Path) -> tuple[int, float, str]:
+    """Return status, seconds and complaints."""
+    recordings = [*sorted(case.glob("recording_*.parquet")), *more]
+    begin = perf_counter()
+    status, message = _limo(
+        limit, "diagnose", *recordings, "--sim", case / "sim.yaml", "--out", out, "--json"
+    )  # fmt: skip
+    return status, perf_counter() - begin, message
+
+
+def _write_result(out: Path, outcome: tuple[int, float, str]) -> None:
+    """Write it last: a case with a result is finished."""
+    result = dict(zip(("status", "seconds", "message"), outcome, strict=True))
     (out / "result.json").write_text(json.dumps(result, indent=1))
-    return message
 
 
 def _limo(limit: float, *arguments: object) -> tuple[int, str]:

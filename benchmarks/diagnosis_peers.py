@@ -30,10 +30,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import typer
+from diagnosis_judged import Judged, judge, names
 from diagnosis_peer_base import BAND, Answer, Task
 from diagnosis_peer_fits import identify, pysindy, trees
 from diagnosis_peer_sysid import sysid
-from diagnosis_score import Judged, judge, names
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table

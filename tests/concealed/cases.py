@@ -125,6 +125,15 @@ class Case:
             "segments": list(self.segments),
         }  # fmt: skip
 
+    def is_of(self, truth: dict) -> bool:
+        """Say whether a case written earlier has the same arm: the code may have changed."""
+        said = [self.floor, *([h.amplitude] for h in self.hidden)]
+        written = [truth["noise_floor"], *([e["amplitude"]] for e in truth["effects"])]
+        same = [e["effect"] for e in truth["effects"]] == [h.draft.effect for h in self.hidden]
+        return same and all(
+            np.allclose(a, b, rtol=1e-9) for a, b in zip(said, written, strict=True)
+        )
+
     def _table(self, recorded: Recorded) -> pa.Table:
         quantities = {"position": recorded.position, "torque": recorded.torque}
         if self.instruments.velocity:

@@ -29,6 +29,13 @@ def test_a_seed_says_everything(single):
         np.testing.assert_array_equal(a.torque, b.torque)
 
 
+def test_an_answer_is_of_the_arm_that_was_written(single):
+    truth = json.loads(json.dumps(single.truth()))
+    assert single.is_of(truth)
+    truth["effects"][0]["amplitude"] *= 1.01
+    assert not single.is_of(truth)
+
+
 def test_the_size_is_the_one_asked_for(single):
     (hidden,) = single.hidden
     assert hidden.draft.effect == "torque_ripple"
