@@ -7,7 +7,9 @@ with the catalogue of effects.
     python benchmarks/diagnosis.py --quick
     python benchmarks/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
     python benchmarks/diagnosis.py run out/concealed --jobs 2
+    python benchmarks/diagnosis.py follow out/concealed --jobs 2
     python benchmarks/diagnosis.py score out/concealed
+    python benchmarks/diagnosis.py time
 """
 
 from __future__ import annotations
@@ -17,12 +19,14 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+import yaml
 from diagnosis_judged import Judged, judge
 from diagnosis_score import Line, confusion, resolution, score
 from rich.console import Console
@@ -132,6 +136,32 @@ def print_score(
     for hidden, said in confusion(judged):
         names.add_row(hidden, ", ".join(f"{effect} {count}" for effect, count in said))
     console.print(names, _wrong(judged))
+
+
+@app.command("time")
+def print_time(
+    seed: Annotated[int, typer.Option(help="Seed of a single effect.")] = FRESH,
+    out: Out = Path("out/concealed"),
+) -> None:
+    """Time the diagnosis of one recording of five minutes at 250 Hz; nothing else should run."""
+    sys.path.insert(0, str(CONCEALED))
+    import arm
+    import cases
+    import motions
+    import numpy as np
+
+    drawn = cases.draw(seed, "single")
+    case = replace(drawn, instruments=replace(drawn.instruments, rate=250.0))
+    random = np.random.default_rng(seed)
+    kinds = ["limopa", "creep", "fourier", "points", "nested"]
+    motion, _ = motions.recording(kinds, 300.0, arm.load()[1], random)
+    folder = out / f"time_{seed}"
+    folder.mkdir(parents=True, exist_ok=True)
+    case.answer(motion, folder / "recording_1.parquet")
+    (folder / "sim.yaml").write_text(yaml.safe_dump(case.nominal, sort_keys=False))
+    status, seconds, message = _diagnose(folder, folder / "out", TIME_LIMIT)
+    print(f"{len(motion) / 1000:.0f} s of 7 joints at 250 Hz: {seconds:.1f} s; bar 60 s; "
+          f"exit status {status} {message}")  # fmt: skip
 
 
 def _resolution(judged: list[Judged], name: str) -> list[Line]:

@@ -30,7 +30,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import typer
-from diagnosis_judged import Judged, judge, names
+from diagnosis_judged import UNKNOWN, Judged, judge, names
 from diagnosis_peer_base import BAND, Answer, Task
 from diagnosis_peer_fits import identify, pysindy, trees
 from diagnosis_peer_sysid import sysid
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 PEERS: dict[str, Callable[[Task], Answer]] = {
     "identify": identify, "sysid": sysid, "pysindy": pysindy, "trees": trees,
 }  # fmt: skip
+TITLES = {"identify": "identify everything", "sysid": "mujoco.sysid", "pysindy": "PySINDy ensemble",
+          "trees": "boosted trees"}  # fmt: skip
 
 
 def run(case: Path, name: str) -> None:
@@ -61,7 +63,7 @@ def run(case: Path, name: str) -> None:
     nominal = Simulation.load(case / "sim.yaml")
     try:
         answer = PEERS[name](Task(case, nominal))
-    except (LimoError, subprocess.CalledProcessError) as error:
+    except (LimoError, ValueError, np.linalg.LinAlgError, subprocess.CalledProcessError) as error:
         failed = {"status": 1, "seconds": perf_counter() - begin, "message": str(error)}
         (out / "result.json").write_text(json.dumps(failed))
         return
@@ -77,17 +79,20 @@ def run(case: Path, name: str) -> None:
     (out / "result.json").write_text(json.dumps({"status": 0, "seconds": seconds}))
 
 
-def summary(name: str, judged: Sequence[Judged], asked: int) -> list[str]:
-    """Return one row of the table: closure and names over known effects, alarms on nulls."""
-    known = [c for c in judged if c.truth["kind"] not in ("null", "unknown")]
-    nulls = [c for c in judged if c.truth["kind"] == "null"]
+def summary(title: str, judged: Sequence[Judged], asked: int) -> list[str]:
+    """Return one row of the table: closure and names over known effects, alarms on nulls.
+
+    Saying that something is unknown is no name; on a null it is an alarm.
+    """
+    known = [c for c in judged if c.kind not in ("null", "unknown")]
+    nulls = [c for c in judged if c.kind == "null"]
     told = [c.closure for c in known if c.truth["foretellable"]]
     worst = np.array([c.worst if c else np.inf for c in told])
     hits = [any(names(f, e) for e in c.effects) for c in judged for f in c.findings
-            if c.truth["kind"] != "unknown"]  # fmt: skip
+            if c.kind != "unknown" and f["effect"] != UNKNOWN]  # fmt: skip
     alarms = sum(bool(c.findings) for c in nulls)
     return [
-        name,
+        title,
         f"{len(judged)} of {asked}",
         f"{np.median(worst):.2f}" if told else "-",
         f"{np.mean(worst <= 1.2):.0%}" if told else "-",
@@ -117,9 +122,10 @@ def main(
         "tool", "cases", "closure, median", "<= 1.2", "exactly right", "precision of names",
         "false alarms on nulls", "seconds a case", title=f"{len(cases)} concealed cases",
     )  # fmt: skip
-    for name, out in [*((name, f"peers/{name}") for name in wanted), ("limo diagnose", limo)]:
+    rows = [("limo diagnose", limo), *((TITLES[name], f"peers/{name}") for name in wanted)]
+    for title, out in rows:
         finished = [case for case in cases if (case / out / "result.json").exists()]
-        table.add_row(*summary(name, [judge(case, out) for case in finished], len(cases)))
+        table.add_row(*summary(title, [judge(case, out) for case in finished], len(cases)))
     Console(width=120, highlight=False).print(table)
 
 
