@@ -213,46 +213,38 @@ class Ambiguity:
     """A hidden effect that was named beside others that the truth can be told apart from."""
 
     effect: dict[str, Any]
-    rivals: frozenset[str]
     asked: str | None  # the rival that the next motion is to rule out; None: no motion was offered
+
+    def rivals(self, finding: dict[str, Any]) -> set[str]:
+        """Return what a finding says besides the truth, or what is identical to it.
+
+        A motion that is to tell the truth from another effect says that they are not identical.
+        """
+        said = {finding["effect"], *(finding.get("equivalent") or ())}
+        return said - {self.effect["effect"], *self.effect["equivalent"]} | (said & {self.asked})
+
+    def resolved(self, after: Judged, *, entirely: bool = False) -> bool:
+        """Whether the effect is named after the motion, and the rival in question is out.
+
+        Args:
+            after: The diagnosis with the motion.
+            entirely: Every rival has to be out.
+        """
+        left = [self.rivals(f) for f in after.findings if names(f, self.effect)]
+        return any(not rivals if entirely else self.asked not in rivals for rivals in left)
 
 
 def ambiguities(case: Judged) -> list[Ambiguity]:
     """Return the hidden effects that were named, but not alone."""
-    found = []
-    for effect in case.effects:
-        rivals = [_rivals(f, effect) for f in case.findings if names(f, effect)]
-        if rivals and all(rivals):
-            everyone = frozenset().union(*rivals)
-            found.append(Ambiguity(effect, everyone, _asked(case, effect, everyone)))
-    return found
+    found = [Ambiguity(effect, _asked(case, effect)) for effect in case.effects]
+    named = [(a, [f for f in case.findings if names(f, a.effect)]) for a in found]
+    return [a for a, findings in named if findings and all(map(a.rivals, findings))]
 
 
-def _rivals(finding: dict[str, Any], effect: dict[str, Any]) -> frozenset[str]:
-    said = {finding["effect"], *(finding.get("equivalent") or ())}
-    return frozenset(said - {effect["effect"], *effect["equivalent"]})
-
-
-def _asked(case: Judged, effect: dict[str, Any], rivals: frozenset[str]) -> str | None:
+def _asked(case: Judged, effect: dict[str, Any]) -> str | None:
     wanted = (case.verdict or {}).get("next_motion") or {"separates": []}
-    true = {effect["effect"], *effect["equivalent"]}
     for pair in wanted["separates"]:
-        against = set(pair) & rivals
-        if set(pair) & true and against:
-            return str(against.pop())
+        for true in (effect["effect"], *effect["equivalent"]):
+            if true in pair:
+                return str(pair[1 - pair.index(true)])
     return None
-
-
-def resolved(ambiguity: Ambiguity, after: Judged, *, entirely: bool = False) -> bool:
-    """Whether the effect is named after the motion, and the rival in question is out.
-
-    Args:
-        ambiguity: Before the motion.
-        after: The diagnosis with the motion.
-        entirely: Every rival has to be out.
-    """
-    effect = ambiguity.effect
-    left = [_rivals(f, effect) for f in after.findings if names(f, effect)]
-    if entirely:
-        return any(not rivals for rivals in left)
-    return any(ambiguity.asked not in rivals for rivals in left)

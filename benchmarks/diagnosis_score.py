@@ -8,7 +8,7 @@ from math import inf, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
-from diagnosis_judged import UNKNOWN, Judged, ambiguities, coverage, names, resolved
+from diagnosis_judged import UNKNOWN, Judged, ambiguities, coverage, names
 from scipy.stats import beta
 
 if TYPE_CHECKING:
@@ -140,8 +140,8 @@ def resolution(cases: Sequence[tuple[Judged, Judged | None]], waiting: int = 0) 
         waiting: Cases whose motion has yet to be recorded.
     """
     found = [(a, after) for before, after in cases for a in ambiguities(before)]
-    asked = [a.asked is not None and after is not None and resolved(a, after) for a, after in found]
-    entirely = [after is not None and resolved(a, after, entirely=True) for a, after in found]
+    asked = [a.asked is not None and after is not None and a.resolved(after) for a, after in found]
+    entirely = [after is not None and a.resolved(after, entirely=True) for a, after in found]
     unasked = f"{sum(a.asked is None for a, _ in found)} of {len(found)}"
     left = f"; {waiting} cases still to be followed" if waiting else ""
     return [

@@ -145,9 +145,12 @@ def test_an_ambiguity_without_a_motion_stays_unresolved():
 
 def test_only_what_can_be_told_apart_is_ambiguous():
     assert share([(asked(equivalent=()), None)]) == "no case"
-    inseparable = asked(equivalent=("backlash",))
-    inseparable.truth["effects"][0]["equivalent"] = ["backlash"]
-    assert share([(inseparable, None)]) == "no case"
+    identical = asked(asks=None)
+    identical.truth["effects"][0]["equivalent"] = ["backlash"]
+    assert share([(identical, None)]) == "no case"
+    claimed = asked()
+    claimed.truth["effects"][0]["equivalent"] = ["backlash"]
+    assert share([(claimed, claimed)]) == "0.0%"
     missed = judged([effect()], [finding("payload", (7,), equivalent=["link_inertia"])])
     assert share([(missed, None)]) == "no case"
 
