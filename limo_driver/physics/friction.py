@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SIGN_WIDTH = 0.002  # [rad/s], width of the smoothed sign where an effect has no own
-_SMALL_VELOCITY = 1e-9  # [rad/s]
 
 
 def sign_width():  # noqa: ANN201  # a dataclass field
@@ -153,18 +152,3 @@ class StribeckFriction(VelocityFriction):
         """Return tau_s exp(-|v / v_s|^delta) tanh(v / v_eps) [N m]."""
         fade = np.exp(-(np.abs(velocity / self.v_s) ** self.delta))
         return self.tau_s * fade * np.tanh(velocity / self.v_eps)
-
-
-def away_from_rest(velocity: FloatArray) -> FloatArray:
-    """Return `velocity` [rad/s], of at least a size by which a torque can be divided."""
-    return np.where(np.abs(velocity) < _SMALL_VELOCITY, _SMALL_VELOCITY, velocity)
-
-
-def secant(friction: VelocityFriction, velocity: FloatArray) -> FloatArray:
-    """Return tau(v) / v [N m s/rad], the damping that gives the friction at v; limit at v = 0.
-
-    An integrator that takes this damping implicitly dissipates at any step size, where the
-    friction itself, taken explicitly, would reverse the motion.
-    """
-    v = away_from_rest(velocity)
-    return friction.torque(v) / v

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -131,11 +131,11 @@ class Sensors:
     encoder_resolution: tuple[float, ...] = (0.0,)  # [rad]
 
     def __post_init__(self) -> None:
-        for name in ("torque_noise", "torque_resolution", "encoder_resolution"):
-            values = tuple(np.atleast_1d(np.asarray(getattr(self, name), dtype=float)).tolist())
-            if not values or not all(np.isfinite(v) and v >= 0 for v in values):
-                raise ConfigError(f"sensors: {name} = {list(values)} has to be 0 or more")
-            object.__setattr__(self, name, values)
+        for item in fields(self):
+            values = np.atleast_1d(np.asarray(getattr(self, item.name), dtype=float))
+            if not values.size or not (np.isfinite(values) & (values >= 0)).all():
+                raise ConfigError(f"sensors: {item.name} = {values.tolist()} has to be 0 or more")
+            object.__setattr__(self, item.name, tuple(values.tolist()))
 
     def for_joints(self, name: str, n: int) -> FloatArray:
         """Return one sensor figure for each of n joints, (n,).

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -79,8 +79,8 @@ class Simulation:
                         f"{effect.name}: joint {joint} does not exist; "
                         f"{self.robot} has joints 1 to {self.model.n}"
                     )
-        for name in ("torque_noise", "torque_resolution", "encoder_resolution"):
-            self.sensors.for_joints(name, self.model.n)
+        for item in fields(self.sensors):
+            self.sensors.for_joints(item.name, self.model.n)
 
     @cached_property
     def model(self) -> RobotModel:
@@ -168,26 +168,9 @@ class Simulation:
         Returns:
             Joint torques, (T, n) [N m].
         """
-        torque = np.concatenate([self.predict(motion[rows]) for rows in segments])
-        if not any(isinstance(effect, JointElasticity) for effect in self.effects):
-            return torque
-        for rows in segments:
-            torque[rows] += self._of_winding(motion[rows], WINDING * bandwidth)
-        return torque
-
-    def _of_winding(self, motion: Motion, bandwidth: float) -> FloatArray:
-        """Return the torque of the links' motion against the encoders', (T, n) [N m]."""
-        body, time = self.body, motion.time
-        still = motion.position, motion.velocity, motion.acceleration
-        terms = _Terms(ArmMotion(motion, body.inverse_dynamics(*still), body))
-        for effect in self.effects:
-            if isinstance(effect, JointElasticity):
-                terms.add(effect, effect.initial_state())
-        wound = differentiate(time, terms.displacement, bandwidth, [slice(0, time.size)])
-        position = motion.position - terms.displacement
-        moving = motion.velocity - wound.first, motion.acceleration - wound.second
-        return body.inverse_dynamics(position, *moving) - body.inverse_dynamics(
-            position, *still[1:]
+        winding = WINDING * bandwidth
+        return np.concatenate(
+            [self._advance(self.init(), motion[rows], winding)[0] for rows in segments]
         )
 
     def init(self) -> tuple[State, ...]:
@@ -221,6 +204,12 @@ class Simulation:
         Raises:
             ShapeError: The motion has another number of joints.
         """
+        return self._advance(state, motion)
+
+    def _advance(
+        self, state: tuple[State, ...], motion: Motion, winding: float | None = None
+    ) -> tuple[FloatArray, tuple[State, ...]]:
+        """Advance; elastic joints wind within a bandwidth [Hz], or quasi-statically if None."""
         if motion.n != self.model.n:
             raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
         body = self.body
@@ -230,9 +219,7 @@ class Simulation:
             terms.add(effect, memory) for effect, memory in zip(self.effects, state, strict=True)
         ]
         if terms.displacement.any():
-            load = body.inverse_dynamics(
-                motion.position - terms.displacement, motion.velocity, motion.acceleration
-            )
+            load = body.inverse_dynamics(*terms.links(winding))
         torque = load + terms.torque
         for index, effect in enumerate(self.effects):
             if isinstance(effect, SensorEffect):
@@ -247,8 +234,8 @@ class _Terms:
 
     def __init__(self, arm: ArmMotion) -> None:
         self.arm = arm
-        self.displacement = np.zeros_like(arm.load)
-        self.torque = np.zeros_like(arm.load)
+        self.displacement, self.torque = np.zeros_like(arm.load), np.zeros_like(arm.load)
+        self.wound = np.zeros_like(arm.load)  # what elasticity has of the displacement
 
     def add(self, effect: Effect, state: State) -> State:
         """Add an effect on motion or torque and return its memory; others add nothing here."""
@@ -260,7 +247,18 @@ class _Terms:
             values, state = effect.advance(state, self.arm.of_joint(j))
             total = self.displacement if isinstance(effect, MotionEffect) else self.torque
             total[:, j] += values
+            if isinstance(effect, JointElasticity):
+                self.wound[:, j] += values
         return state
+
+    def links(self, winding: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position, velocity and acceleration of the links, (T, n) each."""
+        motion = self.arm.motion
+        position = motion.position - self.displacement
+        if winding is None or not self.wound.any():
+            return position, motion.velocity, motion.acceleration
+        wound = differentiate(motion.time, self.wound, winding, [slice(0, len(motion))])
+        return position, motion.velocity - wound.first, motion.acceleration - wound.second
 
 
 def _joints_of(effect: Effect) -> tuple[int, ...]:

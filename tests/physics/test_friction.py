@@ -1,8 +1,6 @@
 import numpy as np
-import pytest
 
-from limo_driver.physics import CoulombFriction, StribeckFriction, ViscousFriction
-from limo_driver.physics.friction import secant
+from limo_driver.physics import CoulombFriction, StribeckFriction
 
 
 def test_coulomb_is_its_plateau_while_sliding():
@@ -17,17 +15,3 @@ def test_stribeck_fades_with_speed_and_never_with_direction():
     np.testing.assert_allclose(torque[1], 0.8 * np.exp(-1), rtol=1e-6)
     assert torque[0] > torque[1] > torque[2] > 0
     np.testing.assert_allclose(friction.torque(-v), -torque)
-
-
-@pytest.mark.parametrize(
-    "friction",
-    [
-        CoulombFriction(joint=1, tau_c=2.2),
-        ViscousFriction(joint=1, f_v=4.0),
-        StribeckFriction(joint=1, tau_s=0.8, v_s=0.02),
-    ],
-)
-def test_the_secant_times_velocity_is_the_friction(friction):
-    v = np.array([-0.3, -1e-4, 1e-12, 1e-4, 0.3])
-    np.testing.assert_allclose(secant(friction, v) * v, friction.torque(v), atol=1e-9)
-    assert np.isfinite(secant(friction, np.zeros(1))).all()

@@ -12,6 +12,7 @@ from limo_driver.physics import (
     Sensors,
     Simulation,
     StribeckFriction,
+    TorqueGain,
     TorqueOffset,
     ViscousFriction,
 )
@@ -107,6 +108,16 @@ def test_elastic_joints_wind_in_each_stretch_for_itself():
     for rows in stretches:
         alone = elastic.predict_stretches(motion[rows], [slice(0, len(motion[rows]))], 10.0)
         np.testing.assert_allclose(both[rows], alone, atol=1e-9)
+
+
+def test_sensors_feel_the_winding_of_elastic_joints_as_any_torque():
+    motion, k = swing(), 300.0
+    elastic = JointElasticity(joint=4, stiffness=k)
+    plain, scaled = (
+        Simulation("iiwa14", effects=effects).predict_stretches(motion, [slice(0, 1200)], 10.0)
+        for effects in ((elastic,), (elastic, TorqueGain(joint=4, gain=0.5)))
+    )
+    np.testing.assert_allclose(scaled[:, 3], 1.5 * plain[:, 3], atol=1e-9)
 
 
 def test_a_motion_of_another_robot_is_refused(motion: Motion):
