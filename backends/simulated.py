@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
     from limo_driver.robot import Measurement
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, ImpedanceCommand
 
 DEFAULT_PERIOD = 1e-3  # [s]
 
@@ -138,3 +138,19 @@ def start_position(model: RobotModel, given: Sequence[float] | FloatArray | None
             "rad",
         )
     return position
+
+
+def check_gains(command: ImpedanceCommand, stiffness: FloatArray, damping: FloatArray) -> None:
+    """Refuse gains above `stiffness` [N m/rad] or `damping` [N m s/rad], (n,) each.
+
+    Raises:
+        JointLimitError: Names the joint that is furthest above.
+    """
+    for name, most, unit in (
+        ("stiffness", stiffness, "N m/rad"),
+        ("damping", damping, "N m s/rad"),
+    ):
+        given: FloatArray = getattr(command, name)
+        if (given > most).any():
+            j = int(np.argmax(given / most))
+            raise JointLimitError(j + 1, name, float(given[j]), (0.0, float(most[j])), unit)

@@ -11,8 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
-from limo_driver.errors import BackendError, JointLimitError
+from backends.simulated import (
+    DEFAULT_PERIOD,
+    SimulatedRobot,
+    check_gains,
+    simulation_of,
+    start_position,
+)
+from limo_driver.errors import BackendError
 from limo_driver.robot import Measurement
 from limo_driver.safety import START_TOLERANCE
 from limo_driver.types import ImpedanceCommand, JointSample, PositionCommand, TorqueCommand
@@ -58,12 +64,8 @@ class VirtualRobot(SimulatedRobot):
 
     def _check(self, command: JointCommand) -> None:
         if isinstance(command, ImpedanceCommand):
-            for name, unit in (("stiffness", "N m/rad"), ("damping", "N m s/rad")):
-                values: FloatArray = getattr(command, name)
-                if values.max() > LARGEST_GAIN:
-                    j = int(np.argmax(values))
-                    given = float(values[j])
-                    raise JointLimitError(j + 1, name, given, (0.0, LARGEST_GAIN), unit)
+            largest = np.full(self.spec.n, LARGEST_GAIN)
+            check_gains(command, largest, largest)
         if not isinstance(command, (PositionCommand, ImpedanceCommand, TorqueCommand)):
             raise BackendError(f"the virtual backend knows no {type(command).__name__}")
 

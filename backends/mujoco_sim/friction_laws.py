@@ -13,7 +13,7 @@ from numba import njit
 # (tau_plus, tau_minus, v_eps), (coefficient,).
 COULOMB, VISCOUS, STRIBECK, ASYMMETRIC, DRAG = 0, 1, 2, 3, 4
 PARAMETERS = 4
-SMALL_VELOCITY = 1e-9  # [rad/s]
+_SMALL_VELOCITY = 1e-9  # [rad/s]
 
 
 @njit(cache=True)
@@ -35,6 +35,16 @@ def friction_torque(law: int, p0: float, p1: float, p2: float, p3: float, veloci
 def friction_damping(
     law: int, p0: float, p1: float, p2: float, p3: float, velocity: float
 ) -> float:
-    """Return the secant torque / velocity [N m s/rad]; its limit at rest."""
-    v = SMALL_VELOCITY if abs(velocity) < SMALL_VELOCITY else velocity
+    """Return the secant torque / velocity [N m s/rad]; its limit at rest.
+
+    An integrator that takes this damping implicitly dissipates at any step size, where the
+    friction itself, taken explicitly, would reverse the motion.
+    """
+    v = away_from_rest(velocity)
     return friction_torque(law, p0, p1, p2, p3, v) / v
+
+
+@njit(cache=True)
+def away_from_rest(velocity: float) -> float:
+    """Return `velocity` [rad/s], of at least a size by which a torque can be divided."""
+    return _SMALL_VELOCITY if abs(velocity) < _SMALL_VELOCITY else velocity

@@ -73,7 +73,7 @@ class Draft:
     frictions: list[tuple[int, int, tuple[float, ...]]] = field(default_factory=list)
     elements: list[tuple[int, float, float]] = field(default_factory=list)
     sampled: list[Effect] = field(default_factory=list)  # effects without a native form
-    sensed: list[Effect] = field(default_factory=list)  # effects on what the sensors say alone
+    sensed: list[SensorEffect | TorqueDrift] = field(default_factory=list)  # change no motion
 
     def __post_init__(self) -> None:
         self.link_inertia, self.compliance, self.cubic, self.offset = np.zeros((4, self.n))

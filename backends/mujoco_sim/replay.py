@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 LEAD_IN = 1.0  # [s] in which the arm gets from rest into the recorded motion
 WARM_UP = 2.0  # [s] of recorded motion before a stretch: memory of reversals and filter settle
 _LEAD = 1  # cycles by which the measured motion leads the set-points, which are fed forward
-
 _CONSTANT = 1e6  # [s], time constant of what does not change
 
 

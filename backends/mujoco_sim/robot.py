@@ -18,10 +18,9 @@ from backends.mujoco_sim.sampled import SampledEffects
 from backends.mujoco_sim.scene import compile_model
 from backends.mujoco_sim.sensor_noise import SensorNoise
 from backends.mujoco_sim.stability import (
-    check_damping,
     check_elements,
+    check_impedance,
     check_late,
-    check_stiffness,
     effective_inertia,
 )
 from backends.mujoco_sim.torque_sensors import TorqueSensors
@@ -195,8 +194,7 @@ class MujocoRobot(SimulatedRobot):
         if type(command) not in _MODES:
             raise BackendError(f"the mujoco backend knows no {type(command).__name__}")
         if isinstance(command, ImpedanceCommand):
-            check_stiffness(command.stiffness, self._inertia, self.spec.period)
-            check_damping(command.damping, self._inertia, self.spec.period)
+            check_impedance(command, self._inertia, self.spec.period)
 
     def _send(self, command: JointCommand) -> None:
         mode = _MODES[type(command)]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from backends.mujoco_sim import layout
+from backends.mujoco_sim.friction_laws import away_from_rest
 from limo_driver.physics import ArmEffect, Friction, JointCoupling, MotionEffect, TorqueEffect
 from limo_driver.physics.effect import ArmMotion
-from limo_driver.physics.friction import away_from_rest
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -115,9 +115,10 @@ class SampledEffects:
     @_add.register(Friction)
     def _(self, effect: Friction, state: State, cycle: _Cycle) -> State:
         j = effect.joint - 1
-        v = away_from_rest(cycle.ahead[j : j + 1])
-        value, state = effect.advance(state, replace(cycle.arm.of_joint(j), velocity=v))
-        self.added[layout.ADDED_DAMPING, j] += value[0] / v[0]
+        v = away_from_rest(cycle.ahead[j])
+        sliding = replace(cycle.arm.of_joint(j), velocity=np.array([v]))
+        value, state = effect.advance(state, sliding)
+        self.added[layout.ADDED_DAMPING, j] += value[0] / v
         return state
 
     @_add.register(MotionEffect)
@@ -144,8 +145,8 @@ class SampledEffects:
         that joint is damped, and the other's velocity is taken as it is before the step.
         """
         j, k = effect.joint - 1, effect.other - 1
-        w = away_from_rest(effect.shaft(cycle.ahead[None]))
-        damping = effect.friction(w)[0] / w[0]
+        w = away_from_rest(effect.shaft(cycle.ahead[None])[0])
+        damping = effect.friction(np.array([w]))[0] / w
         torque = effect.inertia * effect.shaft(self.acceleration[None])[0]
         if effect in self._shafts:
             cycle.control[self._shafts[effect]] = damping

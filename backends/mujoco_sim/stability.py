@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.errors import ConfigError, JointLimitError
+from backends.simulated import check_gains
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from backends.mujoco_sim.realisation import Draft, Plant
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, ImpedanceCommand
 
 # A spring on an inertia is stable while h sqrt(k / M) < 2; at half of that it is still followed.
 LARGEST_STEP_RATIO = 1.0
@@ -41,7 +42,7 @@ def check_elements(plant: Plant, inertia: FloatArray, period: float) -> None:
     stiffness = np.bincount(
         plant.element_joint, weights=plant.element_stiffness, minlength=inertia.size
     )
-    most = inertia * (LARGEST_STEP_RATIO / period) ** 2
+    most = largest_stiffness(inertia, period)
     for j in np.flatnonzero(stiffness > most):
         raise ConfigError(
             f"presliding_hysteresis, joint {j + 1}: a stiffness of {stiffness[j]:.4g} N m/rad on "
@@ -62,7 +63,7 @@ def check_late(draft: Draft, inertia: FloatArray, period: float) -> None:
         ConfigError: Names the effect, the joint and what the step allows.
     """
     stiffness = draft.late_stiffness + draft.late_damping / period
-    most = inertia * (LARGEST_STEP_RATIO / period) ** 2
+    most = largest_stiffness(inertia, period)
     for j in np.flatnonzero(stiffness > most):
         raise ConfigError(
             f"presliding_hysteresis, joint {j + 1}: sigma_0 + sigma_1 / {period:g} s is "
@@ -76,28 +77,16 @@ def check_late(draft: Draft, inertia: FloatArray, period: float) -> None:
         )
 
 
-def check_stiffness(stiffness: FloatArray, inertia: FloatArray, period: float) -> None:
-    """Refuse an impedance that the step cannot follow.
-
-    Raises:
-        JointLimitError: Names the joint and what the step allows.
-    """
-    most = inertia * (LARGEST_STEP_RATIO / period) ** 2
-    if (stiffness > most).any():
-        j = int(np.argmax(stiffness / most))
-        raise JointLimitError(
-            j + 1, "stiffness", float(stiffness[j]), (0.0, float(most[j])), "N m/rad"
-        )
-
-
-def check_damping(damping: FloatArray, inertia: FloatArray, period: float) -> None:
-    """Refuse a damping that no drive has.
+def check_impedance(command: ImpedanceCommand, inertia: FloatArray, period: float) -> None:
+    """Refuse a stiffness that the step cannot follow, and a damping that no drive has.
 
     Raises:
         JointLimitError: Names the joint and what is allowed.
     """
-    most = inertia * LARGEST_DAMPING_RATIO / period
-    if (damping > most).any():
-        j = int(np.argmax(damping / most))
-        given, bounds = float(damping[j]), (0.0, float(most[j]))
-        raise JointLimitError(j + 1, "damping", given, bounds, "N m s/rad")
+    most_damping = inertia * LARGEST_DAMPING_RATIO / period
+    check_gains(command, largest_stiffness(inertia, period), most_damping)
+
+
+def largest_stiffness(inertia: FloatArray, period: float) -> FloatArray:
+    """Return the stiffest spring that the step follows on each joint, (n,) [N m/rad]."""
+    return inertia * (LARGEST_STEP_RATIO / period) ** 2

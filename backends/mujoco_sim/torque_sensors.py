@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from backends.mujoco_sim import layout
-from limo_driver.physics import SensorEffect, TorqueEffect
+from limo_driver.physics import SensorEffect
 from limo_driver.physics.effect import JointMotion, SensedTorque
 from limo_driver.physics.sensing import quantise
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from limo_driver.physics import Effect
+    from limo_driver.physics import TorqueEffect
     from limo_driver.types import FloatArray
 
 
@@ -24,7 +24,9 @@ class TorqueSensors:
         resolution: Of each sensor, (n,) [N m].
     """
 
-    def __init__(self, effects: Sequence[Effect], resolution: FloatArray) -> None:
+    def __init__(
+        self, effects: Sequence[SensorEffect | TorqueEffect], resolution: FloatArray
+    ) -> None:
         self.effects = sorted(effects, key=lambda effect: isinstance(effect, SensorEffect))
         self.resolution = resolution
         self._states = [effect.initial_state() for effect in self.effects]
@@ -42,15 +44,12 @@ class TorqueSensors:
         """
         torque = log[:, layout.TRUE_TORQUE]
         for index, effect in enumerate(self.effects):
-            state = self._states[index]
+            j, state = effect.joint - 1, self._states[index]
             if isinstance(effect, SensorEffect):
-                j = effect.joint - 1
                 added, state = effect.advance(state, SensedTorque(time, torque))
-                torque[:, j] += added
-            elif isinstance(effect, TorqueEffect):
-                j = effect.joint - 1
+            else:
                 added, state = effect.advance(state, _motion(time, log[:, :, j]))
-                torque[:, j] += added
+            torque[:, j] += added
             self._states[index] = state
         log[:, layout.MEASURED_TORQUE] = quantise(torque + noise, self.resolution)
 
