@@ -1,19 +1,9 @@
 """Motion that the backends' tests share: a small LIMOPA-like exploration around one pose."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from limo_driver.physics import Simulation
-
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
-
-
-@pytest.fixture(scope="session")
-def hysteretic():
-    """The simulation of the examples: friction with memory, noise, quantised encoders."""
-    return Simulation.load(Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml")
 
 
 @pytest.fixture(scope="session")

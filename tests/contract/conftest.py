@@ -1,15 +1,19 @@
-"""What the contract suites share."""
+"""What the contract suites share: every registered backend."""
 
-from pathlib import Path
+from importlib.metadata import entry_points
 
 import pytest
+from robot_commands import START
 
-from limo_driver.physics import Simulation
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from limo_driver.registry import ROBOTS, open_robot
 
 
-@pytest.fixture(scope="session")
-def hysteretic():
-    """The simulation of the examples: friction with memory, noise, quantised encoders."""
-    return Simulation.load(EXAMPLES / "iiwa14_hysteretic.yaml")
+@pytest.fixture(params=sorted(entry.name for entry in entry_points(group=ROBOTS)))
+def backend(request):
+    return request.param
+
+
+@pytest.fixture
+def robot(backend):
+    with open_robot(backend, robot="iiwa14", initial_position=START) as opened:
+        yield opened
