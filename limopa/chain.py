@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
-from limo_driver.trajectory import Segment, Trajectory
 from limopa.exploration import Exploration
 from limopa.feasibility import Condition, Feasibility
 from limopa.path import Line, Path
 from limopa.request import Surroundings, Workspace
-from limopa.retiming import JointBounds, TimedPath, retime
+from limopa.retiming import JointBounds, TimedPath, joined, retime
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from limo_driver.model import RobotModel
+    from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
+
+    Option = TypeVar("Option")
 
 PERIOD = 1e-3  # [s]
 _TRANSIT = 0.3  # share of the velocity limits between poses
@@ -49,6 +53,11 @@ class Chain:
             acceleration = np.minimum(speed / _RAMP / limits.acceleration, _ACCELERATION)
         self._add(kind, Line(self.here, to), share, acceleration)
 
+    def visit(self, poses: Iterable[FloatArray], speed: float, kind: str) -> None:
+        """Move straight from pose to pose, no joint faster than `speed` [rad/s]."""
+        for pose in poses:
+            self.move(pose, speed, kind)
+
     def swing(self, amplitude: FloatArray, frequency: float, cycles: int, kind: str) -> None:
         """Swing around the pose as A sin(2 π f t), (n,) [rad] at `frequency` [Hz]."""
         count = round(cycles / frequency / PERIOD) + 1
@@ -72,25 +81,10 @@ class Chain:
         return self.feasibility.check_path(path)
 
     def trajectory(self) -> Trajectory:
-        """Join the parts; the sample that two share belongs to the first."""
+        """Return all parts as one motion."""
         if not self._parts:
             raise InfeasiblePathError(Condition.JOINT_LIMITS, "nothing is left to move")
-        parts = [timed for _, timed in self._parts]
-        skips = [0] + [1] * (len(parts) - 1)
-        position, velocity, acceleration = (
-            np.concatenate([getattr(t, name)[s:] for t, s in zip(parts, skips, strict=True)])
-            for name in ("position", "velocity", "acceleration")
-        )
-        stops = np.cumsum([len(t.parameter) - s for t, s in zip(parts, skips, strict=True)])
-        starts = np.append(0, stops[:-1])
-        return Trajectory(
-            np.arange(stops[-1]) * PERIOD, position, velocity, acceleration,
-            robot=self.model.name,
-            segments=tuple(
-                Segment(kind, int(a), int(b))
-                for (kind, _), a, b in zip(self._parts, starts, stops, strict=True)
-            ),
-        )  # fmt: skip
+        return joined(self._parts, PERIOD, self.model.name)
 
     def _add(self, kind: str, path: Path, share: FloatArray, acceleration: FloatArray) -> None:
         broken = self.feasible(path)
@@ -101,3 +95,18 @@ class Chain:
         bounds = JointBounds.of(self.model.limits, PERIOD, share, acceleration)
         self._parts.append((kind, retime(path, bounds, PERIOD)))
         self.here = path.derivative(np.array([path.length]), 0)[0]
+
+
+def first_feasible(motion: Callable[[Option], Trajectory], options: Iterable[Option]) -> Trajectory:
+    """Return the motion of the first option that is feasible.
+
+    Raises:
+        InfeasiblePathError: None is; says what the last one lacks.
+    """
+    refused = InfeasiblePathError("options", "there is nothing to try")
+    for option in options:
+        try:
+            return motion(option)
+        except InfeasiblePathError as error:
+            refused = error
+    raise refused

@@ -5,6 +5,11 @@ part from rest to rest, checked for joint limits, table and self-collision, and 
 limits of velocity, acceleration and jerk. Where the full amplitude is not feasible, the other
 direction and smaller amplitudes are tried.
 
+All of them take the robot, the pose around which to move, (n,) [rad], and the joints that are to
+show something, 1-based: they move together, unless the motion says one after the other, which it
+does with the first three. All raise `ConfigError` if one of the joints does not exist, and
+`InfeasiblePathError` if no amplitude is feasible from that pose.
+
 Source: the exciting motions are those of the friction literature: creep at steady speeds
 (Armstrong-Hélouvry 1991), nested reversals (Swevers et al. 2000), the same path at several loads
 (Bittencourt and Gunnarsson 2012), holds approached from both sides.
@@ -17,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
-from limopa.chain import Chain
+from limopa.chain import Chain, first_feasible
 from limopa.load_poses import heavy_and_light, range_of, reversing
 from limopa.path import Line
 
@@ -37,22 +42,9 @@ _LEAST_RANGE = 0.15  # [rad] that a sweep has to span
 
 
 def creep(
-    model: RobotModel,
-    start: FloatArray,
-    joints: Sequence[int],
-    speeds: Sequence[float] = CREEP,
+    model: RobotModel, start: FloatArray, joints: Sequence[int], speeds: Sequence[float] = CREEP
 ) -> Trajectory:
-    """Move joints at steady speeds, forth and back at each.
-
-    Args:
-        model: The robot.
-        start: Pose around which to move, (n,) [rad].
-        joints: Joints that move, together, 1-based.
-        speeds: Steady speeds [rad/s].
-
-    Raises:
-        InfeasiblePathError: No amplitude is feasible from this pose.
-    """
+    """Move joints at steady speeds [rad/s], forth and back at each."""
     direction = _direction(model, joints)
 
     def build(chain: Chain, scale: float) -> None:
@@ -62,13 +54,12 @@ def creep(
                 chain.move(to, speed, "creep")
                 chain.hold(0.3)
 
-    return _first_feasible(model, start, build)
+    return _scaled(model, start, build)
 
 
 def speed_ladder(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Trajectory:
-    """Move joints forth and back at five steady speeds up to 80 % of the limit; as `creep`."""
-    slowest = float(min(model.limits.velocity[j - 1] for j in joints))
-    return creep(model, start, joints, [share * slowest for share in FAST])
+    """Move joints forth and back at five steady speeds up to 80 % of the slowest one's limit."""
+    return creep(model, start, joints, [share * _slowest(model, joints) for share in FAST])
 
 
 def nested_reversals(
@@ -86,9 +77,6 @@ def nested_reversals(
         joints: Joints that move, together, 1-based.
         amplitude: Of the outermost loop [rad].
         speeds: Of the whole motion, repeated at each [rad/s].
-
-    Raises:
-        InfeasiblePathError: No amplitude is feasible from this pose.
     """
     direction = _direction(model, joints)
 
@@ -100,7 +88,7 @@ def nested_reversals(
                 reach *= -_SHRINKING
             chain.move(start, speed, "nested reversal")
 
-    return _first_feasible(model, start, build)
+    return _scaled(model, start, build)
 
 
 def rest_holds(
@@ -114,13 +102,10 @@ def rest_holds(
 
     Args:
         model: The robot.
-        start: Pose from which to move, (n,) [rad].
+        start: The first pose, (n,) [rad].
         joints: Joints that move, together, 1-based.
         span: From the first to the last pose [rad].
         seconds: How long to rest at each.
-
-    Raises:
-        InfeasiblePathError: No amplitude is feasible from this pose.
     """
     direction = _direction(model, joints)
 
@@ -131,7 +116,7 @@ def rest_holds(
             chain.move(start + step * direction, 0.1, "approach")
             chain.hold(seconds)
 
-    return _first_feasible(model, start, build)
+    return _scaled(model, start, build)
 
 
 def wide_sweep(
@@ -140,19 +125,8 @@ def wide_sweep(
     joints: Sequence[int],
     speeds: Sequence[float] = (0.15, 0.45),
 ) -> Trajectory:
-    """Sweep each joint over a wide range both ways, in poses of low and of high load.
-
-    Args:
-        model: The robot.
-        start: Pose from which to move, (n,) [rad].
-        joints: Joints to sweep, one after the other, 1-based; the first three.
-        speeds: Of each sweep [rad/s].
-
-    Raises:
-        InfeasiblePathError: No joint can be swept from this pose.
-    """
-    _direction(model, joints)  # do they exist?
-    chain = Chain(model, start)
+    """Sweep one joint after the other wide both ways [rad/s], in poses of low and of high load."""
+    chain = _chain(model, start, joints)
     for joint in joints[:AT_ONCE]:
         for pose in heavy_and_light(chain, start, joint - 1) or [start]:
             low, high = range_of(chain, pose, joint - 1)
@@ -160,8 +134,7 @@ def wide_sweep(
                 continue
             chain.move(pose)
             for speed in speeds:
-                for to in (high, low, pose):
-                    chain.move(to, speed, "sweep")
+                chain.visit((high, low, pose), speed, "sweep")
             if not chain.feasible(Line(chain.here, start)):
                 chain.move(start)
     return chain.trajectory()
@@ -173,27 +146,19 @@ def load_reversal(
     joints: Sequence[int],
     speeds: Sequence[float] = (0.1, 0.3),
 ) -> Trajectory:
-    """Sweep each joint there and back where its gravity torque changes sign.
-
-    Args:
-        model: The robot.
-        start: Pose from which to move, (n,) [rad].
-        joints: Joints to sweep, one after the other, 1-based; the first three.
-        speeds: Of each sweep [rad/s].
+    """Sweep one joint after the other [rad/s], there and back where its gravity torque is zero.
 
     Raises:
         InfeasiblePathError: Gravity loads none of the joints from either side in reach.
     """
-    _direction(model, joints)  # do they exist?
-    chain = Chain(model, start)
+    chain = _chain(model, start, joints)
     for joint in joints[:AT_ONCE]:
         ends = reversing(chain, joint - 1)
         if ends is None:
             continue
         chain.move(ends[0])
         for speed in speeds:
-            for to in (ends[1], ends[0]) * 2:
-                chain.move(to, speed, "sweep")
+            chain.visit((ends[1], ends[0]) * 2, speed, "sweep")
     if "sweep" not in chain.kinds:
         raise InfeasiblePathError(
             "gravity", f"it loads none of the joints {list(joints)} from either side in reach"
@@ -207,18 +172,8 @@ def two_frequencies(
     joints: Sequence[int],
     frequencies: Sequence[float] = (0.3, 1.5),
 ) -> Trajectory:
-    """Swing joints at a low and at a high frequency, one joint after the other.
-
-    Args:
-        model: The robot.
-        start: Pose around which to swing, (n,) [rad].
-        joints: Joints to swing, 1-based; the first three.
-        frequencies: Of the sinusoids [Hz].
-
-    Raises:
-        InfeasiblePathError: No amplitude is feasible from this pose.
-    """
-    _direction(model, joints)  # do they exist?
+    """Swing one joint after the other at a low and at a high frequency [Hz]."""
+    _check(model, joints)
 
     def build(chain: Chain, scale: float) -> None:
         for joint in joints[:AT_ONCE]:
@@ -229,7 +184,7 @@ def two_frequencies(
                 chain.swing(amplitude, frequency, max(3, round(8 * frequency)), "swing")
                 chain.hold(0.5)
 
-    return _first_feasible(model, start, build)
+    return _scaled(model, start, build)
 
 
 def apart(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Trajectory:
@@ -241,7 +196,7 @@ def apart(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Trajec
         joints: The two joints, 1-based; of one joint, its neighbour is the other.
 
     Raises:
-        ConfigError: The robot has one joint only.
+        ConfigError: A joint does not exist, or the robot has one only.
         InfeasiblePathError: No amplitude is feasible from this pose.
     """
     first, second = _pair(model, joints)
@@ -251,75 +206,70 @@ def apart(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Trajec
             for ways in ((1.0, -1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
                 step = np.zeros(model.n)
                 step[[first - 1, second - 1]] = np.multiply(0.3 * scale, ways)
-                for to in (start + step, start - step, start):
-                    chain.move(to, speed, "apart")
+                chain.visit((start + step, start - step, start), speed, "apart")
 
-    return _first_feasible(model, start, build)
+    return _scaled(model, start, build)
 
 
 def revisit(
     model: RobotModel, start: FloatArray, joints: Sequence[int], minutes: float = 1.5
 ) -> Trajectory:
-    """Sweep joints slowly both ways, exercise them at speed, and sweep the same way again.
-
-    Args:
-        model: The robot.
-        start: Pose around which to move, (n,) [rad].
-        joints: Joints that move, together, 1-based.
-        minutes: How long to exercise.
-
-    Raises:
-        InfeasiblePathError: No amplitude is feasible from this pose.
-    """
+    """Sweep joints slowly both ways, exercise them for minutes, and sweep the same way again."""
     direction = _direction(model, joints)
-    fast = 0.7 * float(min(model.limits.velocity[j - 1] for j in joints))
+    fast = 0.7 * _slowest(model, joints)
 
     def build(chain: Chain, scale: float) -> None:
         far = start + 0.8 * scale * direction
-
-        def loop(speed: float, kind: str) -> None:
-            for to in (far, start):
-                chain.move(to, speed, kind)
-
-        loop(0.08, "before")
         lap = 2 * float(np.abs(far - start).max()) / fast + 1.0  # [s], about
-        for _ in range(max(1, round(60 * minutes / lap))):
-            loop(fast, "exercise")
-        loop(0.08, "after")
+        laps = max(1, round(60 * minutes / lap))
+        chain.visit((far, start), 0.08, "before")
+        chain.visit((far, start) * laps, fast, "exercise")
+        chain.visit((far, start), 0.08, "after")
 
-    return _first_feasible(model, start, build)
+    return _scaled(model, start, build)
+
+
+def _scaled(
+    model: RobotModel, start: FloatArray, build: Callable[[Chain, float], None]
+) -> Trajectory:
+    """Return the motion of the first scale that is feasible."""
+
+    def attempt(scale: float) -> Trajectory:
+        chain = Chain(model, start)
+        build(chain, scale)
+        return chain.trajectory()
+
+    return first_feasible(attempt, SCALES)
+
+
+def _chain(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Chain:
+    _check(model, joints)
+    return Chain(model, start)
+
+
+def _check(model: RobotModel, joints: Sequence[int]) -> None:
+    if not joints or not all(1 <= j <= model.n for j in joints):
+        raise ConfigError(f"joints are {list(joints)}, expected some of 1 to {model.n}")
 
 
 def _direction(model: RobotModel, joints: Sequence[int]) -> FloatArray:
     """Return 1 for the joints that move, (n,)."""
-    if not joints or not all(1 <= j <= model.n for j in joints):
-        raise ConfigError(f"joints are {list(joints)}, expected some of 1 to {model.n}")
+    _check(model, joints)
     direction = np.zeros(model.n)
     direction[np.array(joints) - 1] = 1.0
     return direction
 
 
+def _slowest(model: RobotModel, joints: Sequence[int]) -> float:
+    """Return the least velocity limit of the joints [rad/s]."""
+    _check(model, joints)
+    return float(min(model.limits.velocity[j - 1] for j in joints))
+
+
 def _pair(model: RobotModel, joints: Sequence[int]) -> tuple[int, int]:
-    _direction(model, joints)
+    _check(model, joints)
     if model.n == 1:
         raise ConfigError("the robot has one joint; two are needed to move apart")
     first = joints[0]
     neighbour = first + 1 if first < model.n else first - 1
     return first, joints[1] if len(joints) > 1 else neighbour
-
-
-def _first_feasible(
-    model: RobotModel, start: FloatArray, build: Callable[[Chain, float], None]
-) -> Trajectory:
-    """Return the motion of the first scale that is feasible; raise what the last one lacks."""
-    refused: InfeasiblePathError | None = None
-    for scale in SCALES:
-        chain = Chain(model, start)
-        try:
-            build(chain, scale)
-        except InfeasiblePathError as error:
-            refused = error
-            continue
-        return chain.trajectory()
-    assert refused is not None  # noqa: S101  # SCALES is not empty
-    raise refused

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
-from limo_driver.trajectory import Segment, Trajectory
 from limopa.exploration import Exploration, draw_exploration
 from limopa.feasibility import Feasibility
 from limopa.path import Line, Path
 from limopa.request import PlanRequest
-from limopa.retiming import JointBounds, TimedPath, retime
+from limopa.retiming import JointBounds, TimedPath, joined, retime
 from limopa.scaffold import ScaffoldSampler, nearest_first
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from limo_driver.model import RobotModel
+    from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
 REACHING, EXPLORING = "reaching", "exploring"
@@ -97,10 +97,12 @@ class _Planner:
         while len(self.scaffolds) < wanted:
             pool = self._visit_next(pool)
             progress(len(self.scaffolds), wanted)
+        kinds = [kind for kind, _ in self.paths]
+        parts = list(zip(kinds, self.timed, strict=True))
         return Plan(
             request=self.request,
             seed=self.seed,
-            trajectory=self._trajectory(),
+            trajectory=joined(parts, self.period, self.model.name),
             scaffolds=np.array(self.scaffolds),
             phases=tuple(
                 Phase(kind, path, timed.parameter)
@@ -169,29 +171,6 @@ class _Planner:
     def _add(self, kind: str, path: Path, bounds: JointBounds) -> None:
         self.paths.append((kind, path))
         self.timed.append(retime(path, bounds, self.period))
-
-    def _trajectory(self) -> Trajectory:
-        """Join the phases; each begins where the one before has come to rest."""
-        first = [0] + [1] * (len(self.timed) - 1)  # the shared sample belongs to the phase before
-        joined = [
-            np.concatenate(
-                [getattr(t, name)[skip:] for t, skip in zip(self.timed, first, strict=True)]
-            )
-            for name in ("position", "velocity", "acceleration")
-        ]
-        stops = np.cumsum(
-            [len(t.parameter) - skip for t, skip in zip(self.timed, first, strict=True)]
-        )
-        starts = np.concatenate([[0], stops[:-1]])
-        return Trajectory(
-            np.arange(stops[-1]) * self.period,
-            *joined,
-            robot=self.model.name,
-            segments=tuple(
-                Segment(kind, int(start), int(stop))
-                for (kind, _), start, stop in zip(self.paths, starts, stops, strict=True)
-            ),
-        )
 
     def _stuck(self) -> InfeasiblePathError:
         total = sum(self.rejections.values(), Counter[str]())

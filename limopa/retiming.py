@@ -20,14 +20,18 @@ true jerk steps, the quintic overshoots it, but never by more than the factor `O
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ruckig
 
 from limo_driver.errors import ConfigError, PathError
+from limo_driver.trajectory import Segment, Trajectory
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from limo_driver.types import FloatArray, JointLimits
     from limopa.path import Path
 
@@ -103,6 +107,29 @@ def retime(path: Path, bounds: JointBounds, period: float) -> TimedPath:
         position=path.derivative(s, 0),
         velocity=first * ds[:, None],
         acceleration=second * ds[:, None] ** 2 + first * dds[:, None],
+    )
+
+
+def joined(parts: Sequence[tuple[str, TimedPath]], period: float, robot: str) -> Trajectory:
+    """Join parts, each named and beginning where the one before has come to rest.
+
+    The sample that two parts share belongs to the first of them.
+    """
+    paths = [path for _, path in parts]
+    skips = [0] + [1] * (len(paths) - 1)
+    position, velocity, acceleration = (
+        np.concatenate([getattr(p, name)[skip:] for p, skip in zip(paths, skips, strict=True)])
+        for name in ("position", "velocity", "acceleration")
+    )
+    stops = np.cumsum([len(p.parameter) - skip for p, skip in zip(paths, skips, strict=True)])
+    bounds = pairwise([0, *stops.tolist()])
+    return Trajectory(
+        np.arange(stops[-1]) * period,
+        position,
+        velocity,
+        acceleration,
+        robot=robot,
+        segments=tuple(Segment(kind, *rows) for (kind, _), rows in zip(parts, bounds, strict=True)),
     )
 
 

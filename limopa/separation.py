@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
+from limopa.chain import first_feasible
 from limopa.excitation import (
     apart,
     creep,
@@ -244,14 +245,7 @@ def motion_for(
         ConfigError: The robot's collision shapes cannot be read, or a joint does not exist.
     """
     found = separation_of(pair)
-    refused: InfeasiblePathError | None = None
-    for pose in np.atleast_2d(start):
-        try:
-            return found.motion(model, pose, joints)
-        except InfeasiblePathError as error:
-            refused = error
-    assert refused is not None  # noqa: S101  # there is a pose
-    raise refused
+    return first_feasible(lambda pose: found.motion(model, pose, joints), np.atleast_2d(start))
 
 
 def _spoken(effect: str) -> str:
