@@ -11,7 +11,7 @@ from estimators.diagnosis import hypotheses
 from estimators.diagnosis.evidence import Prior
 from estimators.diagnosis.improvement import payload_of
 from estimators.diagnosis.nuisance import can_scale, derivative, relative_inertia
-from estimators.diagnosis.responses import response
+from estimators.diagnosis.responses import responses
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses import Hypothesis
     from estimators.diagnosis.improvement import Enter, Improvement
     from estimators.diagnosis.observations import Observations
+    from estimators.diagnosis.responses import Response
     from limo_driver.types import FloatArray
 
 MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
@@ -30,6 +31,7 @@ WRONG_INERTIA = 0.4
 _PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
 _SMOOTHING = {"v_eps"}
 _TINY = 1e-12
+_TOGETHER = 20  # hypotheses that pass the filter in one go
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,17 @@ def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -
     """
     found = [*_revisions(observed, columns), *_bodies(observed, columns)]
     revised = {candidate.place for candidate in found}
-    for hypothesis in hypotheses.every(observed):
-        if (hypothesis.effect, hypothesis.joints) not in revised:
-            candidate = entered(hypothesis, observed, columns, level)
+    competing = [
+        hypothesis
+        for hypothesis in hypotheses.every(observed)
+        if (hypothesis.effect, hypothesis.joints) not in revised
+    ]
+    for start in range(0, len(competing), _TOGETHER):
+        some = competing[start : start + _TOGETHER]
+        parts = iter(responses([term for item in some for term in item.terms], observed))
+        for hypothesis in some:
+            own = [next(parts) for _ in hypothesis.terms]
+            candidate = _entered(hypothesis, own, columns, level)
             if candidate is not None:
                 found.append(candidate)
     return _counted(found)
@@ -80,10 +90,15 @@ def entered(
     hypothesis: Hypothesis, observed: Observations, columns: Columns, level: FloatArray
 ) -> Candidate | None:
     """Add one hypothesis' columns to the table; None if it can have no influence."""
-    responses = [response(term, observed) for term in hypothesis.terms]
-    joints = tuple(sorted({joint for item in responses for joint in item.joints}))
-    values = np.zeros((len(joints), len(observed.kept), len(responses)))
-    for column, item in enumerate(responses):
+    return _entered(hypothesis, responses(hypothesis.terms, observed), columns, level)
+
+
+def _entered(
+    hypothesis: Hypothesis, found: Sequence[Response], columns: Columns, level: FloatArray
+) -> Candidate | None:
+    joints = tuple(sorted({joint for item in found for joint in item.joints}))
+    values = np.zeros((len(joints), columns.rows, len(found)))
+    for column, item in enumerate(found):
         for row, joint in zip(item.values, item.joints, strict=True):
             values[joints.index(joint), :, column] = row
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]

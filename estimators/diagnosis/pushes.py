@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 from scipy.ndimage import minimum_filter1d
 
 from estimators.diagnosis.observations import Observations  # noqa: TC001  # read by singledispatch
-from estimators.diagnosis.responses import Response, response
+from estimators.diagnosis.responses import Response, Sharp, ready, sharp
 from limo_driver.differentiation import smooth
 from limo_driver.physics import ExternalContact
 
@@ -65,8 +65,8 @@ class ContactIn(ExternalContact):
     recording: int  # 0-based
 
 
-@response.register
-def _(effect: ContactIn, observed: Observations) -> Response:
+@sharp.register
+def _(effect: ContactIn, observed: Observations) -> Sharp:
     """Evaluate the contact around its windows alone: everywhere else it is zero."""
     start = min(window[0] for window in effect.windows)
     end = max(window[1] for window in effect.windows)
@@ -80,7 +80,7 @@ def _(effect: ContactIn, observed: Observations) -> Response:
             part = _filtered(effect, observed, samples)
             kept = (observed.kept >= samples[0]) & (observed.kept <= samples[-1])
             values[kept] = part[observed.kept[kept] - samples[0]]
-    return Response(tuple(range(observed.n)), values.T)
+    return ready(Response(tuple(range(observed.n)), values.T), observed)
 
 
 def _filtered(

@@ -6,8 +6,9 @@ gravity or acts on the sensor is taken to first order around the given simulatio
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence  # noqa: TC003  # read by NamedTuple, singledispatch
 from dataclasses import replace
-from functools import singledispatch
+from functools import partial, singledispatch
 from typing import NamedTuple
 
 import numpy as np
@@ -34,19 +35,40 @@ class Response(NamedTuple):
     values: FloatArray  # (len(joints), K) [N m], filtered
 
 
-@singledispatch
-def response(effect: Effect, observed: Observations) -> Response:  # noqa: ARG001  # dispatched on
+class Sharp(NamedTuple):
+    """What has to be filtered for a column, and what makes the column of it."""
+
+    values: FloatArray  # (T, m)
+    read: Callable[[FloatArray], Response]  # from the filtered values on the slow rows, (K, m)
+
+
+def response(effect: Effect, observed: Observations) -> Response:
     """Return what one effect adds, on the slow rows."""
+    return responses((effect,), observed)[0]
+
+
+def responses(effects: Sequence[Effect], observed: Observations) -> list[Response]:
+    """Return what each of several effects adds; one pass of the filter serves all."""
+    parts = [sharp(effect, observed) for effect in effects]
+    filtered = observed.filter(np.concatenate([part.values for part in parts], axis=1))
+    ends = np.cumsum([part.values.shape[1] for part in parts])[:-1]
+    own = np.split(filtered, ends, axis=1)
+    return [part.read(values) for part, values in zip(parts, own, strict=True)]
+
+
+@singledispatch
+def sharp(effect: Effect, observed: Observations) -> Sharp:  # noqa: ARG001  # dispatched on
+    """Return what one effect adds before the filter."""
     raise TypeError(f"no response is known for {type(effect).__name__}")
 
 
-@response.register
-def _(effect: TorqueEffect, observed: Observations) -> Response:
-    return _own(effect, observed, over_joint(effect, observed))
+@sharp.register
+def _(effect: TorqueEffect, observed: Observations) -> Sharp:
+    return _own(effect, over_joint(effect, observed))
 
 
-@response.register
-def _(effect: SensorEffect, observed: Observations) -> Response:
+@sharp.register
+def _(effect: SensorEffect, observed: Observations) -> Sharp:
     torque = observed.predicted
     values = [
         effect.advance(
@@ -54,11 +76,11 @@ def _(effect: SensorEffect, observed: Observations) -> Response:
         )[0]
         for rows in observed.segments
     ]
-    return _own(effect, observed, np.concatenate(values))
+    return _own(effect, np.concatenate(values))
 
 
-@response.register
-def _(effect: ArmEffect, observed: Observations) -> Response:
+@sharp.register
+def _(effect: ArmEffect, observed: Observations) -> Sharp:
     values = [
         effect.advance(
             effect.initial_state(),
@@ -66,29 +88,30 @@ def _(effect: ArmEffect, observed: Observations) -> Response:
         )[0]
         for rows in observed.segments
     ]
-    return _acting(observed.filter(np.concatenate(values)))
+    return Sharp(np.concatenate(values), acting)
 
 
-@response.register
-def _(effect: BodyEffect, observed: Observations) -> Response:
+@sharp.register
+def _(effect: BodyEffect, observed: Observations) -> Sharp:
+    """Evaluate on the slow motion, which needs no filter."""
     body, slow = observed.simulation.body, observed.slow
     motion = slow.position, slow.velocity, slow.acceleration
-    return _acting(effect.body(body).inverse_dynamics(*motion) - body.inverse_dynamics(*motion))
+    change = effect.body(body).inverse_dynamics(*motion) - body.inverse_dynamics(*motion)
+    return ready(acting(change), observed)
 
 
-@response.register
-def _(effect: MotionEffect, observed: Observations) -> Response:
-    displacement = over_joint(effect, observed)
-    filtered = observed.filter(displacement[:, None])[:, 0]
-    return _acting(-(filtered * observed.stiffness[effect.joint - 1]).T)
+@sharp.register
+def _(effect: MotionEffect, observed: Observations) -> Sharp:
+    slope = observed.stiffness[effect.joint - 1]
+    return Sharp(over_joint(effect, observed)[:, None], partial(_turned, slope))
 
 
-@response.register
-def _(effect: JointElasticity, observed: Observations) -> Response:
+@sharp.register
+def _(effect: JointElasticity, observed: Observations) -> Sharp:
     """Take the difference that the simulation itself makes: it includes the winding's motion."""
     given = observed.simulation
     more = replace(given, effects=(*given.effects, effect))
-    return _acting(observed.filter(observed.predict(more) - observed.predicted))
+    return Sharp(observed.predict(more) - observed.predicted, acting)
 
 
 def over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> FloatArray:
@@ -101,13 +124,29 @@ def over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> F
     )
 
 
-def _own(
-    effect: TorqueEffect | SensorEffect, observed: Observations, values: FloatArray
-) -> Response:
-    return Response((effect.joint - 1,), observed.filter(values[:, None]).T)
+def _own(effect: TorqueEffect | SensorEffect, values: FloatArray) -> Sharp:
+    return Sharp(values[:, None], partial(_on, (effect.joint - 1,)))
 
 
-def _acting(values: FloatArray) -> Response:
+def _on(joints: tuple[int, ...], values: FloatArray) -> Response:
+    return Response(joints, values.T)
+
+
+def _turned(slope: FloatArray, angle: FloatArray) -> Response:
+    """Return what the rigid body adds where a link is turned by an angle, (K, 1) [rad]."""
+    return acting(-angle * slope.T)
+
+
+def ready(values: Response, observed: Observations) -> Sharp:
+    """Wrap a response that needs no filter."""
+    return Sharp(np.zeros((len(observed.motion), 0)), partial(_regardless, values))
+
+
+def _regardless(values: Response, _nothing: FloatArray) -> Response:
+    return values
+
+
+def acting(values: FloatArray) -> Response:
     """Leave out the joints on which nothing acts; (K, n) [N m]."""
     joints = tuple(np.flatnonzero(np.abs(values).max(axis=0) > 0).tolist()) or (0,)
     return Response(joints, values.T[list(joints)])
