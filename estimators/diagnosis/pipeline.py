@@ -19,6 +19,7 @@ from estimators.diagnosis.judgement import MATERIAL, abstained, contribution, le
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.plausibility import check_plausible
 from estimators.diagnosis.proof import Split, rmse
 from estimators.diagnosis.pushes import covered, pushes
 from estimators.diagnosis.refinement import Setting, refine, replaced
@@ -244,7 +245,9 @@ def observe(
     """Check that the recordings can be of the simulation's robot, and filter them."""
     for recording in recordings:
         recording.check_robot(simulation.model)
-    return Observations.of(simulation, recordings, bandwidth)
+    observed = Observations.of(simulation, recordings, bandwidth)
+    check_plausible(observed)
+    return observed
 
 
 def diagnose(

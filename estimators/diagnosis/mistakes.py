@@ -1,0 +1,178 @@
+"""Mistakes: what a log can get wrong about a whole joint, and how to undo each.
+
+Columns in the wrong order, signs, units and zeros of another convention are no missing physics, but
+a search for physics would name some.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from scipy.optimize import nnls
+
+from limo_driver.types import Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.observations import Observations
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+LEAST_MOVING = 50  # rows on which a joint has to move if its torque is to be judged
+_ROWS = 1500  # that are enough to judge by
+_DEGREES = float(np.rad2deg(1.0))
+_TINY = 1e-9  # [N m], [rad/s]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Some rows of all recordings, perhaps with a mistake undone: K rows of n joints."""
+
+    body: RobotModel
+    motion: Motion
+    torque: FloatArray  # (K, n) [N m]
+    moving: NDArray[np.bool_]  # (K, n)
+
+    @classmethod
+    def of(cls, observed: Observations) -> Sample:
+        """Thin the slow rows."""
+        rows = slice(None, None, max(1, len(observed.slow) // _ROWS))
+        body = observed.simulation.body
+        return cls(body, observed.slow[rows], observed.measured[rows], observed.moving[rows])
+
+    @cached_property
+    def load(self) -> FloatArray:
+        """Nominal rigid-body torque, (K, n) [N m]."""
+        motion = self.motion
+        return self.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+
+    @cached_property
+    def misfit(self) -> FloatArray:
+        """Part of each joint's torque that neither load nor any friction explains, (n,).
+
+        RMS over RMS, without the means. Friction is fitted, since it is known less well than the
+        body, but it cannot drive. Joints that hardly move count as fitting.
+        """
+        return np.array([self._misfit(joint) for joint in range(self.torque.shape[1])])
+
+    def _misfit(self, joint: int) -> float:
+        use = self.moving[:, joint]
+        if use.sum() < LEAST_MOVING:
+            return 0.0
+        torque, v = self.torque[use, joint], self.motion.velocity[use, joint]
+        left = torque - self.load[use, joint]
+        friction = np.stack([np.sign(v), v / max(float(np.abs(v).max()), _TINY)], axis=1)
+        _, rest = nnls(friction - friction.mean(axis=0), left - left.mean())
+        return float(rest / max(float(np.linalg.norm(torque - torque.mean())), _TINY))
+
+    def positions(self, matrix: FloatArray, turn: FloatArray | float = 0.0) -> Sample:
+        """Return the sample with positions q → q Aᵀ + turn; A is (n, n), turn (n,) [rad]."""
+        motion = self.motion
+        moved = Motion(
+            motion.time,
+            motion.position @ matrix.T + turn,
+            motion.velocity @ matrix.T,
+            motion.acceleration @ matrix.T,
+        )
+        moving = (self.moving.astype(float) @ np.abs(np.sign(matrix)).T) > 0
+        return replace(self, motion=moved, moving=moving)
+
+    def torques(self, matrix: FloatArray) -> Sample:
+        """Return the sample with torques τ → τ Aᵀ; A is (n, n)."""
+        return replace(self, torque=self.torque @ matrix.T)
+
+
+Undo: TypeAlias = Callable[[Sample], Sample]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What is wrong, in words, and what undoes it."""
+
+    said: str
+    undo: Undo
+    is_of_data: bool = True  # not of how the arm is mounted, which is physics
+
+
+def mistakes(n: int) -> Iterator[Mistake]:
+    """Yield what can be wrong with the log of n joints; the more usual of two alike first."""
+    one = np.eye(n)
+    yield Mistake(
+        "all torques have the other sign than expected, which is positive along the axis",
+        lambda sample: sample.torques(-one),
+    )
+    for j in range(n):
+        yield from _of_joint(j, n)
+    for i, j in combinations(range(n), 2):
+        exchange = one[[j if k == i else i if k == j else k for k in range(n)]]
+        yield Mistake(
+            f"torque_{i + 1} belongs to joint {j + 1} and torque_{j + 1} to joint {i + 1}",
+            _torques(exchange),
+        )
+        yield Mistake(
+            f"position_{i + 1} belongs to joint {j + 1} and position_{j + 1} to joint {i + 1}",
+            _positions(exchange),
+        )
+    yield Mistake(
+        "the positions of all joints are in degrees, expected rad", _positions(one / _DEGREES)
+    )
+    yield Mistake(
+        "the positions of all joints are 57.3 times too small, as if converted from degrees twice",
+        _positions(one * _DEGREES),
+    )
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            yield Mistake("", _gravity(sign * np.eye(3)[axis]), is_of_data=False)
+
+
+def _of_joint(j: int, n: int) -> Iterator[Mistake]:
+    one, own = np.eye(n), np.eye(n)[j]
+    turned = one - 2 * np.diag(own)
+    yield Mistake(
+        f"torque_{j + 1} has the other sign than expected, which is positive along the axis",
+        _torques(turned),
+    )
+    yield Mistake(
+        f"position_{j + 1} has the other sign than the axis of joint {j + 1}", _positions(turned)
+    )
+    yield Mistake(
+        f"position_{j + 1} and torque_{j + 1} have the other sign than the axis of joint {j + 1}",
+        lambda sample: sample.torques(turned).positions(turned),
+    )
+    yield Mistake(
+        f"position_{j + 1} is in degrees, expected rad",
+        _positions(one + (1 / _DEGREES - 1) * np.diag(own)),
+    )
+    yield Mistake(
+        f"position_{j + 1} is 57.3 times too small, as if converted from degrees twice",
+        _positions(one + (_DEGREES - 1) * np.diag(own)),
+    )
+    for degrees in (90, -90, 180):
+        yield Mistake(
+            f"the zero of position_{j + 1} is {abs(degrees)}° away from that of the model",
+            _positions(one, np.deg2rad(degrees) * own),
+        )
+
+
+def _torques(matrix: FloatArray) -> Undo:
+    return lambda sample: sample.torques(matrix)
+
+
+def _positions(matrix: FloatArray, turn: FloatArray | float = 0.0) -> Undo:
+    return lambda sample: sample.positions(matrix, turn)
+
+
+def _gravity(direction: FloatArray) -> Undo:
+    def undo(sample: Sample) -> Sample:
+        size = float(np.linalg.norm(sample.body.gravity))
+        return replace(sample, body=sample.body.with_gravity((size * direction).tolist()))
+
+    return undo

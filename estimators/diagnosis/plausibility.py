@@ -1,0 +1,205 @@
+"""Plausibility: can the recorded torque be that of the recorded motion at all?
+
+Each mistake of `mistakes` is undone in turn. If that turns torques which do not follow the motion
+into torques that do, the recordings are refused with the name of the mistake. A misfit that no
+mistake explains is left to the diagnosis, unless the torques have nothing to do with the arm.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.mistakes import LEAST_MOVING, Mistake, Sample, mistakes
+from estimators.rigid_body.regressor import PER_LINK, Chain
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from estimators.diagnosis.observations import Observations
+    from limo_driver.types import FloatArray
+
+BETTER = 3.0  # times that undoing a mistake has to lower a joint's misfit
+STRANGE = 0.1  # misfit above which a torque may belong to something else
+FITS = 0.4  # misfit below which it belongs to its motion
+SCALE, SCALE_OF_ALL = 12.0, 4.0  # times; no sensor of a joint, nor of all, is so wrong
+ALIKE = 0.8  # correlation of two torques that differ in their scale
+MOST_MISTAKES = 8
+SAID = 3  # mistakes that a message names
+FOREIGN = 0.5  # misfit on two joints that no arm of this kind has
+EXPECTED = 0.25  # of the torque that the load should make, if its lack is to tell
+_NEGLIGIBLE = 0.03  # misfit; smaller ones are all good
+_CONSTANT = 1e-9  # [N m]
+
+
+def check_plausible(observed: Observations) -> None:
+    """Refuse recordings of which a diagnosis would only name physics that is not there.
+
+    Raises:
+        RecordingError: Nothing moves, a torque was not measured or has other units, columns are
+            exchanged or have the other sign, or the arm is another one.
+    """
+    _check_motion(observed)
+    _check_measured(observed)
+    _check_scale(observed)
+    sample = Sample.of(observed)
+    found = found_in(sample)
+    if found:
+        said = "; ".join(mistake.said for mistake in found[:SAID])
+        more = f"; and {len(found) - SAID} more of the kind" if len(found) > SAID else ""
+        raise _refused(observed, f"{said}{more} (undone, torque fits motion)")
+    _check_arm(observed, sample)
+
+
+def still(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) that move too little for their friction to show."""
+    return tuple(np.flatnonzero(observed.moving.sum(axis=0) < LEAST_MOVING).tolist())
+
+
+def _refused(observed: Observations, what: str) -> RecordingError:
+    sources = [recording.source for recording in observed.recordings]
+    return RecordingError(what, path=", ".join(filter(None, sources)) or None)
+
+
+def _check_motion(observed: Observations) -> None:
+    if len(still(observed)) == observed.n:
+        farthest = float(np.ptp(observed.slow.position, axis=0).max())
+        raise _refused(
+            observed,
+            f"no joint moves on {LEAST_MOVING} independent rows (the farthest by {farthest:.2g} "
+            "rad), expected motion to learn from",
+        )
+
+
+def _check_measured(observed: Observations) -> None:
+    for j in range(observed.n):
+        use = observed.moving[:, j]
+        if use.sum() >= LEAST_MOVING and np.ptp(observed.measured[use, j]) < _CONSTANT:
+            raise _refused(
+                observed,
+                f"torque_{j + 1} is {observed.measured[0, j]:.4g} N m in all rows although joint "
+                f"{j + 1} moves; expected measured torque",
+            )
+
+
+def _check_scale(observed: Observations) -> None:
+    """Refuse torques of another unit: those that follow the motion, but by another order of size.
+
+    All torques together are judged more strictly than one, since a sensor may be wrong, and a
+    friction known badly.
+    """
+    scale = dict(_scales(observed))
+    wrong = [j for j, factor in scale.items() if not 1 / SCALE < factor < SCALE]
+    usual = float(np.exp(np.mean(np.log(list(scale.values()))))) if len(scale) > 1 else 1.0
+    if not 1 / SCALE_OF_ALL < usual < SCALE_OF_ALL:
+        raise _refused(
+            observed,
+            f"the torques are {usual:.3g} times what motion and arm make of them; expected N m; "
+            "are they in N mm or A, or is it another robot?",
+        )
+    if wrong:
+        j = wrong[0]
+        raise _refused(
+            observed,
+            f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected N m; is "
+            "it in N mm or A?",
+        )
+
+
+def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
+    """Yield joint (0-based) and recorded over simulated torque, where one is like the other."""
+    for j in range(observed.n):
+        use = observed.moving[:, j]
+        if use.sum() < LEAST_MOVING:
+            continue
+        y, s = (values[use, j] - values[use, j].mean() for values in _torques(observed))
+        product, energy = abs(float(y @ s)), float(s @ s)
+        if product > ALIKE * np.sqrt(energy * float(y @ y)) > 0:
+            yield j, product / energy
+
+
+def _torques(observed: Observations) -> tuple[FloatArray, FloatArray]:
+    return observed.measured, observed.simulated
+
+
+def found_in(sample: Sample) -> list[Mistake]:
+    """Return the mistakes that together turn torques which do not fit into torques that do.
+
+    Args:
+        sample: Torque and motion as recorded.
+    """
+    known = list(mistakes(sample.torque.shape[1]))
+    found: list[Mistake] = []
+    while len(found) < MOST_MISTAKES and sample.misfit.max() > STRANGE:
+        undone = [mistake.undo(sample) for mistake in known]
+        best = min(range(len(known)), key=lambda k: _size(undone[k]))
+        if not _explains(sample, undone[best]):
+            break
+        if not known[best].is_of_data:
+            return []
+        found.append(known[best])
+        sample = undone[best]
+    return found
+
+
+def _size(sample: Sample) -> float:
+    """Return the logarithm of the misfits' product; a misfit that cannot matter counts alike."""
+    return float(np.log(np.maximum(sample.misfit, _NEGLIGIBLE)).sum())
+
+
+def _explains(before: Sample, after: Sample) -> bool:
+    """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
+    strange = before.misfit > STRANGE
+    mended = strange & (after.misfit < FITS) & (BETTER * after.misfit < before.misfit)
+    return bool(mended.any()) and _size(after) < _size(before) - np.log(BETTER)
+
+
+def _check_arm(observed: Observations, sample: Sample) -> None:
+    """Refuse torques that are not the load of this arm, with or without a payload."""
+    misfit = np.minimum(sample.misfit, _misfit_with_payload(sample))
+    foreign = np.flatnonzero((misfit > FOREIGN) & (_expected(sample) > EXPECTED))
+    if foreign.size > 1:
+        joints = ", ".join(str(j + 1) for j in foreign)
+        raise _refused(
+            observed,
+            f"the torques of joints {joints} are not the load of {observed.simulation.model.name} "
+            "on this motion, with friction or a payload; is it another robot, torque of another "
+            "motion, or torque without gravity?",
+        )
+
+
+def _misfit_with_payload(sample: Sample) -> FloatArray:
+    """Return the misfit of each joint beside the best payload, (n,); infinite if it would lift."""
+    n = sample.torque.shape[1]
+    Y = Chain.of(sample.body).regressor(sample.motion)[:, :, -PER_LINK:]
+    parts = [_without_friction(sample, joint, Y[joint]) for joint in range(n)]
+    A = np.concatenate([columns for columns, _ in parts])
+    c = np.linalg.lstsq(A, np.concatenate([left for _, left in parts]))[0]
+    if c[0] < 0:
+        return np.full(n, np.inf)
+    return np.array([float(np.linalg.norm(left - columns @ c)) for columns, left in parts])
+
+
+def _without_friction(
+    sample: Sample, joint: int, columns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return columns (K, p) and torque beyond the load, beside any friction and relative to torque.
+
+    Only moving rows; none of a joint that hardly moves.
+    """
+    use = sample.moving[:, joint]
+    if use.sum() < LEAST_MOVING:
+        use = np.zeros_like(use)
+    torque, v = sample.torque[use, joint], sample.motion.velocity[use, joint]
+    friction = np.stack([np.ones(v.size), np.sign(v), v], axis=1)
+    both = np.column_stack([columns[use], torque - sample.load[use, joint]])
+    both -= friction @ np.linalg.lstsq(friction, both)[0]
+    both /= max(float(np.linalg.norm(torque - torque.mean())), _CONSTANT) if use.any() else 1.0
+    return both[:, :-1], both[:, -1]
+
+
+def _expected(sample: Sample) -> FloatArray:
+    """Return the load that motion and arm make, relative to the torque, (n,)."""
+    return np.std(sample.load, axis=0) / np.maximum(np.std(sample.torque, axis=0), _CONSTANT)
