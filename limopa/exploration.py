@@ -52,19 +52,12 @@ class Exploration:
             values += self.scaffold - np.sum(self.amplitude * np.sin(self.phase), axis=1)
         return values
 
-    def waypoint_positions(self) -> FloatArray:
-        """Return the joint positions of all waypoints, (waypoints, n) [rad]."""
-        return self.derivative(self._waypoint_parameters(), 0)
-
-    def _waypoint_parameters(self) -> FloatArray:
-        return np.arange(self.waypoints, dtype=np.float64) * self.waypoint_period
-
     def peaks(self) -> FloatArray:
         """Return bounds of |q'|, |q''| and |q'''| of each joint, (3, n).
 
         Between waypoints a sinusoid exceeds its samples by at most 1 - cos(omega period / 2).
         """
-        s = self._waypoint_parameters()
+        s = np.arange(self.waypoints, dtype=np.float64) * self.waypoint_period
         omega = 2 * np.pi * np.abs(self.frequency)
         missed = 1 - np.cos(np.minimum(omega * self.waypoint_period / 2, np.pi / 2))
         return np.stack(

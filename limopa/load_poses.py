@@ -34,7 +34,7 @@ def heavy_and_light(chain: Chain, start: FloatArray, j: int) -> list[FloatArray]
     reachable = _reachable(chain, start, j, _NEAR)
     if not reachable:
         return []
-    load = _gravity(chain, np.array(reachable))[:, j]
+    load = chain.model.gravity_torque(np.array(reachable))[:, j]
     return [reachable[int(load.argmin())], reachable[int(load.argmax())]]
 
 
@@ -47,7 +47,7 @@ def reversing(chain: Chain, j: int) -> tuple[FloatArray, FloatArray] | None:
     for spread in (_NEAR, _FAR):
         for pose in _reachable(chain, chain.here, j, spread):
             low, high = range_of(chain, pose, j)
-            first, last = _gravity(chain, np.array([low, high]))[:, j]
+            first, last = chain.model.gravity_torque(np.array([low, high]))[:, j]
             way = Line(chain.here, low)
             if first * last < 0 and min(abs(first), abs(last)) > best and not chain.feasible(way):
                 best, found = min(abs(first), abs(last)), (low, high)
@@ -62,8 +62,3 @@ def _reachable(chain: Chain, start: FloatArray, j: int, spread: float) -> list[F
     poses = start + random.uniform(-spread, spread, (_POSES, len(start)))
     poses[:, j] = start[j]
     return [pose for pose in poses if not chain.feasible(Line(start, pose))]
-
-
-def _gravity(chain: Chain, poses: FloatArray) -> FloatArray:
-    rest = np.zeros_like(poses)
-    return chain.model.inverse_dynamics(poses, rest, rest)

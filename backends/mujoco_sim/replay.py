@@ -17,7 +17,7 @@ from backends.mujoco_sim.robot import MujocoRobot
 from backends.simulated import DEFAULT_PERIOD
 from limo_driver.differentiation import smooth
 from limo_driver.errors import PathError
-from limo_driver.physics.changing_friction import REFERENCE, TemperatureDependentFriction
+from limo_driver.physics.changing_friction import TemperatureDependentFriction
 from limo_driver.physics.environment import ExternalContact
 from limo_driver.physics.sensing import Sensors, TorqueDrift
 from limo_driver.trajectory import Trajectory
@@ -152,12 +152,11 @@ def _at_temperature(
     effect: TemperatureDependentFriction, recording: Recording, start: float
 ) -> Effect:
     """Return the friction at the temperature that was measured then; it hardly changes in 20 s."""
-    measured = recording.extras.get("temperature")
+    measured = recording.temperature
     if measured is None or effect.per_kelvin is None:
         return effect  # which the robot refuses by name
     row = int(np.searchsorted(recording.time, start).clip(0, len(recording) - 1))
-    reference = REFERENCE if effect.reference is None else effect.reference
-    excess = effect.per_kelvin * float(measured[row, effect.joint - 1] - reference)
+    excess = float(effect.excess_at(measured[row, effect.joint - 1]))
     return replace(effect, excess=excess, time_constant=_CONSTANT, per_kelvin=None, reference=None)
 
 

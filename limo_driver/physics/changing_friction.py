@@ -140,15 +140,14 @@ class TemperatureDependentFriction(DryFriction):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        timed = [self.excess, self.time_constant]
-        thermal = [self.per_kelvin]
-        given = [any(value is not None for value in form) for form in (timed, thermal)]
-        if given == [True, True] or (given[0] and self.reference is not None):
+        timed = self.excess, self.time_constant
+        thermal = self.per_kelvin, self.reference
+        if any(v is not None for v in timed) and any(v is not None for v in thermal):
             raise ConfigError(
                 f"{self.place}: has excess or time_constant beside per_kelvin or reference; "
                 "give one form"
             )
-        if None in (timed if given[0] else thermal):
+        if None in timed and self.per_kelvin is None:
             raise ConfigError(
                 f"{self.place}: lacks excess and time_constant, or per_kelvin: one form, whole"
             )
@@ -163,5 +162,9 @@ class TemperatureDependentFriction(DryFriction):
                 f"{self.place}: per_kelvin needs the temperature of the joint, "
                 "and the motion has none, or holes in it"
             )
+        return self.excess_at(motion.temperature)
+
+    def excess_at(self, temperature: FloatArray) -> FloatArray:
+        """Return what per_kelvin makes of a temperature [°C]: added friction [N m], same shape."""
         reference = REFERENCE if self.reference is None else self.reference
-        return self.per_kelvin * (motion.temperature - reference)
+        return (self.per_kelvin or 0.0) * (temperature - reference)

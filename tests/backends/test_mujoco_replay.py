@@ -94,7 +94,9 @@ def test_effects_of_time_act_when_they_did_in_the_recording(recording):
 
 
 def test_friction_by_temperature_takes_the_temperature_that_was_measured(recording):
-    warm = replace(recording, extras={"temperature": np.full(recording.position.shape, 35.0)})
+    temperature = np.full(recording.position.shape, 35.0)
+    temperature[::2] = np.nan  # holes, as of a sensor that is slower than the recording
+    warm = replace(recording, extras={"temperature": temperature})
     friction = TemperatureDependentFriction(joint=1, per_kelvin=0.1)
     runs = [
         follow(Simulation("iiwa14", effects), warm, 2.5, 5.0, 10.0) for effects in ((), (friction,))

@@ -12,9 +12,8 @@ SLIDING = 900.0 * 5e-4 + 120.0 * 4e-3
 
 def torque(effect: PreslidingHysteresis, position: np.ndarray) -> np.ndarray:
     zero = np.zeros_like(position)
-    return effect.advance(
-        effect.initial_state(), JointMotion(zero, np.ascontiguousarray(position), zero, zero, zero)
-    )[0]
+    motion = JointMotion(zero, position, zero, zero, zero)
+    return effect.advance(effect.initial_state(), motion)[0]
 
 
 def test_small_motion_is_a_spring():
