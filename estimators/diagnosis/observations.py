@@ -127,7 +127,7 @@ class Observations:
         for rows in self.segments:
             time = self.motion.time[rows]
             result[rows] = smooth(time, flat[rows], self.bandwidth, [slice(0, time.size)])
-        return result[self.kept].reshape(-1, *values.shape[1:])
+        return result[self.kept].reshape(self.kept.size, *values.shape[1:])  # even of no column
 
     def predict(self, simulation: Simulation) -> FloatArray:
         """Return the torque that a simulation says was measured, unfiltered, (T, n) [N m]."""
