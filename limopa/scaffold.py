@@ -9,7 +9,6 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from limo_driver.errors import InfeasiblePathError
 
@@ -82,5 +81,4 @@ class ScaffoldSampler:
 
 def nearest_first(scaffolds: FloatArray, query: FloatArray) -> NDArray[np.int64]:
     """Return the rows of `scaffolds`, (L, n), from the nearest to `query`, (n,), outwards."""
-    _, rows = cKDTree(scaffolds).query(query, k=len(scaffolds))
-    return np.atleast_1d(rows)
+    return np.argsort(np.linalg.norm(scaffolds - query, axis=1), kind="stable")

@@ -19,7 +19,8 @@ class JointElasticity(MotionEffect):
     """Wind-up of the gear between encoder and link, q_link = q - tau / stiffness - cubic tau³.
 
     tau is the nominal rigid-body torque. The deflection is quasi-static: right while it changes
-    slowly against the motion, as in creeping and holding, and not for vibration.
+    slowly against the motion, as in creeping and holding, and not for vibration. Over whole
+    stretches, `Simulation.predict_stretches` lets it move.
 
     Source: Spong, "Modeling and control of elastic joint robots", J. Dyn. Sys. 1987.
     """
