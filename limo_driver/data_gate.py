@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from limo_driver.errors import RecordingError
+from limo_driver.held_values import held_position, held_torque
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
@@ -26,6 +27,7 @@ SHORTEST = 0.5  # [s]
 RATES = (27.0, 5500.0)  # [Hz], 30 Hz to 5 kHz with a tenth of margin
 LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpolated over less
 LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
+SHORTEST_PIECE = 0.2  # [s] between two gaps, in which a low-pass of 2.5 Hz can settle
 FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiated
 SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
 _IMPOSSIBLE = {"position": 50.0, "velocity": 1e3, "torque": 1e3}  # rad, rad/s, N m
@@ -44,6 +46,7 @@ _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 _SPIKE_WINDOW = 7  # samples
 _SPIKE_FACTOR = 20.0  # over the 99th percentile of the deviation from the median
 _SPIKE_FLOOR = {"position": 0.05, "torque": 5.0}  # rad, N m
+_FRAGMENT = f"fewer than {FEWEST_CONTIGUOUS} rows between gaps"
 _LISTED = 12  # stretches of rows that a message names
 _STILL = 2e-3  # [rad], range of a joint that does not move
 
@@ -104,9 +107,12 @@ def inspect(columns: Columns) -> Findings:
     fragments = gate.fragments()
     misplaced = gate.misplaced(fragments)
     gate.leave_out("the time does not increase", misplaced)
-    gate.leave_out(f"fewer than {FEWEST_CONTIGUOUS} rows between gaps", fragments[~misplaced])
+    gate.leave_out(_FRAGMENT, fragments[~misplaced])
     gate.leave_out("the time does not increase", gate.backwards())
     gate.leave_out("a spike that no motion makes", gate.spikes())
+    for reason, rows in gate.held().items():
+        gate.leave_out(reason, np.isin(gate.rows, rows))
+    gate.leave_out(f"less than {SHORTEST_PIECE:g} s between gaps", gate.short())
     gate.check_amount()
     gate.check_units()
     return Findings(gate.rows, gate.left_out(), gate.warnings())
@@ -246,6 +252,26 @@ class _Gate:
             deviation[rows] = np.abs(values[rows] - near)
         return deviation > max(_SPIKE_FACTOR * float(np.percentile(deviation, 99)), floor)
 
+    def short(self) -> Mask:
+        """Mark stretches between gaps that are too short for any low-pass, (T,)."""
+        time = self.time
+        pieces = contiguous(time)
+        lasts = [float(time[rows.stop - 1] - time[rows.start]) for rows in pieces]
+        short = np.array([len(pieces) > 1 and last < SHORTEST_PIECE for last in lasts], dtype=bool)
+        return np.repeat(short, [rows.stop - rows.start for rows in pieces])
+
+    def held(self) -> dict[str, NDArray[np.int64]]:
+        """Return the rows with a value that a sensor repeats in motion, by reason."""
+        found: dict[str, NDArray[np.int64]] = {}
+        for j in range(self.columns.position.shape[1]):
+            position = self.columns.position[self.rows, j]
+            torque = self.columns.torque[self.rows, j]
+            motion = held_position(self.time, position)
+            force = held_torque(self.time, position, torque) & ~motion
+            found[f"position_{j + 1} repeats a value while the joint moves"] = self.rows[motion]
+            found[f"torque_{j + 1} is saturated or repeats a value in motion"] = self.rows[force]
+        return found
+
     def check_amount(self) -> None:
         total = self.columns.time.size
         if self.rows.size < FEWEST_SAMPLES:
@@ -323,17 +349,11 @@ class _Gate:
 
     def _about_joints(self) -> list[str]:
         found: list[str] = []
-        time, n = self.time, self.columns.position.shape[1]
-        for j in range(n):
+        for j in range(self.columns.position.shape[1]):
             position = self.columns.position[self.rows, j]
             torque = self.columns.torque[self.rows, j]
             if np.ptp(position) < _STILL:
                 found.append(f"joint {j + 1} never moves (range {np.ptp(position):.2g} rad)")
-            elif stuck := longest_stuck(time, position):
-                found.append(
-                    f"position_{j + 1} is stuck for {stuck.duration:.2g} s at {stuck.start:.6g} s "
-                    "while the joint moves on"
-                )
             if np.ptp(torque) == 0:
                 found.append(f"torque_{j + 1} is always {torque[0]:g} N m")
         return found
@@ -361,37 +381,3 @@ def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray
     does = np.add.reduceat(np.where(known, np.diff(position), 0.0), starts)
     energy = float(does @ does)
     return float(says @ does) / energy if energy > 0 else None
-
-
-@dataclass(frozen=True)
-class Stuck:
-    """A stretch over which a sensor repeats its value although the joint moves."""
-
-    start: float  # [s]
-    duration: float  # [s]
-
-
-def longest_stuck(time: FloatArray, position: FloatArray) -> Stuck | None:
-    """Find the longest stretch of one repeated value that ends in a jump.
-
-    A joint at rest repeats its value too, but does not jump when it starts.
-
-    Args:
-        time: (T,) [s].
-        position: (T,) [rad], of one joint.
-    """
-    steps = np.diff(position)
-    changes = np.flatnonzero(steps)
-    if changes.size < 2:  # noqa: PLR2004  # a stretch lies between two changes
-        return None
-    waits = np.diff(changes)
-    jump = np.abs(steps[changes[1:]])
-    speed = jump / np.maximum(time[changes[1:] + 1] - time[changes[1:]], 1e-9)
-    usual = np.abs(steps[changes]) / np.maximum(time[changes + 1] - time[changes], 1e-9)
-    caught_up = (jump > _STILL) & (speed > 3 * usual.max(initial=0.0, where=usual < speed.max()))
-    durations = np.where((waits >= FEWEST_CONTIGUOUS) & caught_up, waits, 0)
-    k = int(durations.argmax())
-    if not durations[k]:
-        return None
-    start, stop = int(changes[k]) + 1, int(changes[k + 1])
-    return Stuck(float(time[start]), float(time[stop] - time[start]))

@@ -122,14 +122,72 @@ def test_few_rows_between_gaps_are_left_out(tmp_path):
     assert reasons(recording) == {"fewer than 10 rows between gaps": (150, 151, 152, 153)}
 
 
-def test_still_and_stuck_joints_are_told_but_kept(tmp_path):
+def test_still_joints_are_told_but_kept(tmp_path):
     columns = make_columns()
     columns["position_1"][:] = 0.4
-    columns["position_2"][100:125] = columns["position_2"][100]
     recording = Recording.load(write(columns, tmp_path / "a.parquet"))
     assert len(recording) == 400
     assert any(text.startswith("joint 1 never moves") for text in recording.warnings)
-    assert any("position_2 is stuck for 0.2" in text for text in recording.warnings)
+
+
+def test_rows_with_a_held_position_are_left_out_whenever_it_is_held(tmp_path):
+    columns = make_columns()
+    held = (range(100, 125), range(250, 262))
+    for rows in held:
+        columns["position_2"][list(rows)] = columns["position_2"][rows[0]]
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert reasons(recording) == {
+        "position_2 repeats a value while the joint moves": tuple(
+            r for rows in held for r in rows[1:]
+        )
+    }
+
+
+def noisy_columns(T=4000):
+    """Torque has noise; a joint swings slowly enough to reach a limit for many samples."""
+    columns = make_columns(T)
+    random = np.random.default_rng(0)
+    for j in (1, 2, 3):
+        columns[f"torque_{j}"] += np.round(0.05 * random.standard_normal(T), 3)
+    return columns
+
+
+def test_rows_with_a_saturated_torque_are_left_out(tmp_path):
+    columns = noisy_columns()
+    free = columns["torque_2"]
+    columns["torque_2"] = np.clip(free, -3.0, 3.0)
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    left_out = reasons(recording)
+    clipped = set(np.flatnonzero(np.abs(free) >= 3.0).tolist())
+    assert set(left_out.pop("torque_2 is saturated or repeats a value in motion")) >= clipped - {
+        row for rows in left_out.values() for row in rows
+    }
+    assert set(left_out) <= {"less than 0.2 s between gaps"}
+    assert np.abs(recording.torque[:, 1]).max() < 3.0
+    assert len(recording) > 1000
+
+
+def test_rows_with_a_held_torque_are_left_out(tmp_path):
+    columns = noisy_columns()
+    columns["torque_3"][1000:1200] = columns["torque_3"][1000]
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert reasons(recording) == {
+        "torque_3 is saturated or repeats a value in motion": tuple(range(1000, 1200))
+    }
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c | {"torque_2": np.round(c["torque_2"], 0)},  # coarser than its noise
+        lambda c: c | {"torque_2": np.repeat(c["torque_2"][::20], 20)},  # slower than the log
+        lambda c: c | {"torque_2": np.sign(np.gradient(c["position_2"]))},  # dry friction, computed
+        lambda c: c | {"torque_2": 0 * c["torque_2"] + 1.0, "position_2": 0 * c["position_2"]},
+    ],
+)
+def test_torques_that_repeat_values_by_their_nature_are_kept(tmp_path, change):
+    recording = Recording.load(write(change(noisy_columns()), tmp_path / "a.parquet"))
+    assert recording.left_out == ()
 
 
 def refuse(change, message, tmp_path, T=400):

@@ -1,0 +1,102 @@
+"""Held values: stretches over which a sensor repeats one value although its joint moves.
+
+A torque sensor at its limit, a lost packet or a driver that hangs all give values that look fine
+one by one. What tells is that they are exactly equal for longer than the sensor's noise allows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
+
+FEWEST = 10  # samples; fewer equal ones are no news
+SHORTEST = 0.05  # [s]; the filters read over less
+LEAST_JUMP = 2e-3  # [rad], with which a position that was held catches up
+FASTER = 3.0  # times the fastest motion that such a jump is
+_MOVED = 5e-4  # [rad] within a run; less is noise
+_NEAR = 0.05  # [s] from a limit, where noise is cut on one side
+_CHANCE = 1e-9  # that noise repeats a value for as long anywhere in a recording
+_LEAST_SHARE = 0.01  # of samples that equal the one before
+_MOST_SHARE = 0.5  # above, the sensor is slower than the log or coarser than its noise
+_ALTERNATING = 0.5  # part of third differences that change sign; 0.77 in noise, none in smooth data
+
+
+def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> NDArray[np.bool_]:
+    """Mark samples at which a torque is held or saturated although its joint moves.
+
+    Channels without noise, or coarser than it, are not judged: those may well repeat a value.
+
+    Args:
+        time: (T,) [s].
+        position: (T,) [rad], of one joint.
+        torque: (T,) [N m], of the same joint.
+
+    Returns:
+        (T,) true where the torque says nothing.
+    """
+    held = np.zeros(time.size, dtype=bool)
+    starts, stops = _runs(torque)
+    if (stops - starts).max(initial=0) < FEWEST:
+        return held
+    usual = np.repeat(stops - starts < FEWEST, stops - starts)
+    share = float(np.mean(np.diff(torque)[usual[1:]] == 0)) if usual[1:].any() else 1.0
+    if share > _MOST_SHARE or not _is_noisy(torque[usual]):
+        return held
+    longest = max(FEWEST, np.log(_CHANCE / time.size) / np.log(max(share, _LEAST_SHARE)))
+    for k in np.flatnonzero(stops - starts >= longest):
+        rows = slice(starts[k], stops[k])
+        lasts = time[rows][-1] - time[rows][0]
+        held[rows] = lasts >= SHORTEST and np.ptp(position[rows]) > _MOVED
+    for limit in (torque.min(), torque.max()):
+        at_limit = torque == limit
+        if held[at_limit].any():  # the limit cuts noise also around and on shorter visits
+            held |= maximum_filter1d(
+                at_limit, 2 * round(_NEAR / float(np.median(np.diff(time)))) + 1
+            )
+    return held
+
+
+def held_position(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+    """Mark samples at which a position is held although its joint moves.
+
+    A joint at rest repeats its value too, but does not jump when it starts.
+
+    Args:
+        time: (T,) [s].
+        position: (T,) [rad], of one joint.
+
+    Returns:
+        (T,) true from the second sample of each stretch to its last.
+    """
+    held = np.zeros(time.size, dtype=bool)
+    starts, stops = _runs(position)
+    starts, stops = starts[:-1], stops[:-1]  # the last ends with the recording
+    if starts.size < 2:  # noqa: PLR2004  # a stretch lies between two changes
+        return held
+    jump = np.abs(position[stops] - position[stops - 1])
+    speed = jump / np.maximum(time[stops] - time[stops - 1], 1e-9)
+    caught_up = (stops - starts >= FEWEST) & (jump > LEAST_JUMP)
+    caught_up &= speed > FASTER * speed.max(initial=0.0, where=~caught_up)
+    for k in np.flatnonzero(caught_up):
+        held[starts[k] + 1 : stops[k]] = True
+    return held
+
+
+def _runs(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return first and past-the-end samples of each run of equal values."""
+    changes = np.flatnonzero(np.diff(values)) + 1
+    return np.append(0, changes), np.append(changes, values.size)
+
+
+def _is_noisy(values: FloatArray) -> bool:
+    """Say whether neighbours differ by noise rather than by motion."""
+    third = np.diff(values, n=3)
+    third = third[third != 0]
+    return third.size > FEWEST and float(np.mean(third[1:] * third[:-1] < 0)) > _ALTERNATING
