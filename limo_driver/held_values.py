@@ -54,12 +54,11 @@ def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> N
         rows = slice(starts[k], stops[k])
         lasts = time[rows][-1] - time[rows][0]
         held[rows] = lasts >= SHORTEST and np.ptp(position[rows]) > _MOVED
+    reach = 2 * round(_NEAR / float(np.median(np.diff(time)))) + 1
     for limit in (torque.min(), torque.max()):
         at_limit = torque == limit
         if held[at_limit].any():  # the limit cuts noise also around and on shorter visits
-            held |= maximum_filter1d(
-                at_limit, 2 * round(_NEAR / float(np.median(np.diff(time)))) + 1
-            )
+            held |= maximum_filter1d(at_limit, reach)
     return held
 
 
