@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import MISSING, dataclass, field, fields
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
@@ -81,6 +82,7 @@ class JointMotion:
     acceleration: FloatArray  # [rad/s²]
     load: FloatArray  # nominal rigid-body torque [N m]
     temperature: FloatArray | None = None  # [°C]
+    inertia: FloatArray | None = None  # [kg m²], for effects that ask for it
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,8 @@ class ArmMotion:
     load: FloatArray  # (T, n), nominal rigid-body torque [N m]
     model: RobotModel
 
-    def of_joint(self, j: int) -> JointMotion:
-        """Return the motion and load of one joint (0-based)."""
+    def of_joint(self, j: int, *, inertia: bool = False) -> JointMotion:
+        """Return the motion and load of one joint (0-based), its inertia only if asked for."""
         motion = self.motion
         return JointMotion(
             motion.time,
@@ -101,6 +103,7 @@ class ArmMotion:
             motion.acceleration[:, j],
             self.load[:, j],
             None if motion.temperature is None else motion.temperature[:, j],
+            self.model.inertia_of(motion.position, j)[:, j] if inertia else None,
         )
 
 
@@ -119,6 +122,7 @@ class Effect(ABC):
     name: ClassVar[str]  # the identifier in sim.yaml and in a diagnosis
 
     @classmethod
+    @cache  # effects are made by the thousand while they are fitted
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return the named parameters with unit and bounds."""
         return tuple(
@@ -252,8 +256,13 @@ class Friction(TorqueEffect):
 class MotionEffect(JointEffect):
     """An effect that displaces the link from where the encoder says it is.
 
-    It is quasi-static: the link's velocity and acceleration are taken as the encoder's.
+    Sample by sample it is quasi-static: the link's velocity and acceleration are the encoder's.
+    Where past and future are known, the displacement has its own, within `agility` times the
+    bandwidth.
     """
+
+    agility: ClassVar[float] = 0.0
+    needs_inertia: ClassVar[bool] = False
 
     @abstractmethod
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
