@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
-    Option = TypeVar("Option")
-
+_Option = TypeVar("_Option")
 PERIOD = 1e-3  # [s]
 _TRANSIT = 0.3  # share of the velocity limits between poses
 _ACCELERATION = 0.4  # share of the limits
@@ -76,7 +75,7 @@ class Chain:
         rest = np.zeros((count, self.model.n))
         self._parts.append(("hold", TimedPath(np.zeros(count), rest + self.here, rest, rest)))
 
-    def feasible(self, path: Path) -> tuple[Condition, ...]:
+    def broken_by(self, path: Path) -> tuple[Condition, ...]:
         """Return the conditions that a path breaks."""
         return self.feasibility.check_path(path)
 
@@ -87,7 +86,7 @@ class Chain:
         return joined(self._parts, PERIOD, self.model.name)
 
     def _add(self, kind: str, path: Path, share: FloatArray, acceleration: FloatArray) -> None:
-        broken = self.feasible(path)
+        broken = self.broken_by(path)
         if broken:
             raise InfeasiblePathError(
                 broken[0], f"a {kind} from {np.round(self.here, 3).tolist()} rad is not feasible"
@@ -97,7 +96,9 @@ class Chain:
         self.here = path.derivative(np.array([path.length]), 0)[0]
 
 
-def first_feasible(motion: Callable[[Option], Trajectory], options: Iterable[Option]) -> Trajectory:
+def first_feasible(
+    motion: Callable[[_Option], Trajectory], options: Iterable[_Option]
+) -> Trajectory:
     """Return the motion of the first option that is feasible.
 
     Raises:

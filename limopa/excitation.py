@@ -130,12 +130,12 @@ def wide_sweep(
     for joint in joints[:AT_ONCE]:
         for pose in heavy_and_light(chain, start, joint - 1) or [start]:
             low, high = range_of(chain, pose, joint - 1)
-            if np.abs(high - low).max() < _LEAST_RANGE or chain.feasible(Line(chain.here, pose)):
+            if np.abs(high - low).max() < _LEAST_RANGE or chain.broken_by(Line(chain.here, pose)):
                 continue
             chain.move(pose)
             for speed in speeds:
                 chain.visit((high, low, pose), speed, "sweep")
-            if not chain.feasible(Line(chain.here, start)):
+            if not chain.broken_by(Line(chain.here, start)):
                 chain.move(start)
     return chain.trajectory()
 

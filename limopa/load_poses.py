@@ -24,7 +24,7 @@ def range_of(chain: Chain, pose: FloatArray, j: int) -> tuple[FloatArray, FloatA
     ends: list[FloatArray] = []
     for sign in (-1.0, 1.0):
         reaches = (sign * _RANGE * share for share in np.linspace(1.0, 1.0 / 16, 16))
-        free = (r for r in reaches if not chain.feasible(Line(pose, pose + r * step)))
+        free = (r for r in reaches if not chain.broken_by(Line(pose, pose + r * step)))
         ends.append(pose + next(free, 0.0) * step)
     return ends[0], ends[1]
 
@@ -49,7 +49,7 @@ def reversing(chain: Chain, j: int) -> tuple[FloatArray, FloatArray] | None:
             low, high = range_of(chain, pose, j)
             first, last = chain.model.gravity_torque(np.array([low, high]))[:, j]
             way = Line(chain.here, low)
-            if first * last < 0 and min(abs(first), abs(last)) > best and not chain.feasible(way):
+            if first * last < 0 and min(abs(first), abs(last)) > best and not chain.broken_by(way):
                 best, found = min(abs(first), abs(last)), (low, high)
         if found is not None:
             break
@@ -61,4 +61,4 @@ def _reachable(chain: Chain, start: FloatArray, j: int, spread: float) -> list[F
     random = np.random.default_rng(0)
     poses = start + random.uniform(-spread, spread, (_POSES, len(start)))
     poses[:, j] = start[j]
-    return [pose for pose in poses if not chain.feasible(Line(start, pose))]
+    return [pose for pose in poses if not chain.broken_by(Line(start, pose))]
