@@ -126,7 +126,7 @@ def main(
     for title, out in rows:
         finished = [case for case in cases if (case / out / "result.json").exists()]
         table.add_row(*summary(title, [judge(case, out) for case in finished], len(cases)))
-    Console(width=120, highlight=False).print(table)
+    Console(width=140, highlight=False).print(table)
 
 
 if __name__ == "__main__":
