@@ -10,6 +10,7 @@ import numpy as np
 from estimators.diagnosis.confidence import confidence_of
 from estimators.diagnosis.diagnosis import Explanation, Shift
 from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, margin
+from estimators.diagnosis.plausibility import notes_on
 from estimators.diagnosis.proof import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.verdict import (
     UNKNOWN,
@@ -264,6 +265,7 @@ def conclude(
         next_motion=None,
         fit=fit_of(bench, bench.residual, proven, rest.floor),
         rows=rows_of(bench.observed.recordings),
+        notes=notes_on(bench.observed),
     )
 
 
@@ -316,7 +318,10 @@ def not_observable(bench: Bench, solution: Solution, rest: Leftover) -> tuple[No
     evidence = solution.search.evidence
     size = bench.columns.size()
     least: dict[str, tuple[float, int]] = {}
+    moves = np.count_nonzero(bench.observed.moving, axis=0) > 0
     for candidate in bench.candidates:
+        if not np.all(moves[list(candidate.joints)]):
+            continue  # a note says so
         at = candidate.prior.index
         information = np.diag(evidence.gram)[at]
         joint = candidate.joints[0] if candidate.joints else 0

@@ -45,7 +45,7 @@ def contact_of(
         for k, term in enumerate(terms):
             joints, values = response(term, observed)
             columns[list(joints), :, k] = values[:, rows]
-        weight = 1.0 / rest.floor
+        weight = observed.moving.any(axis=0) / rest.floor
         X = (columns * weight[:, None, None]).reshape(-1, len(terms))
         y = (proven[rows] * weight).T.ravel()
         precision = X.T @ X + np.eye(len(terms)) / _STRONGEST_PUSH**2

@@ -50,9 +50,10 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     for joint in range(observed.n):
         guess = foretold(observed, left[:, joint], joint)
         floor[joint] = rmse((left[:, joint] - guess)[:, None], moving[:, [joint]])[0]
-    rough = roughness(left, moving)
+    rough, moves = roughness(left, moving), moving.any(axis=0)
+    floor = np.where(moves, floor, rough)  # of a still joint nothing is known
     ratio = floor / rough
-    usual = float(np.median(ratio))
+    usual = float(np.median(ratio[moves])) if moves.any() else 1.0
     smooth = (ratio > SMOOTHER * usual) & (ratio > SMOOTH)
     floor = np.where(smooth, usual * rough, floor)
     return Leftover(floor, np.sqrt(np.maximum(whole**2 - floor**2, 0.0)))

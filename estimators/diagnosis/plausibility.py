@@ -58,6 +58,20 @@ def still(observed: Observations) -> tuple[int, ...]:
     return tuple(np.flatnonzero(observed.moving.sum(axis=0) < LEAST_MOVING).tolist())
 
 
+def notes_on(observed: Observations) -> tuple[str, ...]:
+    """Return what a reader of the verdict should know of the recordings, one sentence each."""
+    warnings = [
+        f"{recording.source or 'A recording'}: {warning}."
+        for recording in observed.recordings
+        for warning in recording.warnings
+    ]
+    motionless = [
+        f"Joint {j + 1} moves too little for its torque to be compared; nothing is said of it."
+        for j in still(observed)
+    ]
+    return (*warnings, *motionless)
+
+
 def _refused(observed: Observations, what: str) -> RecordingError:
     sources = [recording.source for recording in observed.recordings]
     return RecordingError(what, path=", ".join(filter(None, sources)) or None)
