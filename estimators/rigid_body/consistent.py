@@ -20,7 +20,7 @@ identification: a convex programming approach", T-RO 2020.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import lgamma, log, pi
 from typing import TYPE_CHECKING
 
@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 
 _ITERATIONS = 200
 _DECREMENT = 1e-10  # Newton decrement at which the minimum is reached
+_NEARLY = 0.1  # the same, over the precision, on the way to the minimum
+_NEAR = 1.5  # Newton steps to where a body ceases to exist, at which the way starts
+_STIFFER = 4.0  # ratio of the precisions of one step of the way and the next
+_SHORT = 0.9  # part of the way to where a body ceases to exist that a step may go
 _LIGHTEST = 0.05  # [kg], smallest nominal mass taken seriously
 _SMALLEST = 0.01  # [m], smallest nominal radius of gyration taken seriously
 _RELEASE = 1e-6  # gradient at which a parameter held at zero is set free again
@@ -73,6 +77,7 @@ def fit_consistent(
     tolerance: float,
     positive: NDArray[np.bool_],
     absent: NDArray[np.bool_],
+    start: FloatArray | None = None,
 ) -> ConsistentFit:
     """Minimise the cost above.
 
@@ -83,13 +88,14 @@ def fit_consistent(
         tolerance: Relative standard deviation of the nominal inertias.
         positive: Joint terms that cannot be negative, (p,).
         absent: Parameters that stay at zero, (p,).
+        start: Parameters (p,) near the minimum, of bodies that exist; found if not given.
 
     Raises:
         DivergedError: No minimum was found.
     """
-    problem = _Problem(data, nominal, links, tolerance)
+    problem = _Problem.of(data, nominal, links, tolerance)
     held = absent.copy()
-    phi = np.where(held, 0.0, nominal)
+    phi = problem.approach(np.where(held, 0.0, nominal), ~held) if start is None else start
     for _ in range(nominal.size):
         phi = problem.minimise(np.where(held, 0.0, phi), ~held)
         negative = positive & ~held & (phi < 0)
@@ -102,29 +108,36 @@ def fit_consistent(
     raise DivergedError("the friction parameters found no consistent set of signs")
 
 
+@dataclass(frozen=True)
 class _Problem:
     """The cost, its derivatives and its minimum over some of the parameters."""
 
-    def __init__(self, data: Quadratic, nominal: FloatArray, links: int, tolerance: float) -> None:
-        self.data = data
-        self.links = links
-        self.precision = 1.0 / tolerance**2
-        self.nominal_inverse = [
-            np.linalg.inv(pseudo_inertia(nominal[_of(i)])) for i in range(links)
-        ]
-        self.nominal_logdet = [np.linalg.slogdet(inverse)[1] for inverse in self.nominal_inverse]
-        self.ridge = np.zeros(nominal.size)
-        self.ridge[PER_LINK * self.links :] = _WEAKEST_PRIOR
+    data: Quadratic
+    links: int
+    precision: float  # of the bodies, 1 / tolerance²
+    nominal_inverse: FloatArray  # (links, 4, 4)
+    nominal_logdet: float  # of those inverses, summed
+    ridge: FloatArray  # (p,)
+
+    @classmethod
+    def of(cls, data: Quadratic, nominal: FloatArray, links: int, tolerance: float) -> _Problem:
+        nominals = np.stack([pseudo_inertia(nominal[_of(i)]) for i in range(links)])
+        inverse = np.asarray(np.linalg.inv(nominals), dtype=np.float64)
+        logdet = float(np.linalg.slogdet(inverse)[1].sum())
+        ridge = np.zeros(nominal.size)
+        ridge[PER_LINK * links :] = _WEAKEST_PRIOR
+        return cls(data, links, 1.0 / tolerance**2, inverse, logdet, ridge)
 
     def value(self, phi: FloatArray) -> float:
         cost = 0.5 * phi @ self.data.gram @ phi - self.data.product @ phi
         cost += 0.5 * self.ridge @ phi**2
+        cost -= self.precision * (self.nominal_logdet + 4 * self.links)
         for i, inverse in enumerate(self.nominal_inverse):
             J = pseudo_inertia(phi[_of(i)])
             sign, logdet = np.linalg.slogdet(J)
             if sign <= 0 or np.linalg.eigvalsh(J)[0] <= 0:
                 return np.inf
-            cost += self.precision * (np.sum(inverse * J) - logdet - self.nominal_logdet[i] - 4)
+            cost += self.precision * (np.sum(inverse * J) - logdet)
         return float(cost)
 
     def gradient(self, phi: FloatArray) -> FloatArray:
@@ -170,18 +183,50 @@ class _Problem:
         scale = 1.0 / np.sqrt(np.diag(H))
         return H * np.outer(scale, scale), scale
 
-    def minimise(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-        """Take damped Newton steps in the free parameters."""
+    def approach(self, nominal: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+        """Follow the minimum in the free parameters from stiffer bodies nearly to the wanted ones.
+
+        Straight from the nominal bodies, Newton's steps may end at bodies that hardly exist, and
+        get stuck there. Bodies so stiff that they hardly move are near; loosening, they stay near.
+
+        Source: Boyd and Vandenberghe, "Convex Optimization", 2004, sec. 11.3 (barrier method).
+        """
+        phi, stiffer = nominal, self
+        while stiffer.reach(phi, stiffer.step(phi, free)) < _NEAR:
+            stiffer = replace(stiffer, precision=_STIFFER * stiffer.precision)
+        while stiffer.precision > self.precision:
+            phi = stiffer.minimise(phi, free, _NEARLY * stiffer.precision)
+            stiffer = replace(stiffer, precision=stiffer.precision / _STIFFER)
+        return phi
+
+    def step(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+        """Return Newton's step (p,) in the free parameters."""
+        step = np.zeros(phi.size)
+        H, scale = self._scaled(phi, free)
+        step[free] = -scale * np.linalg.solve(H, scale * self.gradient(phi)[free])
+        return step
+
+    def reach(self, phi: FloatArray, step: FloatArray) -> float:
+        """Return how many such steps lead to where a body ceases to exist."""
+        least = 0.0  # change of a body, relative to itself, in the direction that shrinks most
+        for i in range(self.links):
+            lower = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(phi[_of(i)])))
+            change = lower @ pseudo_inertia(step[_of(i)]) @ lower.T
+            least = min(least, float(np.linalg.eigvalsh(change)[0]))
+        return -1.0 / least if least < 0 else np.inf
+
+    def minimise(
+        self, phi: FloatArray, free: NDArray[np.bool_], until: float = _DECREMENT
+    ) -> FloatArray:
+        """Take damped Newton steps in the free parameters until the decrement is small."""
         value = self.value(phi)
         for _ in range(_ITERATIONS):
-            gradient = self.gradient(phi)[free]
-            H, scale = self._scaled(phi, free)
-            step = np.zeros(phi.size)
-            step[free] = -scale * np.linalg.solve(H, scale * gradient)
-            decrement = -float(step[free] @ gradient)
-            if decrement < _DECREMENT:
+            step = self.step(phi, free)
+            decrement = -float(step @ self.gradient(phi))
+            if decrement < until:
                 return phi
-            length, target = 1.0, self.value(phi + step)
+            length = min(1.0, _SHORT * self.reach(phi, step))
+            target = self.value(phi + length * step)
             while not target < value - 1e-4 * length * decrement:
                 length *= 0.5
                 if length < 1e-12:  # noqa: PLR2004  # rounding is all that is left

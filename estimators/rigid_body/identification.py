@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from estimators.rigid_body.consistent import (
     inertial_of,
     thickened,
 )
+from estimators.rigid_body.folds import FOLDS, jackknife
 from estimators.rigid_body.least_squares import BaseFit, choose_sign_widths, fit_base
 from estimators.rigid_body.normal_equations import NormalEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
@@ -118,11 +119,16 @@ def identify(
     equations, terms = choice.equations, choice.terms
     fit = fit_base(equations, base, nominal)
     spread, _ = equations.weighted(fit.weight**2 * fit.row_variance)
-    data = Quadratic(*equations.weighted(fit.weight), spread)
-    bodies = _Bodies(model.n, terms, data, nominal)
+    bodies = _Bodies(model.n, terms, Quadratic(*equations.weighted(fit.weight), spread), nominal)
     if tolerance is None:
-        tolerance = max(TOLERANCES, key=lambda value: bodies.fit(value).log_evidence)
-    consistent = bodies.fit_significant(tolerance)
+        tolerance, likely = bodies.fit_most_likely()
+    else:
+        likely = bodies.fit(tolerance)
+    consistent = bodies.fit_significant(tolerance, likely)
+    covariance = consistent.covariance + _disagreement(
+        bodies, tolerance, consistent, equations, fit.weight
+    )
+    known = tolerances_of(consistent.parameters, covariance, equations, terms)
     estimates = _estimates(model.n, terms, consistent)
     rmse = equations.rmse(consistent.parameters)
     return Identification(
@@ -131,9 +137,7 @@ def identify(
         rows,
         base,
         fit,
-        _simulation(
-            model, terms, consistent, tolerances_of(consistent, equations.mean_gram(), terms)
-        ),
+        _simulation(model, terms, consistent, known),
         rmse,
         tolerance,
         estimates,
@@ -158,28 +162,60 @@ class _Bodies:
     data: Quadratic
     nominal: FloatArray  # (p,)
 
-    def fit(self, tolerance: float, absent: NDArray[np.bool_] | None = None) -> ConsistentFit:
-        """Fit under one tolerance, with some parameters (p,) held at zero."""
+    def fit(
+        self,
+        tolerance: float,
+        start: FloatArray | None = None,
+        absent: NDArray[np.bool_] | None = None,
+    ) -> ConsistentFit:
+        """Fit under one tolerance from a start (p,), with some parameters (p,) held at zero."""
         positive = np.zeros(self.nominal.size, dtype=bool)
         positive[PER_LINK * self.n :] = np.repeat(
             [term.positive for term in self.terms.all()], self.n
         )
         absent = np.zeros_like(positive) if absent is None else absent
-        return fit_consistent(self.data, self.nominal, self.n, tolerance, positive, absent)
+        return fit_consistent(self.data, self.nominal, self.n, tolerance, positive, absent, start)
 
-    def fit_significant(self, tolerance: float) -> ConsistentFit:
-        """Fit, then once more without insignificant armatures.
+    def fit_most_likely(self) -> tuple[float, ConsistentFit]:
+        """Fit under each of `TOLERANCES`; return the one under which the data are most likely."""
+        found: list[ConsistentFit] = []
+        for tolerance in TOLERANCES:
+            found.append(self.fit(tolerance, found[-1].parameters if found else None))
+        best = int(np.argmax([fit.log_evidence for fit in found]))
+        return TOLERANCES[best], found[best]
+
+    def fit_significant(self, tolerance: float, found: ConsistentFit) -> ConsistentFit:
+        """Fit once more from what was found, without insignificant armatures.
 
         An armature that torque alone cannot tell from a link's inertia can be told by the nominal
         inertia: what exceeds it beyond its tolerance is the drive's.
         """
-        result = self.fit(tolerance)
         if not self.terms.armature:
-            return result
+            return found
         drives = slice(-self.n, None)
         absent = np.zeros(self.nominal.size, dtype=bool)
-        absent[drives] = result.parameters[drives] <= _SIGNIFICANT * result.deviation[drives]
-        return self.fit(tolerance, absent)
+        absent[drives] = found.parameters[drives] <= _SIGNIFICANT * found.deviation[drives]
+        return self.fit(tolerance, found.parameters, absent)
+
+
+def _disagreement(
+    bodies: _Bodies,
+    tolerance: float,
+    found: ConsistentFit,
+    equations: NormalEquations,
+    weight: FloatArray,
+) -> FloatArray:
+    """Return the covariance (p, p) of parameters fitted without each fold in turn.
+
+    What is held at zero with all rows is so without some.
+    """
+    absent = found.deviation == 0
+    fits: list[FloatArray] = []
+    for fold in range(FOLDS):
+        gram, product = equations.weighted(weight, without=fold)
+        without = replace(bodies, data=Quadratic(gram, product, bodies.data.spread))
+        fits.append(without.fit(tolerance, found.parameters, absent).parameters)
+    return jackknife(fits)
 
 
 def _simulation(

@@ -1,18 +1,20 @@
 """Normal equations of torque in the full parameters, accumulated joint by joint over chunks.
 
 What a fit needs of any number of samples is, for each joint, the Gram matrix of its regressor,
-its product with the torque, and the torque's energy: a few hundred kB. Other weights of the joints
-or other priors need no second pass over the data.
+its product with the torque, and the torque's energy: a few MB. Other weights of the joints, other
+priors or a fit without some of the rows need no second pass over the data.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
+from estimators.rigid_body.folds import FOLDS, fold_of
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.differentiation import smooth
 from limo_driver.errors import ConfigError, RecordingError
@@ -65,22 +67,43 @@ class Rows:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Sums over all rows, for each of n joints and p full parameters.
+    """Sums over the rows of each fold, for each of n joints and p full parameters.
 
     As accumulated, there is one Coulomb column for each sign width; `choose` leaves one.
     """
 
-    gram: FloatArray  # (n, p, p), Σ y yᵀ
-    product: FloatArray  # (n, p), Σ y tau
+    gram_of_fold: FloatArray  # (FOLDS, n, p, p), Σ y yᵀ
+    product_of_fold: FloatArray  # (FOLDS, n, p), Σ y tau
     energy: FloatArray  # (n,), Σ tau² [N² m²]
     count: FloatArray  # (n,), rows summed
     thinned: ThinnedRows  # a few of the rows, with the same columns
     chain: Chain
     weighting: str  # of the joints, as in `Rows`
 
-    def weighted(self, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return Σ weight gram (p, p) and Σ weight product (p,) for one weight a joint."""
-        return np.tensordot(weight, self.gram, 1), weight @ self.product
+    @cached_property
+    def gram(self) -> FloatArray:
+        """Sum of y yᵀ over all rows, (n, p, p)."""
+        return self.gram_of_fold.sum(axis=0)
+
+    @cached_property
+    def product(self) -> FloatArray:
+        """Sum of y tau over all rows, (n, p)."""
+        return self.product_of_fold.sum(axis=0)
+
+    def weighted(
+        self, weight: FloatArray, without: int | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return Σ weight gram (p, p) and Σ weight product (p,) for one weight a joint.
+
+        Args:
+            weight: (n,) [1/(N m)²].
+            without: Fold whose rows are left out.
+        """
+        gram, product = self.gram, self.product
+        if without is not None:
+            gram = gram - self.gram_of_fold[without]
+            product = product - self.product_of_fold[without]
+        return np.tensordot(weight, gram, 1), weight @ product
 
     def rmse(self, parameters: FloatArray) -> FloatArray:
         """Return the root mean square error of each joint (n,) [N m] of full parameters (p,)."""
@@ -106,8 +129,8 @@ class NormalEquations:
         at = np.concatenate([np.arange(links), (links + n * columns.T + np.arange(n)).ravel()])
         return replace(
             self,
-            gram=self.gram[:, at[:, None], at[None, :]],
-            product=self.product[:, at],
+            gram_of_fold=self.gram_of_fold[:, :, at[:, None], at[None, :]],
+            product_of_fold=self.product_of_fold[:, :, at],
             thinned=self.thinned.choose(columns),
         )
 
@@ -183,6 +206,27 @@ def _same(first: Recording, second: Recording) -> bool:
     )
 
 
+@dataclass(frozen=True)
+class _Places:
+    """Where in time samples are, each array (T,)."""
+
+    block: NDArray[np.int64]  # of time, longer than errors remember
+    fold: NDArray[np.int64]
+
+    def __getitem__(self, rows: slice) -> _Places:
+        return _Places(self.block[rows], self.fold[rows])
+
+
+def _chunks(fold: NDArray[np.int64]) -> Iterator[slice]:
+    """Cut rows into chunks of one fold each."""
+    ends = [*(np.flatnonzero(np.diff(fold)) + 1).tolist(), fold.size]
+    start = 0
+    for end in ends:
+        while start < end:
+            yield slice(start, min(start + CHUNK, end))
+            start = min(start + CHUNK, end)
+
+
 class _Sums:
     """The running sums; each joint's columns are its own links' and its own terms'."""
 
@@ -193,8 +237,9 @@ class _Sums:
         self.links = PER_LINK * self.n
         self.own = len(terms.all()) + len(terms.sign_widths) - 1
         width = self.links + self.own
-        self.gram = [np.zeros((width - PER_LINK * j, width - PER_LINK * j)) for j in range(self.n)]
-        self.product = [np.zeros(width - PER_LINK * j) for j in range(self.n)]
+        widths = [width - PER_LINK * j for j in range(self.n)]
+        self.gram = [np.zeros((FOLDS, width, width)) for width in widths]
+        self.product = [np.zeros((FOLDS, width)) for width in widths]
         self.energy, self.count = np.zeros(self.n), np.zeros(self.n)
         self.thinned: list[ThinnedRows] = []
         self._Y = np.zeros((self.n, CHUNK, width))
@@ -206,18 +251,18 @@ class _Sums:
         """
         halo = int(np.ceil(_MEMORY / rows.bandwidth * recording.rate))
         inside = ~recording.edges(rows.bandwidth)
-        in_time = blocks_of(recording)
+        places = _Places(blocks_of(recording), fold_of(recording))
         for start in range(0, len(recording), BLOCK):
             stop = min(start + BLOCK, len(recording))
             first = max(0, start - halo)
             last = min(stop + halo, len(recording))
             use = np.zeros(last - first, dtype=bool)
             use[start - first : stop - first] = inside[start:stop]
-            self._add_block(recording[first:last], use, in_time[first:last], rows)
+            self._add_block(recording[first:last], use, places[first:last], rows)
             yield stop - start
 
     def _add_block(
-        self, piece: Recording, use: NDArray[np.bool_], in_time: NDArray[np.int64], rows: Rows
+        self, piece: Recording, use: NDArray[np.bool_], places: _Places, rows: Rows
     ) -> None:
         smoothed = piece.motion(rows.bandwidth)
         step = max(1, int(piece.rate / (_DENSE * rows.bandwidth)))
@@ -226,13 +271,15 @@ class _Sums:
         torque = piece.filtered_torque(rows.bandwidth)[kept]
         motion = smoothed[kept]
         count = (np.abs(motion.velocity) > MOVING) | (not rows.moving_only)
-        for start in range(0, len(motion), CHUNK):
-            chunk = slice(start, start + CHUNK)
-            self._add_chunk(motion[chunk], own[chunk], torque[chunk], count[chunk])
+        fold = places.fold[kept]
+        for chunk in _chunks(fold):
+            self._add_chunk(
+                int(fold[chunk.start]), motion[chunk], own[chunk], torque[chunk], count[chunk]
+            )
         independent = max(1, int(piece.rate / (2 * rows.bandwidth)) // step)
         few = np.arange(0, len(motion), independent)
         self.thinned.append(
-            ThinnedRows(motion[few], own[few], torque[few], count[few], in_time[kept][few])
+            ThinnedRows(motion[few], own[few], torque[few], count[few], places.block[kept][few])
         )
 
     def _own_columns(self, piece: Recording, motion: Motion, bandwidth: float) -> FloatArray:
@@ -249,7 +296,12 @@ class _Sums:
         return np.concatenate([columns, *(sign[:, :, None] for sign in signs[1:])], axis=2)
 
     def _add_chunk(
-        self, motion: Motion, own: FloatArray, torque: FloatArray, use: NDArray[np.bool_]
+        self,
+        fold: int,
+        motion: Motion,
+        own: FloatArray,
+        torque: FloatArray,
+        use: NDArray[np.bool_],
     ) -> None:
         T = len(motion)
         self.chain.fill(motion, self._Y)
@@ -258,15 +310,15 @@ class _Sums:
             y, tau = self._Y[j, :T, PER_LINK * j :], torque[:, j]
             if not use[:, j].all():
                 y, tau = y[use[:, j]], tau[use[:, j]]
-            self.gram[j] += y.T @ y
-            self.product[j] += y.T @ tau
+            self.gram[j][fold] += y.T @ y
+            self.product[j][fold] += y.T @ tau
             self.energy[j] += tau @ tau
             self.count[j] += tau.size
 
     def symmetric(self) -> tuple[FloatArray, FloatArray]:
-        """Spread each joint's sums over the full parameters, (n, p, p) and (n, p)."""
+        """Spread each joint's sums over the full parameters, (FOLDS, n, p, p), (FOLDS, n, p)."""
         p = self.links + self.n * self.own
-        gram, product = np.zeros((self.n, p, p)), np.zeros((self.n, p))
+        gram, product = np.zeros((FOLDS, self.n, p, p)), np.zeros((FOLDS, self.n, p))
         for j in range(self.n):
             at = np.concatenate(
                 [
@@ -274,6 +326,6 @@ class _Sums:
                     self.links + j + self.n * np.arange(self.own),
                 ]
             )
-            gram[j][np.ix_(at, at)] = self.gram[j]
-            product[j][at] = self.product[j]
+            gram[:, j, at[:, None], at] = self.gram[j]
+            product[:, j, at] = self.product[j]
         return gram, product

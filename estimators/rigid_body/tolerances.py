@@ -1,19 +1,31 @@
 """How well inertias and friction are known once recordings have been fitted.
 
-Inertia: D is ½ δᵀ M δ for a small change δ of a link's ten parameters (M from `body_metric`), so
-tr(M Σ) / 10 is the mean relative variance of a body whose parameters have the covariance Σ. Before
-the data that is the tolerance of the fit squared; what the motion reveals makes it smaller. The
-tolerance written is its root, over all links.
+The torque does not depend on what a motion does not reveal. So the question is not how well each
+parameter of each link is known, but how far the torque of the recorded motion could be off for what
+is not known of them. With the regressor rows y_j of joint j and its errors e_j,
 
-Friction: along the recorded motion, with a joint's friction columns y and parameters beta,
+    loss(Σ) = Σ_j tr(G_j Σ) / mean(e_j²),    G_j = mean of y_j y_jᵀ,
 
-    relative variance = tr(G Σ) / betaᵀ G beta,    G = Σ_t y_t y_tᵀ / T.
+is the mean square of that torque, in units of each joint's error, if the parameters have the
+covariance Σ. Here Σ is that of the fit (noise, and what only the description fixes) plus that of
+the `jackknife` (what a wrong model pulls the parameters to; it holds part of the noise once more,
+which errs to the safe side).
 
-So a viscous part that hardly shows beside dry friction does not make the friction unknown. The
-tolerance is the root of its mean over the joints that have friction; no joint counts beyond 1.
+Inertia: bodies that are known to a relative deviation s have the covariance s² M⁻¹, since the
+prior of the fit is ½ δᵀ M δ / s² for a small change δ of a link's ten parameters (M of
+`body_metric`). The tolerance is the s at which such bodies would be as far off as the fit is:
 
-Neither falls below the default of `Tolerances`: the deviations are those of a model, and no model
-of friction holds better from one day to the next.
+    s² = loss(Σ) / loss(M⁻¹).
+
+A motion that reveals nothing leaves s at the tolerance that the description had. One number stands
+for all links: masses that carry large torques are known better, the lightest links less well.
+
+Friction: of each joint that has some, with its friction's parameters beta, the relative variance
+tr(G Σ) / betaᵀ G beta, at most 1; the tolerance is the root of its mean over these joints. So a
+viscous part that hardly shows beside dry friction does not make the friction unknown.
+
+Neither falls below the default of `Tolerances`: the deviations are those of one day, and no model
+of friction holds better on the next.
 """
 
 from __future__ import annotations
@@ -27,45 +39,56 @@ from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import Tolerances
 
 if TYPE_CHECKING:
-    from estimators.rigid_body.consistent import ConsistentFit
+    from estimators.rigid_body.normal_equations import NormalEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 
 _DIGITS = 3  # a deviation is not known to more
+_LEAST_ERROR = 1e-9  # [N m], so that exact data keep finite weights
 
 
-def tolerances_of(fit: ConsistentFit, gram: FloatArray, terms: JointTerms) -> Tolerances:
+def tolerances_of(
+    parameters: FloatArray, covariance: FloatArray, equations: NormalEquations, terms: JointTerms
+) -> Tolerances:
     """Return the relative standard deviations of inertias and friction.
 
     Args:
-        fit: Bodies and joint terms.
-        gram: Mean outer product of each joint's regressor, (n, p, p).
+        parameters: Full parameters (p,) of the bodies and joint terms.
+        covariance: Of those parameters, (p, p).
+        equations: What they were fitted to.
         terms: The joint terms fitted.
     """
     default = Tolerances()
+    error = np.maximum(equations.rmse(parameters), _LEAST_ERROR)
+    G = equations.mean_gram()
+    inertia = _of_inertias(parameters, covariance, np.tensordot(error**-2, G, 1), len(G))
+    friction = _of_friction(parameters, covariance, G, terms)
     return Tolerances(
-        max(default.inertia, round(_of_inertias(fit, len(gram)), _DIGITS)),
-        max(default.friction, round(_of_friction(fit, gram, terms), _DIGITS)),
+        max(default.inertia, round(inertia, _DIGITS)),
+        max(default.friction, round(friction, _DIGITS)),
     )
 
 
-def _of_inertias(fit: ConsistentFit, links: int) -> float:
-    variance = 0.0
+def _of_inertias(phi: FloatArray, covariance: FloatArray, G: FloatArray, links: int) -> float:
+    at = slice(0, PER_LINK * links)
+    known_to_one = np.zeros((PER_LINK * links, PER_LINK * links))  # covariance at s = 1
     for i in range(links):
-        at = slice(PER_LINK * i, PER_LINK * (i + 1))
-        variance += float(np.sum(body_metric(fit.parameters[at]) * fit.covariance[at, at]))
-    return float(np.sqrt(variance / (PER_LINK * links)))
+        own = slice(PER_LINK * i, PER_LINK * (i + 1))
+        known_to_one[own, own] = np.linalg.inv(body_metric(phi[own]))
+    return float(np.sqrt(np.sum(G[at, at] * covariance[at, at]) / np.sum(G[at, at] * known_to_one)))
 
 
-def _of_friction(fit: ConsistentFit, gram: FloatArray, terms: JointTerms) -> float:
+def _of_friction(
+    phi: FloatArray, covariance: FloatArray, gram: FloatArray, terms: JointTerms
+) -> float:
     n = len(gram)
     kinds = [k for k, term in enumerate(terms.all()) if term.effect.endswith("friction")]
     found: list[float] = []
     for j in range(n):
         at = PER_LINK * n + n * np.array(kinds) + j
-        G, beta = gram[j][np.ix_(at, at)], fit.parameters[at]
+        G, beta = gram[j][np.ix_(at, at)], phi[at]
         energy = float(beta @ G @ beta)  # [N² m²]
         if energy > 0:
-            variance = float(np.sum(G * fit.covariance[np.ix_(at, at)]))
+            variance = float(np.sum(G * covariance[np.ix_(at, at)]))
             found.append(min(1.0, variance / energy))
     return float(np.sqrt(np.mean(found))) if found else 0.0

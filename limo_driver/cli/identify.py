@@ -165,7 +165,8 @@ def _show(found: Identification, out: Path) -> None:
     )
     known = found.simulation.tolerances
     console.print(
-        f"known to (1 sigma): inertias {known.inertia:.0%}, friction {known.friction:.0%}",
+        f"known to (1 sigma, as far as the torque of such motion depends on them): "
+        f"inertias {known.inertia:.1%}, friction {known.friction:.0%}",
         highlight=False,
     )
     console.print(joint_table(found))
