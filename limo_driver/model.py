@@ -204,6 +204,12 @@ class RobotModel:
         M = pin.crba(self.pin_model, self._data, np.asarray(position))
         return np.triu(M) + np.triu(M, 1).T
 
+    def inertia_of(self, position: FloatArray, j: int) -> FloatArray:
+        """Return one column (0-based) of the mass matrices of T positions, (T, n) [kg m²]."""
+        still, unit = np.zeros_like(position), np.zeros_like(position)
+        unit[:, j] = 1.0
+        return self.inverse_dynamics(position, still, unit) - self.gravity_torque(position)
+
     def gravity_torque(self, position: FloatArray) -> FloatArray:
         """Return the torque that holds the arm still, (T, n) [N m]."""
         q = np.atleast_2d(position)

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 Realise: TypeAlias = Callable[["FloatArray"], "tuple[Effect, ...]"]
 
+GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad]
+BUILD_UP = (1e-3, 4e-3, 0.016)  # [rad] over which the friction of a law builds up
 STOP_WIDTHS = tuple(np.geomspace(3e-4, 0.25, 9))  # [rad]
 CREEP_SPEEDS = (0.006, 0.015, 0.04, 0.1)  # [rad/s], of the Stribeck effect
 WARMING_TIMES = (0.1, 0.3, 1.0)  # of the length of the recordings
@@ -57,6 +59,7 @@ UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
 UNIT_DELAY = 1e-3  # [s]
 UNIT_ANGLE = 1e-3  # [rad]
 _SOFTEST = 1e-3  # [N m/rad]
+_LEAST_FRICTION = 1e-6  # [N m]
 
 
 @dataclass(frozen=True)
@@ -189,6 +192,9 @@ def position_dependent(observed: Observations, joint: int) -> Hypothesis:
 
 def _hysteresis(j: int) -> Iterator[Hypothesis]:
     yield maxwell_slip(j + 1, STOP_WIDTHS)
+    for width in BUILD_UP:
+        yield lugre(j + 1, width, 0.15, 0.01)
+        yield bouc_wen(j + 1, width, 0.7, 1.5)
 
 
 def stop(joint: int, width: float) -> PreslidingHysteresis:
@@ -215,11 +221,73 @@ def maxwell_slip(joint: int, widths: tuple[float, ...]) -> Hypothesis:
     return Hypothesis(terms[0].name, (joint - 1,), terms, realise, positive=True)
 
 
+def lugre(joint: int, width: float, rise: float, v_s: float) -> Hypothesis:
+    """Return bristles that slide after a width [rad]; at rest they hold a part `rise` more."""
+    effect = PreslidingHysteresis(
+        joint=joint, law="lugre", sigma_0=1.0 / width, tau_c=1.0, tau_s=rise, v_s=v_s
+    )
+    return Hypothesis(
+        effect.name,
+        (joint - 1,),
+        (effect,),
+        _carrying(effect, "sigma_0", "tau_c", "tau_s"),
+        positive=True,
+        settings=(width, rise, v_s),
+        family=partial(lugre, joint),
+        bounds=((1e-4, 0.1), (1e-3, 1.0), (2e-3, 0.1)),
+    )
+
+
+def bouc_wen(joint: int, width: float, beta_ratio: float, exponent: float) -> Hypothesis:
+    """Return Bouc and Wen's law, which slides after about a width [rad]."""
+    effect = PreslidingHysteresis(
+        joint=joint,
+        law="bouc_wen",
+        sigma_0=1.0 / width,
+        tau_c=1.0,
+        beta_ratio=beta_ratio,
+        exponent=exponent,
+    )
+    return Hypothesis(
+        effect.name,
+        (joint - 1,),
+        (effect,),
+        _carrying(effect, "sigma_0", "tau_c"),
+        positive=True,
+        settings=(width, beta_ratio, exponent),
+        family=partial(bouc_wen, joint),
+        bounds=((1e-4, 0.1), (0.5, 1.0), (0.5, 3.0)),
+    )
+
+
+def _carrying(unit: PreslidingHysteresis, *names: str) -> Realise:
+    """Return how the torques of a law of unit size grow with its one coefficient."""
+
+    def realise(c: FloatArray) -> tuple[Effect, ...]:
+        grown = {name: max(float(c[0]), _LEAST_FRICTION) * getattr(unit, name) for name in names}
+        return (replace(unit, **grown),)
+
+    return realise
+
+
+def backlash(joint: int, gap: float) -> Hypothesis:
+    """Return play at one joint; how long the link floats depends on the gap."""
+    return single(
+        Backlash(joint=joint, gap=gap),
+        "gap",
+        positive=True,
+        settings=(gap,),
+        family=partial(backlash, joint),
+        bounds=((0.3 * gap, 3.0 * gap),),
+    )
+
+
 def _transmission(j: int) -> Iterator[Hypothesis]:
     joint = j + 1
     yield single(Armature(joint=joint, inertia=1.0), "inertia", positive=True)
     yield single(EncoderOffset(joint=joint, offset=UNIT_ANGLE), "offset")
-    yield single(Backlash(joint=joint, gap=UNIT_ANGLE), "gap", positive=True)
+    for gap in GAPS:
+        yield backlash(joint, gap)
     soft = JointElasticity(joint=joint, stiffness=1.0 / UNIT_COMPLIANCE)
     yield Hypothesis(
         soft.name,

@@ -73,6 +73,20 @@ def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
     return without_it**2 - with_it**2
 
 
+def material(bench: Bench, solution: Solution, member: int) -> float:
+    """Return how much error a member takes off the joint where it does most [noise floors].
+
+    Counted over all rows, since what fades within the first minute may miss the rows held out; but
+    nothing where it makes those worse.
+    """
+    rest, moving = without(solution, member), bench.observed.moving
+    left, bare = bench.left(solution.fitted), bench.left(rest)
+    gained = rmse(bare, moving) ** 2 - rmse(left, moving) ** 2
+    harmless = contribution(bench, solution, member) >= 0
+    relative = np.where(harmless, gained, 0.0) / rmse(left, moving) ** 2
+    return float(np.sqrt(max(relative.max(), 0.0)))
+
+
 def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidate, ...]:
     """Return the candidates that would do as well in a member's place, best first."""
     own = bench.candidates[member]

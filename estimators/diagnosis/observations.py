@@ -7,7 +7,7 @@ friction has high frequencies that the filtered torque has lost.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d
 from estimators.rigid_body.regressor import Chain
 from limo_driver.differentiation import smooth
 from limo_driver.errors import RecordingError
-from limo_driver.physics.effect import ArmMotion
+from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.physics import Simulation
-    from limo_driver.physics.effect import JointMotion
+    from limo_driver.physics.effect import JointMotion, TorqueEffect
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -141,9 +141,14 @@ class Observations:
             motion.position, motion.velocity, motion.acceleration
         )
 
-    def of_joint(self, joint: int, rows: slice) -> JointMotion:
-        """Return the motion and load of one joint (0-based) over some samples."""
-        return ArmMotion(self.motion[rows], self.load[rows], self.simulation.body).of_joint(joint)
+    def seen_by(self, effect: TorqueEffect | MotionEffect, rows: slice) -> JointMotion:
+        """Return the motion and load of an effect's joint over some samples."""
+        j = effect.joint - 1
+        own = ArmMotion(self.motion[rows], self.load[rows], self.simulation.body).of_joint(j)
+        if isinstance(effect, MotionEffect) and effect.needs_inertia:
+            samples = np.arange(rows.start, rows.stop)
+            own = replace(own, inertia=np.interp(samples, self.kept, self.inertia[j, j]))
+        return own
 
     @cached_property
     def predicted(self) -> FloatArray:
@@ -174,6 +179,12 @@ class Observations:
             )
             result[j] = (ahead - behind).T / (2 * _DIFFERENCE)
         return result
+
+    @cached_property
+    def inertia(self) -> FloatArray:
+        """Mass matrix on the slow rows, (n by, n of, K) [kg m²]."""
+        body, position = self.simulation.body, self.slow.position
+        return np.stack([body.inertia_of(position, j).T for j in range(self.n)])
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
 from estimators.diagnosis.improvement import Improvement
-from estimators.diagnosis.judgement import MATERIAL, abstained, contribution, leftover
+from estimators.diagnosis.judgement import MATERIAL, abstained, leftover, material
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.observations import Observations
@@ -30,6 +30,7 @@ from estimators.diagnosis.tree import tests_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from estimators.diagnosis.hypotheses import Hypothesis
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 Progress: TypeAlias = Callable[[str, float], None]
 
 BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
+_REFINABLE = 100.0  # [nat] that a refinement may make up for
 _ROUNDS = 3  # of noise and search in turn
 
 
@@ -144,15 +146,11 @@ def _search(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
 
 
 def pruned(bench: Bench, solution: Solution) -> Solution:
-    """Take out members that matter little on rows held out: precise, but not physics to name."""
+    """Take out members that matter little or harm: precise, perhaps, but not physics to name."""
     while solution.members:
-        floor = rmse(bench.left(solution.fitted), bench.split.held_out)
-        size = {
-            member: float(np.max(contribution(bench, solution, member) / floor**2))
-            for member in solution.members
-        }
+        size = {member: material(bench, solution, member) for member in solution.members}
         least = min(size, key=lambda member: size[member])
-        if size[least] >= MATERIAL**2:
+        if size[least] >= MATERIAL:
             break
         rest = tuple(member for member in solution.members if member != least)
         posterior = solution.search.evidence.posterior(solution.search.prior(rest))
@@ -181,7 +179,8 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
             bench.split.fitted,
             bench.level,
         )
-        best, _ = refine(candidate.hypothesis, around)
+        rivals = _laws(bench, solution, member)
+        best, _ = max((refine(law, around) for law in rivals), key=lambda item: item[1])
         if best is not candidate.hypothesis:
             new = replaced(candidate, best, around)
             if new is not None:
@@ -190,6 +189,25 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
     if members == list(solution.members):
         return solution
     return fitted(bench, tuple(members), solution.noise)
+
+
+def _laws(bench: Bench, solution: Solution, member: int) -> list[Hypothesis]:
+    """Return the best hypothesis of every law that describes a member's effect, if near its best.
+
+    Where the grid of one law lies badly, another law looks better than it is.
+    """
+    rest = tuple(i for i in solution.members if i != member)
+    best: dict[object, tuple[float, Hypothesis]] = {}
+    for i, candidate in enumerate(bench.candidates):
+        hypothesis = candidate.hypothesis
+        if hypothesis is None or candidate.place != bench.candidates[member].place:
+            continue
+        law = getattr(hypothesis.family, "func", None)
+        gain = solution.search.gain((*rest, i))
+        if law not in best or gain > best[law][0]:
+            best[law] = (gain, hypothesis)
+    most = max(gain for gain, _ in best.values())
+    return [hypothesis for gain, hypothesis in best.values() if gain > most - _REFINABLE]
 
 
 def improve(bench: Bench, solution: Solution) -> Simulation:

@@ -7,14 +7,12 @@ gravity or acts on the sensor is taken to first order around the given simulatio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence  # noqa: TC003  # read by NamedTuple, singledispatch
-from dataclasses import replace
 from functools import partial, singledispatch
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.diagnosis.observations import Observations  # read by singledispatch
-from limo_driver.physics import JointElasticity
 from limo_driver.physics.effect import (
     ArmEffect,
     ArmMotion,
@@ -25,6 +23,7 @@ from limo_driver.physics.effect import (
     SensorEffect,
     TorqueEffect,
 )
+from limo_driver.physics.simulation import displaced
 from limo_driver.types import FloatArray  # noqa: TC001  # read by singledispatch
 
 
@@ -102,23 +101,23 @@ def _(effect: BodyEffect, observed: Observations) -> Sharp:
 
 @sharp.register
 def _(effect: MotionEffect, observed: Observations) -> Sharp:
-    slope = observed.stiffness[effect.joint - 1]
-    return Sharp(over_joint(effect, observed)[:, None], partial(_turned, slope))
-
-
-@sharp.register
-def _(effect: JointElasticity, observed: Observations) -> Sharp:
-    """Take the difference that the simulation itself makes: it includes the winding's motion."""
-    given = observed.simulation
-    more = replace(given, effects=(*given.effects, effect))
-    return Sharp(observed.predict(more) - observed.predicted, acting)
+    joint = effect.joint - 1
+    slope, inertia = observed.stiffness[joint], observed.inertia[joint]
+    angle = over_joint(effect, observed)
+    ahead = np.zeros_like(angle)
+    for rows in observed.segments if effect.agility else ():
+        own = displaced(
+            observed.motion.time[rows], angle[rows, None], effect.agility * observed.bandwidth
+        )
+        ahead[rows] = own.second[:, 0]
+    return Sharp(np.stack([angle, ahead], axis=1), partial(_moved, slope, inertia))
 
 
 def over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> FloatArray:
     """Evaluate an effect over all samples, its memory anew in each stretch; (T,)."""
     return np.concatenate(
         [
-            effect.advance(effect.initial_state(), observed.of_joint(effect.joint - 1, rows))[0]
+            effect.advance(effect.initial_state(), observed.seen_by(effect, rows))[0]
             for rows in observed.segments
         ]
     )
@@ -132,9 +131,9 @@ def _on(joints: tuple[int, ...], values: FloatArray) -> Response:
     return Response(joints, values.T)
 
 
-def _turned(slope: FloatArray, angle: FloatArray) -> Response:
-    """Return what the rigid body adds where a link is turned by an angle, (K, 1) [rad]."""
-    return acting(-angle * slope.T)
+def _moved(slope: FloatArray, inertia: FloatArray, values: FloatArray) -> Response:
+    """Return what the rigid body adds where a link is displaced, (K, 2) [rad], [rad/s²]."""
+    return acting(-(values[:, :1] * slope.T + values[:, 1:] * inertia.T))
 
 
 def ready(values: Response, observed: Observations) -> Sharp:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.differentiation import differentiate
+from limo_driver.differentiation import HIGHEST_BANDWIDTH, differentiate
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics.effect import (
@@ -25,16 +25,13 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.sensing import Sensors
-from limo_driver.physics.transmission import JointElasticity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from limo_driver.differentiation import Derivatives
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
-
-
-WINDING = 0.7  # of the bandwidth, within which elastic joints wind and unwind
 
 
 @dataclass(frozen=True)
@@ -156,9 +153,9 @@ class Simulation:
     ) -> FloatArray:
         """Predict contiguous stretches of a motion; each starts relaxed.
 
-        Here, where past and future are known, the winding of elastic joints has its velocity and
-        acceleration, too, within `WINDING` times the bandwidth: `predict`, which has to work
-        sample by sample, takes it as quasi-static.
+        Here, where past and future are known, links that are displaced from their encoders have
+        their own velocity and acceleration, see `MotionEffect`: `predict`, which has to work sample
+        by sample, takes the encoders'.
 
         Args:
             motion: T samples; time may start anew in each stretch.
@@ -168,9 +165,8 @@ class Simulation:
         Returns:
             Joint torques, (T, n) [N m].
         """
-        winding = WINDING * bandwidth
         return np.concatenate(
-            [self._advance(self.init(), motion[rows], winding)[0] for rows in segments]
+            [self._advance(self.init(), motion[rows], bandwidth)[0] for rows in segments]
         )
 
     def init(self) -> tuple[State, ...]:
@@ -207,9 +203,9 @@ class Simulation:
         return self._advance(state, motion)
 
     def _advance(
-        self, state: tuple[State, ...], motion: Motion, winding: float | None = None
+        self, state: tuple[State, ...], motion: Motion, bandwidth: float | None = None
     ) -> tuple[FloatArray, tuple[State, ...]]:
-        """Advance; elastic joints wind within a bandwidth [Hz], or quasi-statically if None."""
+        """Advance; links are displaced quasi-statically where there is no bandwidth [Hz]."""
         if motion.n != self.model.n:
             raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
         body = self.body
@@ -218,8 +214,8 @@ class Simulation:
         after = [
             terms.add(effect, memory) for effect, memory in zip(self.effects, state, strict=True)
         ]
-        if terms.displacement.any():
-            load = body.inverse_dynamics(*terms.links(winding))
+        if terms.displacement:
+            load = body.inverse_dynamics(*terms.links(bandwidth))
         torque = load + terms.torque
         for index, effect in enumerate(self.effects):
             if isinstance(effect, SensorEffect):
@@ -230,35 +226,45 @@ class Simulation:
 
 
 class _Terms:
-    """Adds up what effects displace and what torque they need, (T, n) each."""
+    """Adds up what effects displace and what torque they need."""
 
     def __init__(self, arm: ArmMotion) -> None:
         self.arm = arm
-        self.displacement, self.torque = np.zeros_like(arm.load), np.zeros_like(arm.load)
-        self.wound = np.zeros_like(arm.load)  # what elasticity has of the displacement
+        self.torque = np.zeros_like(arm.load)  # (T, n) [N m]
+        self.displacement: dict[float, FloatArray] = {}  # by agility, (T, n) each [rad]
 
     def add(self, effect: Effect, state: State) -> State:
         """Add an effect on motion or torque and return its memory; others add nothing here."""
         if isinstance(effect, ArmEffect):
             values, state = effect.advance(state, self.arm)
             self.torque += values
-        elif isinstance(effect, (MotionEffect, TorqueEffect)):
-            j = effect.joint - 1
-            values, state = effect.advance(state, self.arm.of_joint(j))
-            total = self.displacement if isinstance(effect, MotionEffect) else self.torque
-            total[:, j] += values
-            if isinstance(effect, JointElasticity):
-                self.wound[:, j] += values
+        elif isinstance(effect, TorqueEffect):
+            values, state = effect.advance(state, self.arm.of_joint(effect.joint - 1))
+            self.torque[:, effect.joint - 1] += values
+        elif isinstance(effect, MotionEffect):
+            motion = self.arm.of_joint(effect.joint - 1, inertia=effect.needs_inertia)
+            values, state = effect.advance(state, motion)
+            nothing = np.zeros_like(self.torque)
+            total = self.displacement.setdefault(effect.agility, nothing)
+            total[:, effect.joint - 1] += values
         return state
 
-    def links(self, winding: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def links(self, bandwidth: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, velocity and acceleration of the links, (T, n) each."""
         motion = self.arm.motion
-        position = motion.position - self.displacement
-        if winding is None or not self.wound.any():
-            return position, motion.velocity, motion.acceleration
-        wound = differentiate(motion.time, self.wound, winding, [slice(0, len(motion))])
-        return position, motion.velocity - wound.first, motion.acceleration - wound.second
+        position, velocity, acceleration = motion.position, motion.velocity, motion.acceleration
+        for agility, displacement in self.displacement.items():
+            position = position - displacement
+            if bandwidth is not None and agility:
+                own = displaced(motion.time, displacement, agility * bandwidth)
+                velocity, acceleration = velocity - own.first, acceleration - own.second
+        return position, velocity, acceleration
+
+
+def displaced(time: FloatArray, displacement: FloatArray, bandwidth: float) -> Derivatives:
+    """Differentiate displacements (T, k) of links, within what the sampling allows."""
+    highest = HIGHEST_BANDWIDTH / float(np.median(np.diff(time)))
+    return differentiate(time, displacement, min(bandwidth, highest), [slice(0, time.size)])
 
 
 def _joints_of(effect: Effect) -> tuple[int, ...]:

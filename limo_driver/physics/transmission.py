@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numba import njit
 
 from limo_driver.physics.effect import MotionEffect, State, TorqueEffect, parameter
 
 if TYPE_CHECKING:
     from limo_driver.physics.effect import JointMotion
     from limo_driver.types import FloatArray
+
+_LIGHT = 1e-9  # [kg m²]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +30,7 @@ class JointElasticity(MotionEffect):
     """
 
     name: ClassVar[str] = "joint_elasticity"
+    agility: ClassVar[float] = 0.7  # a spring never winds up faster than its load changes
     stiffness: float = parameter("N m/rad", "stiffness", lower=10.0, upper=1e8)
     cubic: float = parameter(
         "rad/(N m)^3", "cubic compliance", lower=-1e-3, upper=1e-3, default=0.0
@@ -38,25 +43,55 @@ class JointElasticity(MotionEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class Backlash(MotionEffect):
-    """Play between drive and link, q_link = q - (gap / 2) tanh(tau / tau_eps).
+    """Play between drive and link, q_link = q - x with |x| ≤ gap / 2.
 
-    tau is the nominal rigid-body torque: it decides on which flank the teeth rest. Within tau_eps
-    of zero load the link floats through the gap, held by what little friction it has; that
-    friction's own hysteresis is left out, as is the impact.
+    The load presses the teeth on one flank. When it changes sign, the link floats across the gap,
+    inertia ddx = tau with tau the nominal rigid-body torque, and no torque passes until it meets
+    the other flank, where it stays: the impact is without rebound. A link of unknown inertia
+    crosses at once.
 
     Source: Nordin and Gutman, "Controlling mechanical systems with backlash - a survey", Automatica
     38(10), 2002.
     """
 
     name: ClassVar[str] = "backlash"
+    agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
+    needs_inertia: ClassVar[bool] = True
     gap: float = parameter("rad", "whole play", lower=0.0, upper=0.2)
-    tau_eps: float = parameter(
-        "N m", "load at which the flank is reached", lower=1e-3, upper=50.0, default=0.5
-    )
+
+    def initial_state(self) -> State:
+        """Return a link at rest in the middle, and no previous time."""
+        return np.array([0.0, 0.0, np.nan])
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return encoder minus link position [rad], (T,)."""
-        return 0.5 * self.gap * np.tanh(motion.load / self.tau_eps), state
+        inertia = np.full_like(motion.load, _LIGHT) if motion.inertia is None else motion.inertia
+        after = state.copy()
+        ahead = np.ascontiguousarray(motion.load / inertia)
+        return _float(after, motion.time, ahead, 0.5 * self.gap), after
+
+
+@njit(cache=True)
+def _float(state: FloatArray, time: FloatArray, ahead: FloatArray, flank: float) -> FloatArray:
+    """Advance (displacement, its speed, last time) in place; return displacements (T,) [rad].
+
+    `ahead` is the acceleration of the displacement while the link floats, (T,) [rad/s²].
+    """
+    x, speed, last = state
+    displacement = np.empty(time.size)
+    for t in range(time.size):
+        if np.isnan(last):
+            x = math.copysign(flank, ahead[t]) if ahead[t] != 0.0 else 0.0
+        else:
+            step = time[t] - last
+            x += speed * step + 0.5 * ahead[t] * step**2
+            speed += ahead[t] * step
+        if abs(x) >= flank:
+            x, speed = math.copysign(flank, x), 0.0
+        last = time[t]
+        displacement[t] = x
+    state[0], state[1], state[2] = x, speed, last
+    return displacement
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -88,10 +88,33 @@ def test_both_entries_of_a_coupling_dissipate_what_the_shaft_does(motion):
     assert (power >= 0).all()
 
 
-def test_backlash_floats_between_its_flanks():
-    play = Backlash(joint=1, gap=2e-3, tau_eps=0.5)
-    shift, _ = play.advance(play.initial_state(), sliding([-20, 0, 20], [0, 0, 0]))
-    np.testing.assert_allclose(shift, [-1e-3, 0, 1e-3], atol=1e-9)
+def test_backlash_rests_on_the_flank_that_the_load_presses_on():
+    play = Backlash(joint=1, gap=2e-3)
+    zero = np.zeros(4)
+    motion = JointMotion(np.arange(4.0), zero, zero, zero, np.array([-20.0, -5, 5, 20]))
+    shift, _ = play.advance(play.initial_state(), motion)
+    np.testing.assert_allclose(shift, [-1e-3, -1e-3, 1e-3, 1e-3], atol=1e-9)
+
+
+def test_a_link_falls_across_the_gap_and_stays_there():
+    play = Backlash(joint=1, gap=2e-3)
+    time = np.arange(0.0, 0.2, 1e-3)
+    zero = np.zeros_like(time)
+    load = np.where(time < 0.05, 1.0, -1.0)
+    motion = JointMotion(time, zero, zero, zero, load, inertia=np.full_like(time, 2.0))
+    shift, _ = play.advance(play.initial_state(), motion)
+    falling = (time >= 0.05) & (time < 0.05 + np.sqrt(2 * 2e-3 * 2.0) - 2e-3)
+    fallen = 1e-3 - 0.5 * (1.0 / 2.0) * (time - 0.049) ** 2
+    np.testing.assert_allclose(shift[falling], fallen[falling], atol=1e-9)
+    np.testing.assert_allclose(shift[time > 0.15], -1e-3)
+
+
+def test_the_impact_of_a_play_is_in_a_recorded_motion_alone(motion):
+    simulation = iiwa(Backlash(joint=2, gap=2e-3))
+    stretch = [slice(0, len(motion))]
+    online = simulation.predict(motion) - iiwa().predict(motion)
+    offline = simulation.predict_stretches(motion, stretch, 10.0) - iiwa().predict(motion)
+    assert np.abs(offline[:, 1]).max() > 5 * np.abs(online[:, 1]).max()
 
 
 def test_friction_fades_with_time_or_falls_with_temperature():

@@ -287,9 +287,6 @@ def data(diagnosis: Diagnosis) -> str:
         [escape(reason), f"{count:,}".replace(",", " ")]
         for reason, count in verdict.rows.left_out.items()
     ]
-    notes = [*verdict.notes]
-    for item in diagnosis.recordings:
-        notes += [f"{PurePath(item.source).name}: {warning}" for warning in item.warnings]
-    listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    body = table(("rows", "number"), rows, numeric=1) + (f"<ul>{listed}</ul>" if notes else "")
+    listed = "".join(f"<li>{escape(note)}</li>" for note in verdict.notes)
+    body = table(("rows", "number"), rows, numeric=1) + (f"<ul>{listed}</ul>" if listed else "")
     return section("Data", body, "data")
