@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.confidence import confidence_of
 from estimators.diagnosis.diagnosis import Explanation, Shift
-from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, margin
+from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, identical, margin
 from estimators.diagnosis.plausibility import notes_on
 from estimators.diagnosis.proof import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.verdict import (
@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
-_Z95 = 1.96
+_DRAWS = 60  # of a posterior, for intervals
+_LEAST = 1e-9  # coefficient of what is there
 _NARROW, _WIDE = 0.5, 2.0  # ratio of medians at which a region is worth a word
 
 
@@ -64,7 +65,11 @@ def findings_of(
                 kind=candidate.kind,
                 joints=tuple(j + 1 for j in candidate.joints or range(bench.observed.n)),
                 equivalent=tuple(
-                    dict.fromkeys(c.effect for c in same if c.effect != candidate.effect)
+                    dict.fromkeys(
+                        effect
+                        for effect in (*identical(bench, member), *(c.effect for c in same))
+                        if effect != candidate.effect
+                    )
                 ),
                 confidence=confidence_of(
                     lead=lead,
@@ -117,8 +122,10 @@ def _parameters(bench: Bench, solution: Solution, member: int) -> dict[str, Inte
     random = np.random.default_rng(0)
     lower = np.linalg.cholesky(covariance + 1e-18 * np.eye(mean.size))
     drawn: list[dict[str, Any]] = []
-    for k in range(60):
+    for k in range(_DRAWS):
         c = mean if k == 0 else mean + lower @ random.standard_normal(mean.size)
+        # what was found to be zero stays so, or a list would be shorter in one draw than in another
+        c = np.where(candidate.prior.positive, np.where(mean > 0, np.maximum(c, _LEAST), 0.0), c)
         improvement = Improvement(bench.observed.simulation)
         try:
             candidate.enter(improvement, c)
@@ -171,7 +178,7 @@ def _values(candidate: Candidate, improvement: Any, bench: Bench) -> dict[str, t
             return {
                 known.name: (getattr(effect, known.name), known.unit)
                 for known in effect.parameters()
-                if getattr(effect, known.name) is not None
+                if getattr(effect, known.name) not in (None, ())
             }
     return {}
 

@@ -24,6 +24,7 @@ MATERIAL = 0.5  # [noise floors] that a finding has to take off the held-out err
 TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
 FORETOLD = 0.45  # [noise floors] of foretellable rest that counts as unknown physics
 SMOOTHER, SMOOTH = 1.4, 1.9  # times the other joints', and least, ratio of a rest to its roughness
+_LOADS = ("payload", "link_inertia")
 DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
 
 
@@ -103,6 +104,14 @@ def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidat
             if known is None or known[0] < gain:
                 best[candidate.place] = (gain, candidate)
     return tuple(item[1] for item in sorted(best.values(), key=lambda item: -item[0]))
+
+
+def identical(bench: Bench, member: int) -> tuple[str, ...]:
+    """Return what no recording can tell from a member: a load from its carrier's inertia."""
+    candidate, last = bench.candidates[member], bench.observed.n - 1
+    if candidate.effect in _LOADS and candidate.joints == (last,):
+        return tuple(effect for effect in _LOADS if effect != candidate.effect)
+    return ()
 
 
 def margin(bench: Bench, solution: Solution, member: int, same: Sequence[Candidate]) -> float:

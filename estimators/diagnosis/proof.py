@@ -17,6 +17,7 @@ BLOCKS = 8  # of each recording, in time
 HELD_OUT = (2, 5)  # blocks in the middle: effects that change with time are not extrapolated
 _RESAMPLES = 400
 _BLOCK = 3.0  # [s], longer than errors remember
+_NOTHING = 0.05  # of the noise's energy; a part of so little would be noise, too
 _GUARD = 1.0  # [s] between rows fitted and rows held out
 
 
@@ -54,7 +55,7 @@ def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
 def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) -> float:
     """Return the part of the reducible error Σ (RMSE² - floor²) that is gone."""
     reducible = float(np.sum(np.maximum(before**2 - floor**2, 0.0)))
-    if reducible <= 0:
+    if reducible <= _NOTHING * float(np.sum(floor**2)):
         return 0.0
     return float(np.clip(np.sum(before**2 - np.maximum(after, floor) ** 2) / reducible, -1.0, 1.0))
 
