@@ -22,6 +22,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
@@ -160,8 +161,9 @@ def print_time(
     case.answer(motion, folder / "recording_1.parquet")
     (folder / "sim.yaml").write_text(yaml.safe_dump(case.nominal, sort_keys=False))
     status, seconds, message = _diagnose(folder, folder / "out", TIME_LIMIT)
-    print(f"{len(motion) / 1000:.0f} s of 7 joints at 250 Hz: {seconds:.1f} s; bar 60 s; "
-          f"exit status {status} {message}")  # fmt: skip
+    used = getrusage(RUSAGE_CHILDREN)
+    print(f"{len(motion) / 1000:.0f} s of 7 joints at 250 Hz: {seconds:.1f} s (bar 60 s)")
+    print(f"{used.ru_utime + used.ru_stime:.1f} s of processor; exit status {status} {message}")
 
 
 def _resolution(judged: list[Judged], name: str) -> list[Line]:
