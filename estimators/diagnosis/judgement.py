@@ -84,7 +84,7 @@ def material(bench: Bench, solution: Solution, member: int) -> float:
     left, bare = bench.left(solution.fitted), bench.left(rest)
     gained = rmse(bare, moving) ** 2 - rmse(left, moving) ** 2
     harmless = contribution(bench, solution, member) >= 0
-    relative = np.where(harmless, gained, 0.0) / rmse(left, moving) ** 2
+    relative = np.where(harmless, gained, 0.0) / np.maximum(rmse(left, moving) ** 2, 1e-12)
     return float(np.sqrt(max(relative.max(), 0.0)))
 
 

@@ -58,20 +58,28 @@ class Sample:
     def misfit(self) -> FloatArray:
         """Part of each joint's torque that neither load nor any friction explains, (n,).
 
-        RMS over RMS, without the means. Friction is fitted, since it is known less well than the
-        body, but it cannot drive. Joints that hardly move count as fitting.
+        RMS over RMS, without the means. Joints that hardly move count as fitting.
         """
-        return np.array([self._misfit(joint) for joint in range(self.torque.shape[1])])
+        result = np.zeros(self.torque.shape[1])
+        for joint in np.flatnonzero(self.moving.sum(axis=0) >= LEAST_MOVING).tolist():
+            torque = self.torque[self.moving[:, joint], joint]
+            size = float(np.linalg.norm(torque - torque.mean()))
+            result[joint] = float(np.linalg.norm(self.rest(joint))) / max(size, _TINY)
+        return result
 
-    def _misfit(self, joint: int) -> float:
+    def rest(self, joint: int) -> FloatArray:
+        """Return a joint's torque beyond load and friction on its moving rows [N m].
+
+        Friction is fitted, since it is known less well than the body, but it cannot drive.
+        """
         use = self.moving[:, joint]
-        if use.sum() < LEAST_MOVING:
-            return 0.0
-        torque, v = self.torque[use, joint], self.motion.velocity[use, joint]
-        left = torque - self.load[use, joint]
+        v = self.motion.velocity[use, joint]
+        left = self.torque[use, joint] - self.load[use, joint]
         friction = np.stack([np.sign(v), v / max(float(np.abs(v).max()), _TINY)], axis=1)
-        _, rest = nnls(friction - friction.mean(axis=0), left - left.mean())
-        return float(rest / max(float(np.linalg.norm(torque - torque.mean())), _TINY))
+        friction -= friction.mean(axis=0)
+        left -= left.mean()
+        size, _ = nnls(friction, left)
+        return left - friction @ size
 
     def positions(self, matrix: FloatArray, turn: FloatArray | float = 0.0) -> Sample:
         """Return the sample with positions q → q Aᵀ + turn; A is (n, n), turn (n,) [rad]."""
@@ -121,9 +129,7 @@ def mistakes(n: int) -> Iterator[Mistake]:
             f"position_{i + 1} belongs to joint {j + 1} and position_{j + 1} to joint {i + 1}",
             _positions(exchange),
         )
-    yield Mistake(
-        "the positions of all joints are in degrees, expected rad", _positions(one / _DEGREES)
-    )
+    yield Mistake("gravity is taken out of the torques, expected all that is measured", _weighed)
     yield Mistake(
         "the positions of all joints are 57.3 times too small, as if converted from degrees twice",
         _positions(one * _DEGREES),
@@ -148,10 +154,6 @@ def _of_joint(j: int, n: int) -> Iterator[Mistake]:
         lambda sample: sample.torques(turned).positions(turned),
     )
     yield Mistake(
-        f"position_{j + 1} is in degrees, expected rad",
-        _positions(one + (1 / _DEGREES - 1) * np.diag(own)),
-    )
-    yield Mistake(
         f"position_{j + 1} is 57.3 times too small, as if converted from degrees twice",
         _positions(one + (_DEGREES - 1) * np.diag(own)),
     )
@@ -168,6 +170,12 @@ def _torques(matrix: FloatArray) -> Undo:
 
 def _positions(matrix: FloatArray, turn: FloatArray | float = 0.0) -> Undo:
     return lambda sample: sample.positions(matrix, turn)
+
+
+def _weighed(sample: Sample) -> Sample:
+    still = np.zeros_like(sample.torque)
+    gravity = sample.body.inverse_dynamics(sample.motion.position, still, still)
+    return replace(sample, torque=sample.torque + gravity)
 
 
 def _gravity(direction: FloatArray) -> Undo:

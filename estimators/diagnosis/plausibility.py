@@ -46,11 +46,12 @@ def check_plausible(observed: Observations) -> None:
     _check_scale(observed)
     sample = Sample.of(observed)
     found = found_in(sample)
-    if found:
-        said = "; ".join(mistake.said for mistake in found[:SAID])
-        more = f"; and {len(found) - SAID} more of the kind" if len(found) > SAID else ""
-        raise _refused(observed, f"{said}{more} (undone, torque fits motion)")
-    _check_arm(observed, sample)
+    wrong = [mistake.said for mistake in found if mistake.is_of_data]
+    if wrong:
+        more = f"; and {len(wrong) - SAID} more of the kind" if len(wrong) > SAID else ""
+        raise _refused(observed, f"{'; '.join(wrong[:SAID])}{more} (undone, torque fits motion)")
+    if not found:
+        _check_arm(observed, sample)
 
 
 def still(observed: Observations) -> tuple[int, ...]:
@@ -151,8 +152,6 @@ def found_in(sample: Sample) -> list[Mistake]:
         best = min(range(len(known)), key=lambda k: _size(undone[k]))
         if not _explains(sample, undone[best]):
             break
-        if not known[best].is_of_data:
-            return []
         found.append(known[best])
         sample = undone[best]
     return found
@@ -172,48 +171,46 @@ def _explains(before: Sample, after: Sample) -> bool:
 
 def _check_arm(observed: Observations, sample: Sample) -> None:
     """Refuse torques that are not the load of this arm, with or without a payload."""
-    misfit = np.minimum(sample.misfit, _misfit_with_payload(sample))
-    foreign = np.flatnonzero((misfit > FOREIGN) & (_expected(sample) > EXPECTED))
+    expected = np.std(sample.load, axis=0) > EXPECTED * np.std(sample.torque, axis=0)
+    foreign = np.flatnonzero((_usual_misfit(sample) > FOREIGN) & expected)
     if foreign.size > 1:
         joints = ", ".join(str(j + 1) for j in foreign)
         raise _refused(
             observed,
             f"the torques of joints {joints} are not the load of {observed.simulation.model.name} "
-            "on this motion, with friction or a payload; is it another robot, torque of another "
-            "motion, or torque without gravity?",
+            "on this motion, with friction or a payload; is it another robot, or torque of "
+            "another motion?",
         )
 
 
-def _misfit_with_payload(sample: Sample) -> FloatArray:
-    """Return the misfit of each joint beside the best payload, (n,); infinite if it would lift."""
-    n = sample.torque.shape[1]
-    Y = Chain.of(sample.body).regressor(sample.motion)[:, :, -PER_LINK:]
-    parts = [_without_friction(sample, joint, Y[joint]) for joint in range(n)]
-    A = np.concatenate([columns for columns, _ in parts])
-    c = np.linalg.lstsq(A, np.concatenate([left for _, left in parts]))[0]
-    if c[0] < 0:
-        return np.full(n, np.inf)
-    return np.array([float(np.linalg.norm(left - columns @ c)) for columns, left in parts])
+def _usual_misfit(sample: Sample) -> FloatArray:
+    """Return what load, friction and payload leave of each joint's torque, (n,).
 
-
-def _without_friction(
-    sample: Sample, joint: int, columns: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return columns (K, p) and torque beyond the load, beside any friction and relative to torque.
-
-    Only moving rows; none of a joint that hardly moves.
+    Median over median, which a push does not change. A payload that lifts is none.
     """
+    n = sample.torque.shape[1]
+    moves = np.flatnonzero(sample.moving.sum(axis=0) >= LEAST_MOVING).tolist()
+    Y = Chain.of(sample.body).regressor(sample.motion)[:, :, -PER_LINK:]
+    bare = {j: sample.rest(j) for j in moves}
+    columns = {j: _beside_friction(sample, j, Y[j]) for j in moves}
+    size = {j: float(np.median(np.abs(_centred(sample, j)))) + _CONSTANT for j in moves}
+    A = np.concatenate([columns[j] / size[j] for j in moves])
+    payload = np.linalg.lstsq(A, np.concatenate([bare[j] / size[j] for j in moves]))[0]
+    result = np.zeros(n)
+    for j in moves:
+        left = [bare[j], bare[j] - columns[j] @ payload][: 1 + (payload[0] > 0)]
+        result[j] = min(float(np.median(np.abs(values))) for values in left) / size[j]
+    return result
+
+
+def _centred(sample: Sample, joint: int) -> FloatArray:
+    torque = sample.torque[sample.moving[:, joint], joint]
+    return torque - np.median(torque)
+
+
+def _beside_friction(sample: Sample, joint: int, columns: FloatArray) -> FloatArray:
+    """Return what no friction of a joint explains of columns (K, p), on its moving rows."""
     use = sample.moving[:, joint]
-    if use.sum() < LEAST_MOVING:
-        use = np.zeros_like(use)
-    torque, v = sample.torque[use, joint], sample.motion.velocity[use, joint]
+    v = sample.motion.velocity[use, joint]
     friction = np.stack([np.ones(v.size), np.sign(v), v], axis=1)
-    both = np.column_stack([columns[use], torque - sample.load[use, joint]])
-    both -= friction @ np.linalg.lstsq(friction, both)[0]
-    both /= max(float(np.linalg.norm(torque - torque.mean())), _CONSTANT) if use.any() else 1.0
-    return both[:, :-1], both[:, -1]
-
-
-def _expected(sample: Sample) -> FloatArray:
-    """Return the load that motion and arm make, relative to the torque, (n,)."""
-    return np.std(sample.load, axis=0) / np.maximum(np.std(sample.torque, axis=0), _CONSTANT)
+    return columns[use] - friction @ np.linalg.lstsq(friction, columns[use])[0]

@@ -1,0 +1,199 @@
+"""Recordings whose torque cannot be that of their motion, and those that only look odd."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.pipeline import observe
+from estimators.diagnosis.plausibility import notes_on
+from limo_driver.errors import RecordingError
+from limo_driver.model import RobotModel
+from limo_driver.physics import (
+    CoulombFriction,
+    EncoderOffset,
+    ExternalContact,
+    GravityDirection,
+    JointElasticity,
+    LoadDependentFriction,
+    Payload,
+    Simulation,
+    SpringLoad,
+    TorqueGain,
+    ViscousFriction,
+)
+from limo_driver.recording import Recording
+from limo_driver.types import Motion
+
+RATE, DURATION = 50.0, 40.0  # [Hz], [s]
+BANDWIDTH = 5.0  # [Hz]
+FRICTION = (2.5, 3.7, 1.3, 3.1, 0.7, 0.6, 0.5)  # [N m]
+GIVEN = Simulation(
+    "iiwa14",
+    tuple(CoulombFriction(joint=j + 1, tau_c=tau) for j, tau in enumerate(FRICTION))
+    + tuple(ViscousFriction(joint=j + 1, f_v=tau) for j, tau in enumerate(FRICTION)),
+)
+LIMITS = RobotModel.load("iiwa14").limits
+HARMONICS = np.arange(1, 6)
+ONE = np.eye(7)
+
+
+def motion_of(amplitude=0.5):
+    """Return a Fourier motion of all joints within a part of their ranges."""
+    random = np.random.default_rng(3)
+    t = np.arange(int(DURATION * RATE)) / RATE
+    w = 2 * np.pi * 0.05 * HARMONICS
+    c, d = random.normal(size=(2, w.size, 7)) / HARMONICS[:, None]
+    sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    position = sin @ c + cos @ d
+    scale = amplitude * LIMITS.position_max / np.abs(position).max(axis=0)
+    velocity, acceleration = (cos * w) @ c - (sin * w) @ d, -(sin * w**2) @ c - (cos * w**2) @ d
+    return Motion(t, scale * position, scale * velocity, scale * acceleration)
+
+
+def record(true=GIVEN, motion=None, amplitude=0.5):
+    """Measure a motion with noise."""
+    motion = motion_of(amplitude) if motion is None else motion
+    noise = 0.02 * np.random.default_rng(0).standard_normal(motion.position.shape)
+    return Recording(motion.time, motion.position, true.predict(motion) + noise, source="run")
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return record()
+
+
+def exchange(i, j):
+    return ONE[[j if k == i else i if k == j else k for k in range(7)]]
+
+
+def invert(*joints):
+    return ONE - 2 * np.diag(ONE[list(joints)].sum(axis=0))
+
+
+def scale(factor, *joints):
+    return ONE + (factor - 1) * np.diag(ONE[list(joints)].sum(axis=0))
+
+
+ALL = tuple(range(7))
+
+
+@pytest.mark.parametrize(
+    ("matrix", "said"),
+    [
+        (exchange(1, 3), "torque_2 belongs to joint 4 and torque_4 to joint 2"),
+        (exchange(0, 6), "torque_1 belongs to joint 7 and torque_7 to joint 1"),
+        (exchange(5, 6), "torque_6 belongs to joint 7 and torque_7 to joint 6"),
+        (invert(3), "torque_4 has the other sign than expected"),
+        (invert(6), "torque_7 has the other sign than expected"),
+        (invert(*ALL), "all torques have the other sign than expected"),
+        (invert(5) @ exchange(1, 3), "belongs to joint 4.*; torque_6 has the other sign"),
+        (scale(1000.0, 6), r"torque_7 is .* times what its motion makes of it; expected N m"),
+        (scale(0.001, 1), r"torque_2 is 0.001 times what its motion makes of it; expected N m"),
+        (scale(0.001, *ALL), r"the torques are 0.001 times .*in N mm or A, or is it another robot"),
+        (scale(1 / 12.0, *ALL), r"the torques are 0.083\d times .*in N mm or A"),
+        (scale(0.0, 2), "torque_3 is 0 N m in all rows although joint 3 moves"),
+        (ONE[[1, 2, 3, 4, 5, 6, 0]], "torque_1 belongs to joint"),
+    ],
+)
+def test_torques_in_the_wrong_place_sign_or_unit_are_named(recording, matrix, said):
+    refused(replace(recording, torque=recording.torque @ matrix.T), said)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "turn", "said"),
+    [
+        (exchange(1, 3), 0, "position_2 belongs to joint 4 and position_4 to joint 2"),
+        (exchange(2, 4), 0, "position_3 belongs to joint 5 and position_5 to joint 3"),
+        (invert(1), 0, "position_2 has the other sign than the axis of joint 2"),
+        (scale(np.pi / 180, *ALL), 0, "positions of all joints are 57.3 times too small"),
+        (ONE, np.pi / 2 * ONE[1], "the zero of position_2 is 90° away"),
+    ],
+)
+def test_positions_in_the_wrong_place_sign_or_unit_are_named(recording, matrix, turn, said):
+    position = recording.position @ matrix.T + turn
+    refused(replace(recording, position=np.clip(position, -2.0, 2.0)), said)
+
+
+def test_an_axis_of_the_other_direction_is_named(recording):
+    turned = invert(1)
+    torque, position = recording.torque @ turned, recording.position @ turned
+    said = "position_2 and torque_2 have the other sign than the axis of joint 2"
+    refused(replace(recording, position=position, torque=torque), said)
+
+
+def test_torque_of_another_motion_is_refused(recording):
+    torque = np.roll(recording.torque, len(recording) // 6, axis=0)
+    refused(replace(recording, torque=torque), "are not the load of iiwa14 on this motion")
+
+
+def test_torque_without_gravity_is_refused(recording):
+    gravity = GIVEN.model.inverse_dynamics(recording.position, *2 * [0 * recording.position])
+    refused(
+        replace(recording, torque=recording.torque - gravity), "gravity is taken out of the torques"
+    )
+
+
+def test_rest_is_refused(recording):
+    still = np.tile(recording.position[:1], (len(recording), 1))
+    refused(replace(recording, position=still), "no joint moves on 50 independent rows")
+
+
+def refused(recording, said):
+    with pytest.raises(RecordingError, match=said) as caught:
+        observe(GIVEN, [recording], BANDWIDTH)
+    assert str(caught.value).startswith("run: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        (Payload(mass=8.0, com=(0.05, 0.0, 0.1), inertia=(0.05, 0.0, 0.0, 0.05, 0.0, 0.05)),),
+        (GravityDirection(gravity=(0.0, 0.0, 9.81)),),  # upside down
+        (GravityDirection(gravity=(0.0, -9.81, 0.0)),),  # on a wall
+        (TorqueGain(joint=2, gain=3.0),),
+        (TorqueGain(joint=4, gain=-0.8),),
+        (EncoderOffset(joint=2, offset=0.3),),
+        (SpringLoad(joint=2, stiffness=80.0, rest=0.0),),
+        (JointElasticity(joint=4, stiffness=300.0),),
+        (LoadDependentFriction(joint=2, coefficient=0.3),),
+        (CoulombFriction(joint=7, tau_c=5.0),),
+        (ExternalContact(windows=((10.0, 12.0),), wrench=((60.0, 0.0, 60.0, 0.0, 0.0, 0.0),)),),
+    ],
+    ids=lambda hidden: hidden[0].name,
+)
+def test_physics_far_beyond_any_that_is_concealed_is_not_refused(hidden):
+    observe(GIVEN, [record(replace(GIVEN, effects=GIVEN.effects + hidden))], BANDWIDTH)
+
+
+@pytest.mark.parametrize("amplitude", [0.03, 0.2, 0.5])
+def test_a_simulation_without_friction_is_enough(amplitude):
+    observe(Simulation("iiwa14"), [record(amplitude=amplitude)], BANDWIDTH)
+
+
+def test_a_simulation_with_friction_that_a_link_side_torque_lacks_is_not_refused():
+    observe(GIVEN, [record(Simulation("iiwa14"))], BANDWIDTH)
+
+
+def test_a_joint_that_does_not_move_is_noted():
+    motion = motion_of()
+    moves = np.arange(7) != 2
+    motion = replace(
+        motion,
+        position=motion.position * moves,
+        velocity=motion.velocity * moves,
+        acceleration=motion.acceleration * moves,
+    )
+    notes = notes_on(observe(GIVEN, [record(motion=motion)], BANDWIDTH))
+    assert notes == (
+        "Joint 3 moves too little for its torque to be compared; nothing is said of it.",
+    )
+
+
+def test_what_is_odd_about_a_recording_is_noted(recording):
+    odd = replace(recording, warnings=("1 gap; the longest, 3 s, after 10 s",))
+    observed = observe(GIVEN, [odd], BANDWIDTH)
+    assert notes_on(observed) == ("run: 1 gap; the longest, 3 s, after 10 s.",)
