@@ -209,6 +209,59 @@ def test_recordings_that_cannot_be_used_are_refused_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
+def _exchanged(path, tmp_path, a, b):
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    names = {a: b, b: a}
+    table = table.rename_columns([names.get(name, name) for name in table.column_names])
+    pq.write_table(table, tmp_path / "exchanged.parquet")
+    return tmp_path / "exchanged.parquet"
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "said"),
+    [
+        ("torque_2", "torque_4", "torque_2 belongs to joint 4 and torque_4 to joint 2"),
+        ("position_4", "position_6", "position_4 belongs to joint 6 and position_6 to joint 4"),
+    ],
+)
+def test_exchanged_columns_are_refused_in_one_line_before_any_search(
+    tmp_path, recording, diagnose, a, b, said
+):
+    status, printed, notes = diagnose(_exchanged(recording, tmp_path, a, b))
+    assert status == 2
+    assert printed == ""
+    assert said in notes
+    assert notes.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"torque_4": lambda tau: -tau}, "torque_4 has the other sign than expected"),
+        ({"torque_4": lambda tau: tau / 1000}, "torque_4 is 0.001 times what its motion makes"),
+        ({"torque_2": lambda tau: 0 * tau}, "torque_2 is 0 N m in all rows although joint 2"),
+    ],
+)
+def test_torques_of_another_sign_or_unit_are_refused_in_one_line(
+    tmp_path, recording, diagnose, columns, said
+):
+    status, printed, notes = diagnose(_spoilt(recording, tmp_path, **columns))
+    assert status == 2
+    assert printed == ""
+    assert said in notes
+    assert notes.count("\n") == 1
+
+
+def test_rest_is_refused_in_one_line(tmp_path, recording, diagnose):
+    still = {f"position_{j}": lambda q: q[0] + 0 * q for j in range(1, 8)}
+    status, _, notes = diagnose(_spoilt(recording, tmp_path, **still))
+    assert status == 2
+    assert "no joint moves on 50 independent rows" in notes
+    assert notes.count("\n") == 1
+
+
 @pytest.mark.usefixtures("found")
 def test_a_recording_of_another_robot_is_refused(tmp_path, diagnose):
     t = np.arange(2000) / 250.0
