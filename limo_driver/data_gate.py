@@ -42,6 +42,7 @@ _TURNS = 4 * np.pi  # [rad]; no arm turns farther
 _DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says degrees (57.3)
 _FACTORS = (0.5, 2.0)  # of velocity to rate of change, that filters and noise may make
 _SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
+_SWEPT = 0.1  # [rad] by velocity alone, more than its noise makes
 _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 _SPIKE_WINDOW = 7  # samples
 _SPIKE_FACTOR = 20.0  # over the 99th percentile of the deviation from the median
@@ -306,6 +307,21 @@ class _Gate:
                 f"positions change {1 / usual:.3g} times as fast as the velocities say; expected "
                 "rad and rad/s; are the positions in degrees?"
             )
+
+        for j in np.flatnonzero(np.ptp(position, axis=0) < _STILL).tolist():
+            if (swept := self._swept(j)) > _SWEPT:
+                raise RecordingError(
+                    f"position_{j + 1} never changes, but velocity_{j + 1} makes the joint swing "
+                    f"over {swept:.2g} rad; expected both of the same motion"
+                )
+
+    def _swept(self, joint: int) -> float:
+        """Return the range of motion in a recorded velocity, without drift [rad]; 0 if none is."""
+        if self.columns.velocity is None:
+            return 0.0
+        velocity = np.nan_to_num(self.columns.velocity[self.rows, joint])
+        path = np.cumsum((velocity - velocity.mean()) * np.gradient(self.time))
+        return float(np.ptp(path))
 
     def _velocity_factors(self) -> dict[int, float]:
         """Return how many times the rate of change of position each moving joint's velocity is."""

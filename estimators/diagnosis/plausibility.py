@@ -66,11 +66,14 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
         for recording in observed.recordings
         for warning in recording.warnings
     ]
-    motionless = [
-        f"Joint {j + 1} moves too little for its torque to be compared; nothing is said of it."
-        for j in still(observed)
-    ]
-    return (*warnings, *motionless)
+    motionless = still(observed)
+    if not motionless:
+        return tuple(warnings)
+    joints = ", ".join(str(j + 1) for j in motionless)
+    return (
+        *warnings,
+        f"Nothing is said of the torque of joints that move too little to compare it: {joints}.",
+    )
 
 
 def _refused(observed: Observations, what: str) -> RecordingError:

@@ -189,7 +189,7 @@ def test_a_joint_that_does_not_move_is_noted():
     )
     notes = notes_on(observe(GIVEN, [record(motion=motion)], BANDWIDTH))
     assert notes == (
-        "Joint 3 moves too little for its torque to be compared; nothing is said of it.",
+        "Nothing is said of the torque of joints that move too little to compare it: 3.",
     )
 
 

@@ -228,6 +228,16 @@ def test_small_angles_in_degrees_show_against_the_velocity(tmp_path):
     refuse(in_degrees, r"57\.3 times as fast as the velocities", tmp_path)
 
 
+def test_a_position_that_stands_while_its_velocity_moves_is_refused(tmp_path):
+    def stuck(columns):
+        columns["velocity_2"] = np.gradient(columns["position_2"], 1 / RATE)
+        for j in (1, 3):
+            columns[f"velocity_{j}"] = np.gradient(columns[f"position_{j}"], 1 / RATE)
+        columns["position_2"] = np.full(400, 0.3)
+
+    refuse(stuck, r"position_2 never changes, but velocity_2 .* swing over 2(\.\d)? rad", tmp_path)
+
+
 @pytest.mark.parametrize("factor", [180 / np.pi, -1.0, -np.pi / 180 * 0.5, 0.0])
 def test_velocities_of_other_units_or_sign_are_told_but_not_used(tmp_path, factor):
     columns = make_columns()
