@@ -5,11 +5,7 @@ Each case runs the commands a user would type: `limo identify` on some recording
 mean square of the difference between predicted and measured torque, both low-passed forward and
 backward at 8 Hz. The folder with the recordings is named by LIMO_DATA, or is ../shared/data.
 
-`--inertia-known 0.02` writes that tolerance into the identified simulation before it is diagnosed.
-`limo identify` writes the mean over all ten parameters of every link, which is wide wherever a
-motion reveals nothing; what the torque depends on is known far better.
-
-    python benchmarks/real_diagnosis.py [--only CASE] [--inertia-known 0.02]
+    python benchmarks/real_diagnosis.py [--only CASE]
 """
 
 from __future__ import annotations
@@ -21,7 +17,7 @@ import shlex
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -121,7 +117,7 @@ def split(path: Path, scratch: Path) -> tuple[Path, Path]:
     return first, last
 
 
-def run(case: Case, folder: Path, inertia_known: float | None = None) -> Outcome:
+def run(case: Case, folder: Path) -> Outcome:
     """Run the two commands of a case, and foretell the recording that they were not given.
 
     Raises:
@@ -134,9 +130,6 @@ def run(case: Case, folder: Path, inertia_known: float | None = None) -> Outcome
     )
     diagnose = f"diagnose {_files(case.diagnosed)} --sim {sim} {band} --out {out}"
     _limo(identify)
-    if inertia_known is not None:
-        given = Simulation.load(sim)
-        replace(given, tolerances=replace(given.tolerances, inertia=inertia_known)).save(sim)
     start = time.perf_counter()
     _limo(diagnose)
     seconds = time.perf_counter() - start
@@ -203,7 +196,6 @@ def main() -> None:
     """Run the cases and print them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", help="names of cases")
-    parser.add_argument("--inertia-known", type=float, help="relative, 1 sigma")
     options = parser.parse_args()
     if not DATA.is_dir():
         parser.error(f"no recordings in {DATA}; name their folder in LIMO_DATA")
@@ -212,7 +204,7 @@ def main() -> None:
             if options.only and case.name not in options.only:
                 continue
             try:
-                show(case, run(case, Path(folder), options.inertia_known))
+                show(case, run(case, Path(folder)))
             except subprocess.CalledProcessError as error:
                 print(f"\n## {case.name}: failed with exit status {error.returncode}", flush=True)
 

@@ -12,15 +12,11 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
-
-from limo_driver.physics import Simulation
 
 DATA = Path(os.environ.get("LIMO_DATA", "../shared/data")) / "ur10e"
 OUT = Path("out/diagnose_real")
 GAINS = 0.1  # relative uncertainty of the current gains
-INERTIA_KNOWN = 0.02  # relative: how well the unloaded run fixes what the torque depends on
 
 
 def limo(*arguments: object) -> None:
@@ -39,8 +35,6 @@ def main() -> None:
     unloaded, loaded = DATA / "unloaded_14harm.parquet", DATA / "loaded_14harm.parquet"
     band = ("--bandwidth", 8)
     limo("identify", unloaded, "--robot", DATA / "ur10e.urdf", "--moving-only", *band, "--out", sim)
-    given = Simulation.load(sim)  # its tolerance is that of every parameter, also of those unseen
-    replace(given, tolerances=replace(given.tolerances, inertia=INERTIA_KNOWN)).save(sim)
     limo("diagnose", loaded, "--sim", sim, *band, "--out", found)
 
     verdict = json.loads((found / "verdict.json").read_text())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from limo_driver.recording import Recording
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 UR10E = DATA / "ur10e"
 BANDWIDTH = 8.0  # [Hz], of the published baselines
-INERTIA_KNOWN = 0.02  # relative, of what the torque depends on
 BY_GAINS = (2.7, 3.3)  # [kg] that current gains, good to 10 %, make of the load of 2.805 kg
 
 pytestmark = pytest.mark.skipif(
@@ -68,8 +67,6 @@ def unloaded(tmp_path_factory):
     sim = tmp_path_factory.mktemp("ur10e") / "sim.yaml"
     run = UR10E / "unloaded_14harm.parquet"
     limo("identify", run, "--robot", UR10E / "ur10e.urdf", "--moving-only", "--out", sim)
-    given = Simulation.load(sim)
-    replace(given, tolerances=replace(given.tolerances, inertia=INERTIA_KNOWN)).save(sim)
     return sim
 
 

@@ -105,6 +105,19 @@ def test_ur10e_becomes_a_simulation_of_bodies_that_exist():
     assert (np.sqrt(np.mean(error**2, axis=0)) / baseline).max() < 1.1
 
 
+@pytest.mark.parametrize(
+    ("run", "other"),
+    [("loaded_14harm", "loaded_20_01_31"), ("loaded_20_01_31", "loaded_14harm")],
+)
+def test_a_loaded_ur10e_is_identified_from_a_description_without_the_load(run, other):
+    urdf, rows = DATA / "ur10e/ur10e.urdf", Rows(BANDWIDTH, moving_only=True)
+    train, test = load(f"ur10e/{run}.parquet"), load(f"ur10e/{other}.parquet")
+    simulation = identify(RobotModel.load(urdf), [train], rows=rows).simulation
+    free = RigidBodyModel(urdf, JointTerms(), rows).fit([train])  # no body has to exist
+    rmse = rmse_of(simulation.predict_recording(test, BANDWIDTH), test)
+    assert (rmse / heldout_rmse(free, test)).max() < 1.1
+
+
 def test_lwr4_with_the_weights_of_the_baseline_reaches_it():
     model = RigidBodyModel(
         DATA / "kuka_lwr4/kuka_lwr4.urdf", JointTerms(), Rows(BANDWIDTH, weighting="torque")
