@@ -26,6 +26,7 @@ from estimators.diagnosis.refinement import Setting, refine, replaced
 from estimators.diagnosis.scans import ripples
 from estimators.diagnosis.search import Search
 from estimators.diagnosis.tree import tests_of
+from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -219,7 +220,13 @@ def improve(bench: Bench, solution: Solution) -> Simulation:
     for i in solution.members:
         candidate = bench.candidates[i]
         size = candidate.prior.index.size
-        candidate.enter(improvement, solution.fitted.mean[at : at + size])
+        try:
+            candidate.enter(improvement, solution.fitted.mean[at : at + size])
+        except ConfigError as error:  # a value that no such part has
+            raise RecordingError(
+                f"the best explanation is out of range: {error}; is it another robot, or are the "
+                "torques of another motion?"
+            ) from None
         at += size
     return improvement.simulation()
 
