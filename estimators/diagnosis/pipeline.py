@@ -309,16 +309,13 @@ def diagnose(
     proven = _proven(bench, solution)
     progress("looking for what is left", 0.9)
     rest = leftover(observed, proven)
-    stay, unknown = abstained(bench, solution, rest)
-    if stay != solution.members:
-        solution = fitted(bench, stay, solution.noise)
-        proven = _proven(bench, solution)
+    named, unknown = abstained(bench, solution, rest)
     progress("fitting to all rows", 0.95)
     final = fitted(bench, solution.members, solution.noise, everything=True)
     improved = polished(observed, improve(bench, final), observed.moving)
     after = observed.filter(observed.predict(improved))
     contact = contact_of(pushed, observed, proven, rest) if pushed else ()
-    verdict = conclude(bench, solution, final, rest, unknown, proven, contact)
+    verdict = conclude(bench, solution, final, rest, named, unknown, proven, contact)
     verdict = agreed(verdict, improved)
     progress("done", 1.0)
     return Diagnosis(
