@@ -65,9 +65,6 @@ _PAIRS: dict[tuple[str, str], Separation] = {
     ("asymmetric_friction", "coulomb_friction"): Separation(
         creep, "two plateaus of different height against one height both ways"
     ),
-    ("asymmetric_friction", "torque_offset"): Separation(
-        rest_holds, "an offset stays at rest, whichever side the pose was approached from"
-    ),
     ("backlash", "encoder_offset"): Separation(
         load_reversal, "play jumps where the load changes sign, an offset does not"
     ),
@@ -185,6 +182,8 @@ _SHOWS: dict[str, Kind] = {
 }
 
 _NEVER = {
+    frozenset({"asymmetric_friction", "torque_offset"}): "friction of unlike height both ways is "
+    "even friction and an offset, moving or held by it; read the sensor of the unloaded joint",
     frozenset({"link_inertia", "payload"}): "a payload is part of the last link's inertia; "
     "record once with and once without it",
     frozenset({"torque_gain", "payload"}): "only a known mass tells the gain of a sensor",
