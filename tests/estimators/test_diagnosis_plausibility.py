@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from estimators.diagnosis.pipeline import observe
+from estimators.diagnosis.pipeline import improve, observe
 from estimators.diagnosis.plausibility import notes_on
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
@@ -197,3 +198,19 @@ def test_what_is_odd_about_a_recording_is_noted(recording):
     odd = replace(recording, warnings=("1 gap; the longest, 3 s, after 10 s",))
     observed = observe(GIVEN, [odd], BANDWIDTH)
     assert notes_on(observed) == ("run: 1 gap; the longest, 3 s, after 10 s.",)
+
+
+def test_an_explanation_out_of_range_is_refused_as_one():
+    nothing = SimpleNamespace(index=np.zeros(0))
+    offset = SimpleNamespace(
+        prior=SimpleNamespace(index=np.zeros(1)),
+        enter=lambda improvement, c: improvement.add(EncoderOffset(joint=2, offset=float(c[0]))),
+    )
+    bench = SimpleNamespace(
+        observed=SimpleNamespace(simulation=GIVEN),
+        nuisance=SimpleNamespace(prior=nothing, enter=lambda _improvement, _c: None),
+        candidates=[offset],
+    )
+    solution = SimpleNamespace(members=(0,), fitted=SimpleNamespace(mean=np.array([1.5])))
+    with pytest.raises(RecordingError, match=r"out of range: encoder_offset, .* another robot"):
+        improve(bench, solution)
