@@ -8,7 +8,6 @@ what its torque sensors measure goes through the filter that the recorded torque
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +17,7 @@ from backends.simulated import DEFAULT_PERIOD
 from limo_driver.differentiation import smooth
 from limo_driver.errors import PathError
 from limo_driver.physics.changing_friction import TemperatureDependentFriction
+from limo_driver.physics.effect import JointMotion
 from limo_driver.physics.environment import ExternalContact
 from limo_driver.physics.sensing import Sensors, TorqueDrift
 from limo_driver.trajectory import Trajectory
@@ -143,9 +143,21 @@ def _effect_from(effect: Effect, recording: Recording, start: float) -> Effect:
         return replace(effect, windows=tuple((a - start, b - start) for a, b in effect.windows))
     if isinstance(effect, TemperatureDependentFriction):
         if effect.excess is not None and effect.time_constant is not None:
-            return replace(effect, excess=effect.excess * exp(-start / effect.time_constant))
+            return replace(effect, excess=effect.excess * (1.0 - _warmth(effect, recording, start)))
         return _at_temperature(effect, recording, start)
     return effect
+
+
+def _warmth(effect: TemperatureDependentFriction, recording: Recording, start: float) -> float:
+    """Return how warm a joint had run by then, from 0 to 1."""
+    rows = recording.time < start
+    if np.count_nonzero(rows) < 2:  # noqa: PLR2004  # no motion before
+        return 0.0
+    time, position = recording.time[rows], recording.position[rows, effect.joint - 1]
+    rest = np.zeros_like(time)
+    motion = JointMotion(time, position, np.gradient(position, time), rest, rest)
+    _, state = effect.advance(effect.initial_state(), motion)
+    return float(state[0])
 
 
 def _at_temperature(

@@ -126,6 +126,8 @@ def _friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
     duration = max(recording.duration for recording in observed.recordings)
     for part in WARMING_TIMES:
         yield warming(joint, part * duration)
+    if observed.motion.temperature is not None:
+        yield by_temperature(joint, float(np.nanmean(observed.motion.temperature[:, j])))
 
 
 def sign_width(observed: Observations, joint: int) -> float:
@@ -171,6 +173,21 @@ def warming(joint: int, time_constant: float) -> Hypothesis:
         family=partial(warming, joint),
         bounds=((0.02 * time_constant, 20 * time_constant),),
     )
+
+
+def by_temperature(joint: int, mean: float) -> Hypothesis:
+    """Return friction that follows a measured temperature, with what it is at the mean [°C]."""
+    slope = TemperatureDependentFriction(joint=joint, per_kelvin=0.1, reference=mean)
+
+    def realise(c: FloatArray) -> tuple[Effect, ...]:
+        per_kelvin = 0.1 * float(c[0])
+        reference = mean - float(c[1]) / per_kelvin if per_kelvin else mean
+        return (
+            replace(slope, per_kelvin=per_kelvin, reference=float(np.clip(reference, -50.0, 200))),
+        )
+
+    height = CoulombFriction(joint=joint, tau_c=1.0)
+    return Hypothesis(slope.name, (joint - 1,), (slope, height), realise)
 
 
 def position_dependent(observed: Observations, joint: int) -> Hypothesis:

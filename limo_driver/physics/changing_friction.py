@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numba import njit
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effect import TEXT, Friction, State, parameter
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 VARIANTS = ("absolute", "positive", "negative", "stribeck", "quadratic")
 REFERENCE = 25.0  # [°C]
+_WARMING = 0.01  # [rad/s] beyond which motion warms a gear
 
 
 class DryFriction(Friction):
@@ -112,8 +114,9 @@ class PositionDependentFriction(DryFriction):
 class TemperatureDependentFriction(DryFriction):
     """Friction that changes as the gear warms up.
 
-    The height is excess exp(-t / time_constant), t being the time of the motion, or, where the
-    joint's temperature is measured, per_kelvin (temperature - reference).
+    The height is excess (1 - w) with warmth w, time_constant dw/dt = tanh(|v| / 0.01 rad/s) - w,
+    from 0: while the joint moves, excess exp(-t / time_constant); while it rests, it cools down
+    again. Or, where the joint's temperature is measured, per_kelvin (temperature - reference).
 
     Raises:
         ConfigError: Not exactly one of both forms is given whole; or, when evaluated, the motion
@@ -125,10 +128,10 @@ class TemperatureDependentFriction(DryFriction):
 
     name: ClassVar[str] = "temperature_dependent_friction"
     excess: float | None = parameter(
-        "N m", "added friction at time 0", lower=-1e3, upper=1e3, default=None
+        "N m", "added friction when cold", lower=-1e3, upper=1e3, default=None
     )
     time_constant: float | None = parameter(
-        "s", "time in which it falls to 1/e", lower=1e-2, upper=1e6, default=None
+        "s", "time in which motion takes it to 1/e", lower=1e-2, upper=1e6, default=None
     )
     per_kelvin: float | None = parameter(
         "N m/K", "added friction by temperature", lower=-100.0, upper=100.0, default=None
@@ -152,11 +155,22 @@ class TemperatureDependentFriction(DryFriction):
                 f"{self.place}: lacks excess and time_constant, or per_kelvin: one form, whole"
             )
 
+    def initial_state(self) -> State:
+        """Return a cold joint, and no previous time."""
+        return np.array([0.0, np.nan])
+
+    def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
+        """Return height tanh(v / v_eps) [N m], (T,)."""
+        if self.per_kelvin is not None:
+            return super().advance(state, motion)
+        after = state.copy()
+        heat = np.tanh(np.abs(motion.velocity) / _WARMING)
+        warmth = _warm(after, motion.time, heat, self.time_constant or 1.0)
+        height = (self.excess or 0.0) * (1.0 - warmth)
+        return height * np.tanh(motion.velocity / self.v_eps), after
+
     def height(self, motion: JointMotion) -> FloatArray:
-        """Return the excess at the time or temperature of each sample [N m], (T,)."""
-        if self.per_kelvin is None:
-            fade = np.exp(-motion.time / (self.time_constant or 1.0))
-            return (self.excess or 0.0) * fade
+        """Return the excess at the temperature of each sample [N m], (T,)."""
         if motion.temperature is None or not np.isfinite(motion.temperature).all():
             raise ConfigError(
                 f"{self.place}: per_kelvin needs the temperature of the joint, "
@@ -168,3 +182,17 @@ class TemperatureDependentFriction(DryFriction):
         """Return what per_kelvin makes of a temperature [°C]: added friction [N m], same shape."""
         reference = REFERENCE if self.reference is None else self.reference
         return (self.per_kelvin or 0.0) * (temperature - reference)
+
+
+@njit(cache=True)
+def _warm(state: FloatArray, time: FloatArray, heat: FloatArray, constant: float) -> FloatArray:
+    """Advance (warmth, last time) in place towards `heat` (T,); return the warmths (T,)."""
+    warmth = np.empty(time.size)
+    w, last = state
+    for t in range(time.size):
+        if not np.isnan(last):
+            w = heat[t] + (w - heat[t]) * np.exp(-(time[t] - last) / constant)
+        last = time[t]
+        warmth[t] = w
+    state[0], state[1] = w, last
+    return warmth

@@ -124,8 +124,20 @@ def test_friction_fades_with_time_or_falls_with_temperature():
     )
     fading = TemperatureDependentFriction(joint=1, excess=2.0, time_constant=10.0)
     falling = TemperatureDependentFriction(joint=1, per_kelvin=-0.05)
-    np.testing.assert_allclose(fading.advance(zero, motion)[0], [2, 2 / np.e, 0], atol=1e-9)
+    np.testing.assert_allclose(fading.advance(fading.initial_state(), motion)[0], [2, 2 / np.e, 0], atol=1e-9)
     np.testing.assert_allclose(falling.advance(zero, motion)[0], [0, -0.5, -1.0], atol=1e-9)
+
+
+def test_a_warm_joint_cools_down_while_it_rests():
+    fading = TemperatureDependentFriction(joint=1, excess=2.0, time_constant=10.0)
+    time = np.arange(0.0, 100.0, 0.1)
+    moves = (time < 30) | (time > 60)
+    zero = np.zeros_like(time)
+    motion = JointMotion(time, zero, np.where(moves, 0.5, 0.0), zero, zero)
+    torque, _ = fading.advance(fading.initial_state(), motion)
+    assert torque[0] == 2.0
+    assert torque[time < 30][-1] < 0.11
+    assert torque[time > 60][0] > 1.8  # three time constants later nearly cold again
 
 
 def late(effect: TimeDelay, torque: np.ndarray) -> np.ndarray:
