@@ -188,8 +188,14 @@ def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
             _PAYLOAD,
             np.arange(PER_LINK) == 0,
         ),
-        lambda improvement, c: improvement.add(payload_of(c)),
+        _loader,
     )
+
+
+def _loader(improvement: Improvement, c: FloatArray) -> None:
+    """Add a payload; one whose mass is at its bound of 0 is none."""
+    if c[0] > 0:
+        improvement.add(payload_of(c))
 
 
 def _mover(link: int, scale: FloatArray) -> Enter:

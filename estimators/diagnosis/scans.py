@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 MOST_CYCLES = 400.0  # in a revolution
 LEAST_PERIODS = 3.0  # over the range of a joint; fewer are no line but a shape
 FALSE_LINES = 1e-6  # expected in a scan of white noise; that of a sensor is never quite so even
+SPOKES = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's own ripple
 _OVERSAMPLING = 4.0  # grid points within the resolution of a line
 _NEIGHBOURS = 61  # grid points whose median is the level that a line stands out from
 _PASSED = 0.25  # rows on which the filter leaves less of a line do not count
@@ -57,6 +58,8 @@ def ripples(
     found: list[Hypothesis] = []
     for joint in range(observed.n):
         angle = _Angle.of(observed, residual, joint)
+        if angle.range * SPOKES[0][0] >= 2 * np.pi:  # too few periods for a line, yet known orders
+            found += [rippling(joint + 1, cycles) for cycles in SPOKES]
         lines = _lines(angle, limit, observed.n)
         found += [rippling(joint + 1, lines[: k + 1]) for k in range(len(lines))]
     return found

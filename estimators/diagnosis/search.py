@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.candidates import Candidate
 
 WIDTH = 6  # sets that are grown further
-LARGEST = 6  # effects in a set
+LARGEST = 10  # effects in a set; a real arm lacks some at every joint
 
 
 @dataclass(frozen=True)
