@@ -21,6 +21,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from estimators.diagnosis.columns import Products
@@ -57,6 +59,20 @@ class Posterior:
     covariance: FloatArray  # (m, m)
 
 
+@dataclass(frozen=True)
+class _Factor:
+    """A set of b columns that all have the right sign, factorised."""
+
+    prior: Prior
+    lower: FloatArray  # (b, b)
+    z: FloatArray  # (b,)
+
+    @property
+    def gain(self) -> float:
+        """Log evidence against none."""
+        return 0.5 * float(self.z @ self.z) - float(np.log(np.diag(self.lower)).sum())
+
+
 class Evidence:
     """Compares sets of columns on given products.
 
@@ -82,20 +98,63 @@ class Evidence:
 
         Columns whose coefficient would need the other sign are left out.
         """
-        while prior.index.size:
+        return self._factor(prior).gain
+
+    def _factor(self, prior: Prior) -> _Factor:
+        while True:
             at, a = prior.index, prior.deviation
             M = a[:, None] * self.gram[np.ix_(at, at)] * a
             M.flat[:: at.size + 1] += 1.0 + _RIDGE
             lower = np.linalg.cholesky(M)
             z = solve_triangular(lower, a * self.product[at], lower=True, check_finite=False)
-            if prior.positive.any():
-                mean = solve_triangular(lower, z, lower=True, trans=1, check_finite=False)
-                wrong = prior.positive & (mean < 0)
-                if wrong.any():
-                    prior = prior.of(~wrong)
-                    continue
-            return 0.5 * float(z @ z) - float(np.log(np.diag(lower)).sum())
-        return 0.0
+            mean = solve_triangular(lower, z, lower=True, trans=1, check_finite=False)
+            wrong = prior.positive & (mean < 0)
+            if not wrong.any():
+                return _Factor(prior, lower, z)
+            prior = prior.of(~wrong)
+
+    def gains(self, base: Prior, more: Sequence[Prior]) -> FloatArray:
+        """Return the log evidence of a set of columns with each of several others, (len(more),).
+
+        The set is factorised once, and what each of the others adds is a Schur complement.
+        """
+        known = self._factor(base)
+        result = np.empty(len(more))
+        size = np.array([prior.index.size for prior in more])
+        for count in np.unique(size):
+            places = np.flatnonzero(size == count)
+            gain, valid = self._added(known, [more[k] for k in places.tolist()])
+            result[places] = gain
+            for k in places[~valid].tolist():  # a sign is wrong: columns have to be left out
+                result[k] = self.gain(joined(base, more[k]))
+        return result
+
+    def _added(self, known: _Factor, more: Sequence[Prior]) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the evidence with each of several priors of one size, and where it holds."""
+        at, a = known.prior.index, known.prior.deviation
+        index = np.stack([prior.index for prior in more])  # (p, c)
+        scale = np.stack([prior.deviation for prior in more])
+        positive = np.stack([prior.positive for prior in more])
+        across = a[:, None, None] * self.gram[at[:, None, None], index] * scale  # (b, p, c)
+        W = solve_triangular(
+            known.lower, across.reshape(at.size, index.size), lower=True, check_finite=False
+        ).reshape(across.shape)
+        own = scale[:, :, None] * self.gram[index[:, :, None], index[:, None, :]]
+        unit = (1.0 + _RIDGE) * np.eye(index.shape[1])
+        S = own * scale[:, None, :] - np.einsum("bpc,bpd->pcd", W, W) + unit
+        r = scale * self.product[index] - np.einsum("bpc,b->pc", W, known.z)
+        mean = np.linalg.solve(S, r[:, :, None])[:, :, 0]
+        gain = known.gain + 0.5 * np.sum(r * mean, axis=1) - 0.5 * np.linalg.slogdet(S)[1]
+        before = solve_triangular(
+            known.lower,
+            known.z[:, None] - np.einsum("bpc,pc->bp", W, mean),
+            lower=True,
+            trans=1,
+            check_finite=False,
+        )
+        wrong = (positive & (mean < 0)).any(axis=1)
+        wrong |= (known.prior.positive[:, None] & (before < 0)).any(axis=0)
+        return gain, ~wrong
 
     def posterior(self, prior: Prior) -> Posterior:
         """Return the coefficients of nuisance and set together."""

@@ -47,11 +47,12 @@ class Search:
         """Return the log evidence of a set, less its rarity."""
         key = tuple(sorted(members))
         if key not in self._known:
-            prior = self.prior(key)
-            members_of = [self.candidates[i] for i in key]
-            price = sum(item.rarity + np.log(item.variants) for item in members_of)
-            self._known[key] = self.evidence.gain(prior) - price
+            self._known[key] = self.evidence.gain(self.prior(key)) - self._price(key)
         return self._known[key]
+
+    def _price(self, members: Iterable[int]) -> float:
+        chosen = [self.candidates[i] for i in members]
+        return sum(item.rarity + float(np.log(item.variants)) for item in chosen)
 
     def prior(self, members: Sequence[int]) -> Prior:
         """Return the columns of a set, in the order of its members."""
@@ -76,14 +77,25 @@ class Search:
     def _grown(self, beam: Sequence[tuple[int, ...]], width: int = WIDTH) -> list[Explained]:
         seen: dict[tuple[int, ...], float] = {}
         for members in beam:
-            taken = {self.candidates[i].place for i in members}
-            for i, candidate in enumerate(self.candidates):
-                if i not in members and candidate.place not in taken:
-                    key = tuple(sorted((*members, i)))
-                    if key not in seen:
-                        seen[key] = self.gain(key)
+            seen |= self._with_one_more(members)
         ranked = sorted(seen.items(), key=lambda item: -item[1])
         return [Explained(key, gain) for key, gain in ranked[:width]]
+
+    def _with_one_more(self, members: tuple[int, ...]) -> dict[tuple[int, ...], float]:
+        """Return the gain of a set with each candidate that fits beside it."""
+        taken = {self.candidates[i].place for i in members}
+        keys = {
+            tuple(sorted((*members, i))): i
+            for i, candidate in enumerate(self.candidates)
+            if i not in members and candidate.place not in taken
+        }
+        new = {key: i for key, i in keys.items() if key not in self._known}
+        if new:
+            priors = [self.candidates[i].prior for i in new.values()]
+            gains = self.evidence.gains(self.prior(members), priors)
+            for key, gain in zip(new, gains.tolist(), strict=True):
+                self._known[key] = gain - self._price(key)
+        return {key: self._known[key] for key in keys}
 
     def _settled(self, best: Explained) -> Explained:
         """Take members out and swap them while that helps."""
