@@ -35,6 +35,7 @@ from limo_driver.physics import (
     TorqueDrift,
     TorqueGain,
     TorqueOffset,
+    TorqueRipple,
     ViscousFriction,
 )
 
@@ -58,6 +59,7 @@ PLACES = 14  # of friction over a joint's range
 UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
 UNIT_DELAY = 1e-3  # [s]
 UNIT_ANGLE = 1e-3  # [rad]
+LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's spokes
 _SOFTEST = 1e-3  # [N m/rad]
 _LEAST_FRICTION = 1e-6  # [N m]
 
@@ -87,6 +89,8 @@ def every(observed: Observations) -> Iterator[Hypothesis]:
         yield from _sensing(observed, j)
         yield from _environment(observed, j)
         yield from _coupling(j, n)
+        if np.ptp(observed.slow.position[:, j]) * LOW_ORDERS[0][0] >= 2 * np.pi:
+            yield from (rippling(j + 1, cycles) for cycles in LOW_ORDERS)
     yield gravity_direction(observed)
 
 
@@ -407,3 +411,34 @@ def gravity_direction(observed: Observations) -> Hypothesis:
         return (GravityDirection(gravity=tuple((tilted * size / np.linalg.norm(tilted)).tolist())),)
 
     return Hypothesis(terms[0].name, (), terms, realise)
+
+
+def rippling(joint: int, cycles: tuple[float, ...]) -> Hypothesis:
+    """Return a ripple of several lines at one joint (1-based)."""
+    one = tuple(
+        TorqueRipple(joint=joint, cycles_per_rev=(N,), amplitude=(1.0,), phase=(0.0,))
+        for N in cycles
+    )
+    terms = tuple(term for base in one for term in (base, replace(base, phase=(np.pi / 2,))))
+
+    def realise(c: FloatArray) -> tuple[Effect, ...]:
+        sine, cosine = c[0::2], c[1::2]
+        size, phase = np.hypot(sine, cosine), np.arctan2(cosine, sine)
+        return (
+            TorqueRipple(
+                joint=joint,
+                cycles_per_rev=cycles,
+                amplitude=tuple(size.tolist()),
+                phase=tuple(phase.tolist()),
+            ),
+        )
+
+    return Hypothesis(
+        TorqueRipple.name,
+        (joint - 1,),
+        terms,
+        realise,
+        settings=cycles,
+        family=lambda *N: rippling(joint, N),
+        bounds=tuple((0.98 * N, 1.02 * N) for N in cycles),
+    )

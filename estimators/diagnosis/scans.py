@@ -12,19 +12,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 
-from estimators.diagnosis.hypotheses import Hypothesis
+from estimators.diagnosis.hypotheses import rippling
 from limo_driver.differentiation import ORDER
-from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
+    from estimators.diagnosis.hypotheses import Hypothesis
     from estimators.diagnosis.observations import Observations
-    from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
 
 MOST_CYCLES = 400.0  # in a revolution
 LEAST_PERIODS = 3.0  # over the range of a joint; fewer are no line but a shape
 FALSE_LINES = 1e-6  # expected in a scan of white noise; that of a sensor is never quite so even
-SPOKES = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's own ripple
 _OVERSAMPLING = 4.0  # grid points within the resolution of a line
 _NEIGHBOURS = 61  # grid points whose median is the level that a line stands out from
 _PASSED = 0.25  # rows on which the filter leaves less of a line do not count
@@ -58,42 +56,9 @@ def ripples(
     found: list[Hypothesis] = []
     for joint in range(observed.n):
         angle = _Angle.of(observed, residual, joint)
-        if angle.range * SPOKES[0][0] >= 2 * np.pi:  # too few periods for a line, yet known orders
-            found += [rippling(joint + 1, cycles) for cycles in SPOKES]
         lines = _lines(angle, limit, observed.n)
         found += [rippling(joint + 1, lines[: k + 1]) for k in range(len(lines))]
     return found
-
-
-def rippling(joint: int, cycles: tuple[float, ...]) -> Hypothesis:
-    """Return a ripple of several lines at one joint (1-based)."""
-    one = tuple(
-        TorqueRipple(joint=joint, cycles_per_rev=(N,), amplitude=(1.0,), phase=(0.0,))
-        for N in cycles
-    )
-    terms = tuple(term for base in one for term in (base, replace(base, phase=(np.pi / 2,))))
-
-    def realise(c: FloatArray) -> tuple[Effect, ...]:
-        sine, cosine = c[0::2], c[1::2]
-        size, phase = np.hypot(sine, cosine), np.arctan2(cosine, sine)
-        return (
-            TorqueRipple(
-                joint=joint,
-                cycles_per_rev=cycles,
-                amplitude=tuple(size.tolist()),
-                phase=tuple(phase.tolist()),
-            ),
-        )
-
-    return Hypothesis(
-        TorqueRipple.name,
-        (joint - 1,),
-        terms,
-        realise,
-        settings=cycles,
-        family=lambda *N: rippling(joint, N),
-        bounds=tuple((0.98 * N, 1.02 * N) for N in cycles),
-    )
 
 
 @dataclass(frozen=True)
