@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 MOST_PUSHES = 6
 LENGTHS = (0.4, 0.7, 1.2, 2.0)  # [s], of the first scan
 LEAST_EVIDENCE = 25.0  # [nat] for a push against nothing, where the residual is even
+LEAST_SHARE = 0.35  # of what is strange about its rows, that one wrench has to explain
 ALONE = 8.0  # [nat] that one wrench on the arm has to be better than one joint alone
 _FORCE, _LEVER = 20.0, 0.15  # [N], [m], 1 sigma of a push and of where it acts
 _SCALE = np.array([*3 * (_FORCE,), *3 * (_FORCE * _LEVER,)])  # [N, N m]
@@ -142,7 +143,9 @@ def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[
             continue
         better = scan.settled(push)
         new = not any(_overlap(better, other) for other in found)
-        if new and better.evidence - scan.alone(better) > ALONE:
+        short = better.end - better.start < _LONGEST - _STEPS[0]  # else it would be longer still
+        one_wrench = better.evidence > LEAST_SHARE * scan.strangeness(better)
+        if new and short and one_wrench and better.evidence - scan.alone(better) > ALONE:
             found.append(better)
         seen.append(better)
     # what recurs all the time is no push
@@ -210,6 +213,14 @@ class _Scan:
         A = self._white(np.repeat(course[:, None, None], self.observed.n, axis=2), rows)
         y = self.residual[rows]
         return max(_evidence(A[:, :, j : j + 1], y[:, j : j + 1]) for j in range(self.observed.n))
+
+    def strangeness(self, push: Push) -> float:
+        """Return how much likelier a push's rows would be if all their errors were foretold [nat].
+
+        Beyond what noise alone has of it.
+        """
+        white = self.residual[self._rows(push.recording, push.start, push.end)]
+        return 0.5 * float(np.sum(white**2) - np.count_nonzero(white))
 
     def settled(self, push: Push) -> Push:
         """Move start and end to where the evidence is highest."""
