@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.columns import Columns
-    from estimators.diagnosis.hypotheses import Hypothesis
+    from estimators.diagnosis.hypothesis import Hypothesis
     from estimators.diagnosis.improvement import Enter, Improvement
     from estimators.diagnosis.observations import Observations
     from estimators.diagnosis.responses import Response

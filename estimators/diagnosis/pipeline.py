@@ -31,7 +31,7 @@ from limo_driver.errors import ConfigError, RecordingError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.hypotheses import Hypothesis
+    from estimators.diagnosis.hypothesis import Hypothesis
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray

@@ -15,7 +15,7 @@ from estimators.diagnosis.evidence import Evidence, Prior, joined
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.hypotheses import Hypothesis
+    from estimators.diagnosis.hypothesis import Hypothesis
     from estimators.diagnosis.noise import Noise
     from estimators.diagnosis.observations import Observations
     from limo_driver.types import FloatArray

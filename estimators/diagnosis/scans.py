@@ -16,7 +16,7 @@ from estimators.diagnosis.hypotheses import rippling
 from limo_driver.differentiation import ORDER
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.hypotheses import Hypothesis
+    from estimators.diagnosis.hypothesis import Hypothesis
     from estimators.diagnosis.observations import Observations
     from limo_driver.types import FloatArray
 

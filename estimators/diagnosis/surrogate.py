@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses import stop
+from estimators.diagnosis.friction_hypotheses import stop
 from estimators.diagnosis.responses import over_joint
 
 if TYPE_CHECKING:

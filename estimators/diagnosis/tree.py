@@ -15,7 +15,7 @@ import numpy as np
 from estimators.diagnosis.columns import Columns, Products
 from estimators.diagnosis.diagnosis import Test
 from estimators.diagnosis.evidence import Evidence, Prior, joined, posterior
-from estimators.diagnosis.hypotheses import stop
+from estimators.diagnosis.friction_hypotheses import stop
 from estimators.diagnosis.responses import over_joint
 
 if TYPE_CHECKING:
