@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
 from estimators.rigid_body.regressor import Chain
@@ -36,6 +37,7 @@ SAMPLES_PER_BANDWIDTH = 20.0  # [samples/(s Hz)]; more would say nothing that pa
 LEAST_ROWS = 200  # of all recordings together, on the slow grid
 REST = 0.0015  # [rad/s], slower is at rest
 NEAR_REST = 0.1  # [s] before and after, within which the filter has spread what happens at rest
+_EVEN = 1e-4  # [sample periods], deviation from an even grid that does not matter
 _DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
 
 
@@ -212,7 +214,7 @@ class Observations:
 
 @dataclass(frozen=True)
 class _Part:
-    """One recording, filtered, and thinned to what the sharp bandwidth needs."""
+    """One recording, filtered, on an even grid, and thinned to what the sharp bandwidth needs."""
 
     sharp: Motion
     smooth: Motion
@@ -224,18 +226,50 @@ class _Part:
     def of(cls, recording: Recording, bandwidth: float) -> _Part:
         stride = max(1, int(recording.rate / (SAMPLES_PER_BANDWIDTH * bandwidth)))
         chosen = [np.arange(rows.start, rows.stop, stride) for rows in recording.segments]
-        samples = np.concatenate(chosen)
-        ends = np.cumsum([0, *(part.size for part in chosen)])
+        grids = [_even(recording.time[rows]) for rows in chosen]
+        ends = np.cumsum([0, *(grid.size for grid in grids)])
         segments = tuple(slice(a, b) for a, b in pairwise(ends.tolist()))
-        time = recording.time[samples]
-        inside = ~recording.edges(bandwidth)[samples]
+        time = np.concatenate(grids)
+
+        def on_grid(values: FloatArray) -> FloatArray:
+            """Read smooth values (all samples, ...) on the grids."""
+            parts = [
+                values[rows] if grid.size == rows.size and (grid == recording.time[rows]).all()
+                else CubicSpline(recording.time[rows], values[rows])(grid)
+                for rows, grid in zip(chosen, grids, strict=True)
+            ]  # fmt: skip
+            return np.concatenate(parts)
+
+        def moved(motion: Motion) -> Motion:
+            warmth = motion.temperature
+            return Motion(
+                time,
+                on_grid(motion.position),
+                on_grid(motion.velocity),
+                on_grid(motion.acceleration),
+                None if warmth is None else on_grid(warmth),
+            )
+
+        edges = on_grid(recording.edges(bandwidth).astype(float)) > 0.5  # noqa: PLR2004
         return cls(
-            recording.sharp_motion(bandwidth)[samples],
-            recording.motion(bandwidth)[samples],
-            recording.filtered_torque(bandwidth)[samples],
+            moved(recording.sharp_motion(bandwidth)),
+            moved(recording.motion(bandwidth)),
+            on_grid(recording.filtered_torque(bandwidth)),
             segments,
-            _slow_rows(time, segments, inside, bandwidth),
+            _slow_rows(time, segments, ~edges, bandwidth),
         )
+
+
+def _even(time: FloatArray) -> FloatArray:
+    """Return the even grid nearest to rising times; the times themselves where they are even.
+
+    All columns pass the filter many times, which is quick on an even grid alone.
+    """
+    count = round((time[-1] - time[0]) / float(np.median(np.diff(time)))) + 1
+    grid = np.linspace(time[0], time[-1], count)
+    if count == time.size and np.abs(grid - time).max() < _EVEN * (grid[1] - grid[0]):
+        return time
+    return grid
 
 
 def _slow_rows(
