@@ -29,9 +29,8 @@ if TYPE_CHECKING:
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
-_DRAWS = 60  # of a posterior, for intervals
-_LEAST = 1e-9  # coefficient of what is there
-_NARROW, _WIDE = 0.5, 2.0  # ratio of medians at which a region is worth a word
+_PRICE = 10.0  # [nat] that an effect has to bring
+_HIDDEN = 10.0  # [noise floors]
 
 
 def fit_of(bench: Bench, before: FloatArray, after: FloatArray, floor: FloatArray) -> Fit:
@@ -147,10 +146,6 @@ def not_observable(bench: Bench, solution: Solution, rest: Leftover) -> tuple[No
         for effect, (torque, joint) in sorted(least.items())
         if torque > _HIDDEN
     )
-
-
-_PRICE = 10.0  # [nat] that an effect has to bring
-_HIDDEN = 10.0  # [noise floors]
 
 
 def explanations_of(bench: Bench, solution: Solution, limit: int = 12) -> tuple[Explanation, ...]:

@@ -176,8 +176,7 @@ def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:
     high = np.where(np.arange(s.size) < count, REACH, np.inf)
     low = np.where(both.positive, 0.0, -high)
     x, free = np.zeros(s.size), np.ones(s.size, dtype=bool)
-    factor = cho_factor(M)
-    for _ in range(s.size):
+    while True:
         factor = cho_factor(M[np.ix_(free, free)])
         found = cho_solve(factor, c[free] - M[np.ix_(free, ~free)] @ x[~free])
         x[free] = np.clip(found, low[free], high[free])

@@ -105,7 +105,7 @@ class _Local:
         for joint in range(around.observed.n):
             values, at = around.columns.of_joint(joint)
             mine = [k for k, column in enumerate(at) if int(column) in place]
-            rows = self._rows(joint)
+            rows = around.use[:, joint]
             A = around.noise.whiten(values[:, mine], joint)[rows]
             y = around.noise.whiten(around.residual[:, joint], joint)[rows]
             to = np.array([place[int(at[k])] for k in mine], dtype=np.int64)
@@ -113,9 +113,6 @@ class _Local:
             self._product[to] += A.T @ y
             self._energy += float(y @ y)
             self._white.append((A, to, y))
-
-    def _rows(self, joint: int) -> NDArray[np.bool_]:
-        return self.around.use[:, joint]
 
     def gain(self, hypothesis: Hypothesis) -> float:
         """Return the log evidence of the hypothesis together with the others."""
@@ -131,7 +128,7 @@ class _Local:
             values, at = table.of_joint(joint)
             if not at.size:
                 continue
-            B = self.around.noise.whiten(values, joint)[self._rows(joint)]
+            B = self.around.noise.whiten(values, joint)[self.around.use[:, joint]]
             gram[np.ix_(to, size + at)] += A.T @ B
             gram[np.ix_(size + at, size + at)] += B.T @ B
             product[size + at] += B.T @ y

@@ -58,12 +58,12 @@ class Search:
         """Return the columns of a set, in the order of its members."""
         return joined(*(self.candidates[i].prior for i in members))
 
-    def best(self, start: Sequence[int] = ()) -> Explained:
+    def best(self) -> Explained:
         """Return the best set."""
-        beam = [tuple(start)] if start else [()]
-        best = Explained(beam[0], self.gain(beam[0]))
-        for _ in range(LARGEST - len(start)):
-            grown = self._grown(beam)
+        beam: list[tuple[int, ...]] = [()]
+        best = Explained((), self.gain(()))
+        for _ in range(LARGEST):
+            grown = self._grown(beam, WIDTH)
             if not grown or grown[0].gain <= best.gain:
                 break
             best = grown[0]
@@ -74,7 +74,7 @@ class Search:
         """Return the best single additions to a set."""
         return self._grown([tuple(base)], limit)
 
-    def _grown(self, beam: Sequence[tuple[int, ...]], width: int = WIDTH) -> list[Explained]:
+    def _grown(self, beam: Sequence[tuple[int, ...]], width: int) -> list[Explained]:
         seen: dict[tuple[int, ...], float] = {}
         for members in beam:
             seen |= self._with_one_more(members)
@@ -102,7 +102,7 @@ class Search:
         for _ in range(2 * LARGEST):
             options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
             trials = [Explained(option, self.gain(option)) for option in options]
-            trials += self._grown(options) if options else []
+            trials += self._grown(options, WIDTH) if options else []
             better = max(trials, key=lambda item: item.gain, default=best)
             if better.gain <= best.gain:
                 return best
