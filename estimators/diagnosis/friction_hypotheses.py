@@ -20,6 +20,7 @@ from limo_driver.physics import (
     TemperatureDependentFriction,
     ViscousFriction,
 )
+from limo_driver.physics.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,30 +48,35 @@ def friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
         up.name,
         (j,),
         (up, down),
-        lambda c: (replace(up, tau_plus=abs(float(c[0])), tau_minus=abs(float(c[1]))),),
+        # Alone, it cannot push; `enter` lets it also take from the Coulomb friction of the joint.
+        lambda c: (replace(up, tau_plus=max(0.0, float(c[0])), tau_minus=max(0.0, float(c[1]))),),
         enter=lambda improvement, c: improvement.skew(joint, float(c[0]), float(c[1]), eps),
     )
     for v_s in CREEP_SPEEDS:
         for delta in (1.0, 2.0):
-            yield stribeck(joint, v_s, delta)
+            yield stribeck(joint, eps, v_s, delta)
     yield single(QuadraticDrag(joint=joint, coefficient=1.0), "coefficient", positive=True)
     for variant in ("absolute", "positive", "negative", "quadratic"):
-        effect = LoadDependentFriction(joint=joint, coefficient=0.1, variant=variant)
+        effect = LoadDependentFriction(joint=joint, coefficient=0.1, variant=variant, v_eps=eps)
         yield single(effect, "coefficient", positive=True)
     yield position_dependent(observed, joint)
     duration = max(recording.duration for recording in observed.recordings)
     for part in WARMING_TIMES:
-        yield warming(joint, part * duration)
+        yield warming(joint, eps, part * duration)
     if observed.motion.temperature is not None:
-        yield by_temperature(joint, float(np.nanmean(observed.motion.temperature[:, j])))
+        mean = float(np.nanmean(observed.motion.temperature[:, j]))
+        yield by_temperature(joint, eps, mean)
 
 
 def sign_width(observed: Observations, joint: int) -> float:
-    """Return the width of the smoothed sign that the simulation uses at a joint [rad/s]."""
+    """Return the width of the smoothed sign that the simulation uses at a joint [rad/s].
+
+    All dry friction of a joint shares it: two widths at one joint look like a Stribeck effect.
+    """
     for effect in observed.simulation.effects:
-        if isinstance(effect, CoulombFriction) and effect.joint == joint:
+        if isinstance(effect, (CoulombFriction, AsymmetricFriction)) and effect.joint == joint:
             return effect.v_eps
-    return 0.002
+    return SIGN_WIDTH
 
 
 def coulomb(joint: int, v_eps: float) -> Hypothesis:
@@ -85,34 +91,36 @@ def coulomb(joint: int, v_eps: float) -> Hypothesis:
     )
 
 
-def stribeck(joint: int, v_s: float, delta: float) -> Hypothesis:
+def stribeck(joint: int, v_eps: float, v_s: float, delta: float) -> Hypothesis:
     """Return the Stribeck effect at one joint."""
-    effect = StribeckFriction(joint=joint, tau_s=1.0, v_s=v_s, delta=delta)
+    effect = StribeckFriction(joint=joint, tau_s=1.0, v_s=v_s, delta=delta, v_eps=v_eps)
     return single(
         effect,
         "tau_s",
         positive=True,
         settings=(v_s, delta),
-        family=partial(stribeck, joint),
+        family=partial(stribeck, joint, v_eps),
         bounds=((3e-3, 0.6), (0.5, 4.0)),
     )
 
 
-def warming(joint: int, time_constant: float) -> Hypothesis:
+def warming(joint: int, v_eps: float, time_constant: float) -> Hypothesis:
     """Return friction that fades as a joint warms up."""
-    effect = TemperatureDependentFriction(joint=joint, excess=1.0, time_constant=time_constant)
+    effect = TemperatureDependentFriction(
+        joint=joint, excess=1.0, time_constant=time_constant, v_eps=v_eps
+    )
     return single(
         effect,
         "excess",
         settings=(time_constant,),
-        family=partial(warming, joint),
+        family=partial(warming, joint, v_eps),
         bounds=((0.02 * time_constant, 20 * time_constant),),
     )
 
 
-def by_temperature(joint: int, mean: float) -> Hypothesis:
+def by_temperature(joint: int, v_eps: float, mean: float) -> Hypothesis:
     """Return friction that follows a measured temperature, with what it is at the mean [°C]."""
-    slope = TemperatureDependentFriction(joint=joint, per_kelvin=0.1, reference=mean)
+    slope = TemperatureDependentFriction(joint=joint, per_kelvin=0.1, reference=mean, v_eps=v_eps)
 
     def realise(c: FloatArray) -> tuple[Effect, ...]:
         per_kelvin = 0.1 * float(c[0])
@@ -121,18 +129,19 @@ def by_temperature(joint: int, mean: float) -> Hypothesis:
             replace(slope, per_kelvin=per_kelvin, reference=float(np.clip(reference, -50.0, 200))),
         )
 
-    height = CoulombFriction(joint=joint, tau_c=1.0)
+    height = CoulombFriction(joint=joint, tau_c=1.0, v_eps=v_eps)
     return Hypothesis(slope.name, (joint - 1,), (slope, height), realise)
 
 
 def position_dependent(observed: Observations, joint: int) -> Hypothesis:
     """Return friction that varies with the position, around its mean."""
-    q = observed.slow.position[:, joint - 1]
+    q, eps = observed.slow.position[:, joint - 1], sign_width(observed, joint)
     low, high = float(q.min()), float(q.max())
     knots = tuple(np.linspace(low, max(high, low + 1e-3), PLACES).tolist())
     hats = np.eye(PLACES)
     terms = tuple(
-        PositionDependentFriction(joint=joint, positions=knots, excess=tuple(hat)) for hat in hats
+        PositionDependentFriction(joint=joint, positions=knots, excess=tuple(hat), v_eps=eps)
+        for hat in hats
     )
     return Hypothesis(
         terms[0].name,
