@@ -10,7 +10,6 @@ import pytest
 from estimators.diagnosis.friction_hypotheses import friction, sign_width
 from estimators.diagnosis.observations import Observations
 from limo_driver.physics import AsymmetricFriction, CoulombFriction
-from limo_driver.recording import Recording
 
 DRY = (
     CoulombFriction(joint=2, tau_c=1.0, v_eps=0.02),
@@ -22,11 +21,9 @@ DRY = (
 def test_dry_friction_of_a_joint_has_the_sign_of_what_is_known_there(
     rigid, training_recording, known
 ):
-    r = training_recording
-    warm = Recording.from_arrays(
-        r.time, r.position, r.torque, temperature=np.full_like(r.position, 30.0)
-    )
-    observed = Observations.of(replace(rigid, effects=(known,)), [warm], 10.0)
+    observed = Observations.of(replace(rigid, effects=(known,)), [training_recording], 10.0)
+    warm = replace(observed.motion, temperature=np.full_like(observed.motion.position, 30.0))
+    observed = replace(observed, motion=warm)
     widths = {
         (hypothesis.effect, term.v_eps)
         for hypothesis in friction(observed, 1)
