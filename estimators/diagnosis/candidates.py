@@ -10,8 +10,15 @@ import numpy as np
 from estimators.diagnosis import hypotheses
 from estimators.diagnosis.evidence import Prior
 from estimators.diagnosis.improvement import payload_of
-from estimators.diagnosis.nuisance import can_scale, derivative, relative_inertia
 from estimators.diagnosis.responses import responses
+from estimators.diagnosis.revision import (
+    WIDTHS,
+    can_scale,
+    derivative,
+    mover,
+    relative_inertia,
+    reviser,
+)
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -29,7 +36,6 @@ DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
 WRONG = 1.0  # relative deviation of a parameter that is simply wrong
 WRONG_INERTIA = 0.4
 _PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
-_SMOOTHING = {"v_eps"}
 _TINY = 1e-12
 _TOGETHER = 20  # hypotheses that pass the filter in one go
 
@@ -136,7 +142,7 @@ def _revisions(observed: Observations, columns: Columns) -> Iterator[Candidate]:
         names = [
             known.name
             for known in effect.parameters()
-            if can_scale(known) and known.name not in _SMOOTHING and getattr(effect, known.name)
+            if can_scale(known) and known.name not in WIDTHS and getattr(effect, known.name)
         ]
         if not names:
             continue
@@ -153,17 +159,9 @@ def _revisions(observed: Observations, columns: Columns) -> Iterator[Candidate]:
             named,
             "wrong_parameter",
             Prior.free(columns.add(joints, values), np.full(len(names), WRONG)),
-            _reviser(place, names),
+            reviser(place, names),
             rarity=DEVIATING,
         )
-
-
-def _reviser(place: int, names: Sequence[str]) -> Enter:
-    def enter(improvement: Improvement, c: FloatArray) -> None:
-        for name, change in zip(names, c, strict=True):
-            improvement.revise(place, name, float(change))
-
-    return enter
 
 
 def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
@@ -176,7 +174,7 @@ def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
             (link,),
             "wrong_parameter",
             Prior.free(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, WRONG_INERTIA)),
-            _mover(link, scale),
+            mover(link, scale),
         )
     last = Y[:, :, PER_LINK * (n - 1) :]
     yield Candidate(
@@ -196,7 +194,3 @@ def _loader(improvement: Improvement, c: FloatArray) -> None:
     """Add a payload; one whose mass is at its bound of 0 is none."""
     if c[0] > 0:
         improvement.add(payload_of(c))
-
-
-def _mover(link: int, scale: FloatArray) -> Enter:
-    return lambda improvement, c: improvement.move_inertia(link, scale @ c)

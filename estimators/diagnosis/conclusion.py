@@ -184,13 +184,14 @@ def shifts_of(bench: Bench, final: Solution) -> tuple[Shift, ...]:
     mean = final.fitted.mean[:count]
     sigmas = mean / bench.nuisance.prior.deviation
     order = np.argsort(-np.abs(sigmas))
+    parameters = bench.nuisance.parameters
     return tuple(
         Shift(
-            bench.nuisance.names[k],
-            float(bench.nuisance.nominal[k]),
-            float(bench.nuisance.nominal[k] * (1.0 + mean[k])),
-            "relative",
+            parameters[k].name,
+            parameters[k].nominal,
+            parameters[k].value(float(mean[k])),
+            parameters[k].unit,
             float(sigmas[k]),
         )
-        for k in order
+        for k in order.tolist()
     )
