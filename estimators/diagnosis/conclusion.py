@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.diagnosis import Explanation, Shift
+from estimators.diagnosis.diagnosis import CHOSEN, Explanation, Shift
 from estimators.diagnosis.findings import findings_of, unknown_of
+from estimators.diagnosis.judgement import MATERIAL
 from estimators.diagnosis.plausibility import notes_on
 from estimators.diagnosis.proof import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.verdict import (
@@ -148,34 +149,66 @@ def not_observable(bench: Bench, solution: Solution, rest: Leftover) -> tuple[No
     )
 
 
-def explanations_of(bench: Bench, solution: Solution, limit: int = 12) -> tuple[Explanation, ...]:
-    """Return the chosen set and the best others, best first."""
+def explanations_of(
+    bench: Bench, solution: Solution, floor: FloatArray, limit: int = 12
+) -> tuple[Explanation, ...]:
+    """Return the chosen set and the best others, best first.
+
+    Args:
+        bench: What was compared.
+        solution: The chosen set, fitted to the rows meant for it.
+        floor: Noise floor of each joint, (n,) [N m].
+        limit: How many.
+    """
     search, rows = solution.search, bench.split.held_out
     none = rmse(bench.left(search.evidence.posterior(search.prior(()))), rows)
-    floor = rmse(bench.left(solution.fitted), rows)
-    sets = {tuple(sorted(solution.members))}
-    for member in solution.members:
-        rest = tuple(i for i in solution.members if i != member)
-        sets |= {item.members for item in search.ranked(rest, limit)} | {tuple(sorted(rest))}
-    sets |= {item.members for item in search.ranked((), limit)}
-    best: dict[tuple[tuple[str, tuple[int, ...]], ...], tuple[int, ...]] = {}
-    for members in sorted(sets, key=search.gain):
-        best[tuple(bench.candidates[i].place for i in members)] = members
-    ranked = sorted(best.values(), key=lambda members: -search.gain(members))[:limit]
+    kept = rmse(bench.left(solution.fitted), rows)
     found: list[Explanation] = []
-    for members in ranked:
+    for members in _ranked(bench, solution, limit):
         left = rmse(bench.left(search.evidence.posterior(search.prior(members))), rows)
-        chosen = set(members) == set(solution.members)
+        gain, note = search.gain(members), ""
+        if set(members) == set(solution.members):
+            note = CHOSEN
+        elif gain > solution.gain:
+            note = _dropped(left / floor, kept / floor)
         found.append(
             Explanation(
                 tuple(bench.candidates[i].effect for i in members),
                 tuple(tuple(j + 1 for j in bench.candidates[i].joints) for i in members),
-                search.gain(members),
-                reducible_removed(none, left, np.minimum(floor, none)),
-                "chosen" if chosen else "",
+                gain,
+                reducible_removed(none, left, floor),
+                note,
             )
         )
     return tuple(found)
+
+
+def _dropped(left: FloatArray, kept: FloatArray) -> str:
+    """Say why a set of more evidence was not chosen.
+
+    Args:
+        left: Its held-out RMSE, (n,) [noise floors].
+        kept: That of the chosen set.
+    """
+    gained = kept**2 - left**2
+    if gained.sum() <= 0:
+        return "does not hold on motion held out"
+    return "takes too little off motion held out" if gained.max() < MATERIAL**2 else ""
+
+
+def _ranked(bench: Bench, solution: Solution, limit: int) -> list[tuple[int, ...]]:
+    """Return the best sets of members, one of each set of places; the chosen one is among them."""
+    search, chosen = solution.search, tuple(sorted(solution.members))
+    sets = {chosen}
+    for member in chosen:
+        rest = tuple(i for i in chosen if i != member)
+        sets |= {item.members for item in search.ranked(rest, limit)} | {rest}
+    sets |= {item.members for item in search.ranked((), limit)}
+    best: dict[tuple[tuple[str, tuple[int, ...]], ...], tuple[int, ...]] = {}
+    for members in [*sorted(sets, key=search.gain), chosen]:
+        best[tuple(sorted(bench.candidates[i].place for i in members))] = members
+    others = sorted(set(best.values()) - {chosen}, key=search.gain, reverse=True)[: limit - 1]
+    return sorted([chosen, *others], key=search.gain, reverse=True)
 
 
 def shifts_of(bench: Bench, final: Solution) -> tuple[Shift, ...]:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
+CHOSEN = "chosen"  # the note of the explanation that the verdict is about
+
 
 @dataclass(frozen=True)
 class Traces:
@@ -40,7 +42,7 @@ class Explanation:
     joints: tuple[tuple[int, ...], ...]  # of each effect, 1-based
     log_evidence: float  # against no effect at all, natural logarithm
     share: float  # of the reducible error that it removes
-    note: str = ""  # e.g. "cannot be told apart from ..."
+    note: str = ""  # CHOSEN, or why it is not
 
 
 @dataclass(frozen=True)

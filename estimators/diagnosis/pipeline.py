@@ -324,7 +324,7 @@ def diagnose(
         after=improved,
         recordings=tuple(recordings),
         traces=_traces(bench, after),
-        explanations=explanations_of(bench, solution),
+        explanations=explanations_of(bench, solution, rest.floor),
         tests=tests_of(bench, solution),
         shifts=shifts_of(bench, final),
         bandwidth=bandwidth,

@@ -12,8 +12,9 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Replay, Shift, Traces
+from estimators.diagnosis.diagnosis import CHOSEN, Diagnosis, Explanation, Replay, Shift, Traces
 from estimators.diagnosis.diagnosis import Test as Question
+from estimators.diagnosis.judgement import TELLABLE
 from estimators.diagnosis.report import worst_stretch, write_report
 from estimators.diagnosis.report.binning import edges_of, profile, residual_map
 from estimators.diagnosis.report.markup import UNSAID, percent
@@ -137,7 +138,10 @@ def made_up(before: Simulation, after: Simulation, recordings, joint: int) -> Di
         recordings=tuple(recordings),
         traces=traces,
         explanations=(
-            Explanation(("presliding_hysteresis",), ((joint,),), 812.4, 0.87),
+            Explanation(
+                ("spring_load",), ((joint,),), 830.0, -0.2, "does not hold on motion held out"
+            ),
+            Explanation(("presliding_hysteresis",), ((joint,),), 812.4, 0.87, CHOSEN),
             Explanation(("stribeck_friction",), ((joint,),), 810.9, 0.85),
             Explanation(
                 ("coulomb_friction", "viscous_friction"), ((joint,), (joint,)), 301.0, 0.41
@@ -245,9 +249,26 @@ def test_every_part_of_the_evidence_is_there(parsed):
     expected = {"errors", "findings", "where", "competing", "tests", "replay", "next", "unsure",
                 "data", "joint-1", "joint-2"}  # fmt: skip
     assert expected <= set(parsed.anchors)
-    for said in ("cannot be told from the best", "no load of known mass", "tau_c of joint 2",
+    for said in ("cannot be told from the chosen", "no load of known mass", "tau_c of joint 2",
                  "a value is missing or not finite", "decides between the two"):  # fmt: skip
         assert said in parsed.text
+
+
+def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(diagnosis, page):
+    charts = json.loads(re.search(r'id="figures">(.*?)</script>', page, re.DOTALL).group(1))
+    (bars,) = (c["data"][0] for c in charts if c["data"][0].get("type") == "bar")
+    colours = bars["marker"]["color"]
+    assert colours[1] not in {colours[0], *colours[2:]}
+    top = diagnosis.explanations[1].log_evidence
+    assert f"{diagnosis.explanations[0].log_evidence - top:.1f}" in page
+    assert "does not hold on motion held out" in page
+
+
+def test_the_page_says_what_its_evidence_is_not(parsed):
+    text = " ".join(parsed.text.split())
+    assert "Rows near rest are drawn here, but neither fitted nor scored" in text
+    assert f"A difference in log evidence of {TELLABLE:g} means odds of 55 to 1" in text
+    assert "They name nothing" in text
 
 
 def test_every_chart_is_a_figure_that_plotly_accepts_with_units_on_its_axes(page):

@@ -141,12 +141,14 @@ def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
     return {"data": data, "layout": layout, "height": 320}
 
 
-def explanations(candidates: Sequence[Explanation], names: Sequence[str]) -> Figure:
+def explanations(
+    candidates: Sequence[Explanation], names: Sequence[str], chosen: Explanation
+) -> Figure:
     """Log evidence of what competed, against no effect at all."""
     bars = {
         "type": "bar", "orientation": "h", "y": list(names),
         "x": numbers(np.array([item.log_evidence for item in candidates])),
-        "marker": {"color": [AFTER] + ["#b8c4d0"] * (len(names) - 1)},
+        "marker": {"color": [AFTER if c is chosen else "#b8c4d0" for c in candidates]},
         "hovertemplate": "%{y}: %{x}<extra></extra>",
     }  # fmt: skip
     layout = _layout("log evidence against no effect (natural logarithm)", "")
@@ -162,7 +164,8 @@ def shifts(moved: Sequence[Shift]) -> Figure:
         "type": "scatter", "mode": "markers", "y": [item.name for item in moved],
         "x": numbers(np.array([item.sigmas for item in moved])),
         "marker": {"size": 9, "color": [BEFORE if f else AFTER for f in far]},
-        "hovertemplate": "%{y}: %{x} sigma<extra></extra>",
+        "text": [f"{s.nominal:.4g} to {s.fitted:.4g} {s.unit}" for s in moved],
+        "hovertemplate": "%{y}: %{text}, %{x} sigma<extra></extra>",
     }  # fmt: skip
     layout = _layout("shift from the nominal value [standard deviations of its tolerance]", "")
     layout["yaxis"] |= {"autorange": "reversed", "automargin": True}

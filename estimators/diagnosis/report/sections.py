@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.diagnosis import CHOSEN
+from estimators.diagnosis.judgement import TELLABLE
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.markup import (
     Charts,
@@ -37,10 +39,11 @@ _TITLES = {
     "load": "over load",
     "time": "over time",
 }
+_REST = "rows near rest are drawn, not scored"
+_NOTES = {"since_reversal": "signed along the motion", "time": _REST}
 _SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
 _CANDIDATES = 12  # explanations drawn
 _LABEL = 44  # characters of an explanation beside its bar
-_CLOSE = 3.0  # of log evidence; less cannot prefer one explanation (odds of 20 to 1)
 
 
 def where(diagnosis: Diagnosis, charts: Charts) -> str:
@@ -60,7 +63,8 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
         "Residual: recorded minus simulated torque, mean (line) and one standard deviation (band) "
         "in bins. Orange: the given simulation. Blue: the improved one. Dotted: noise floor. "
         "Torque curves show 8 s in which the joint differs much and moves little, less the "
-        "rigid-body torque."
+        "rigid-body torque. Rows near rest are drawn here, but neither fitted nor scored: they "
+        "may lie above the errors in the table."
     )
     return section("Where the difference is", opened + rest, "where", lead)
 
@@ -72,14 +76,14 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         charts.place(
             figures.dependence(traces, j, name, float(floor[j])),
             f"Residual {_TITLES[name]}",
-            "signed along the motion" if name == "since_reversal" else "",
+            _NOTES.get(name, ""),
         )
         for name in _QUANTITIES
     ]
     before, after = figures.maps(traces, j)
     maps = [
-        charts.place(before, "Mean residual over position and velocity", "given"),
-        charts.place(after, "Mean residual over position and velocity", "improved"),
+        charts.place(before, "Mean residual over position and velocity", f"given; {_REST}"),
+        charts.place(after, "Mean residual over position and velocity", f"improved; {_REST}"),
     ]
     stretch = loop_stretch(traces, j, LOOP)
     note = f"{stretch.start:.1f} to {stretch.stop:.1f} s"
@@ -122,19 +126,21 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
     best = diagnosis.explanations[:_CANDIDATES]
     body = ""
     if best:
+        chosen = next((item for item in best if item.note == CHOSEN), best[0])
         names = [f"{k}. {_short(item)}" for k, item in enumerate(best, start=1)]
-        body = charts.place(figures.explanations(best, names), "Explanations that competed")
-        top = best[0].log_evidence
+        body = charts.place(figures.explanations(best, names, chosen), "Explanations that competed")
+        top = chosen.log_evidence
         rows = [
             [escape(_name(item)), f"{item.log_evidence:.1f}", f"{item.log_evidence - top:.1f}",
              meter(item.share), escape(_note(item, top))]
             for item in diagnosis.explanations
         ]  # fmt: skip
-        headings = ("explanation", "log evidence", "to the best", "share removed", "")
+        headings = ("explanation", "log evidence", "to the chosen", "share removed", "")
         body += table(headings, rows)
     lead = (
-        "A difference in log evidence of 3 means odds of 20 to 1; what is closer than that, these "
-        "recordings cannot tell apart."
+        f"A difference in log evidence of {TELLABLE:g} means odds of {np.exp(TELLABLE):.0f} to 1; "
+        "what is closer than that, these recordings cannot tell apart. More evidence than that of "
+        "the chosen explanation is not enough where motion held out speaks against it."
     )
     return section("What competed", body, "competing", lead)
 
@@ -159,8 +165,8 @@ def _short(item: Explanation) -> str:
 def _note(item: Explanation, top: float) -> str:
     if item.note:
         return item.note
-    close = item.log_evidence != top and top - item.log_evidence < _CLOSE
-    return "cannot be told from the best" if close else ""
+    close = item.log_evidence != top and abs(top - item.log_evidence) < TELLABLE
+    return "cannot be told from the chosen" if close else ""
 
 
 def tests(diagnosis: Diagnosis) -> str:
@@ -175,7 +181,9 @@ def tests(diagnosis: Diagnosis) -> str:
         "Questions asked of the residual",
         table(headings, rows) if rows else "",
         "tests",
-        "Nested tests: each asks whether the residual depends on one more thing.",
+        "Nested tests: each asks whether the residual of one joint, by itself, depends on one more "
+        "thing. They name nothing: an effect of the whole arm, or several at one joint, may answer "
+        "otherwise than a single effect would.",
     )
 
 
