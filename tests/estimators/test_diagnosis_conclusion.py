@@ -1,0 +1,75 @@
+"""Conclusion: what competed is told with shares of the reducible error, and why it lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.conclusion import explanations_of, shifts_of
+from estimators.diagnosis.diagnosis import CHOSEN
+from estimators.diagnosis.noise import Noise
+from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.pipeline import Bench, fitted, quiet
+from limo_driver.physics import CoulombFriction, SpringLoad
+from limo_driver.recording import Recording
+
+FLOOR = np.full(2, 0.01)  # [N m]
+
+
+@pytest.fixture(scope="module")
+def bench(rigid, training_recording):
+    """An arm with a spring that its simulation lacks, and Coulomb friction a little too low."""
+    r = training_recording
+    motion = r.motion(10.0)
+    known = tuple(CoulombFriction(joint=j, tau_c=1.1) for j in (1, 2))
+    true = replace(rigid, effects=(*known, SpringLoad(joint=2, stiffness=8.0, rest=0.0)))
+    noise = FLOOR * np.random.default_rng(0).standard_normal(r.position.shape)
+    recording = Recording.from_arrays(r.time, r.position, true.predict(motion) + noise)
+    return Bench.of(Observations.of(rigid, [recording], 10.0), quiet)
+
+
+@pytest.fixture(scope="module")
+def noise(bench):
+    return Noise.independent(FLOOR, bench.split.fitted)
+
+
+def spring_of(bench):
+    return next(i for i, c in enumerate(bench.candidates) if c.place == ("spring_load", (1,)))
+
+
+def test_a_set_that_was_taken_back_keeps_its_share_and_nothing_is_no_share(bench, noise):
+    found = explanations_of(bench, fitted(bench, (), noise), FLOOR)
+    (chosen,) = (item for item in found if item.note == CHOSEN)
+    assert chosen.effects == ()
+    assert chosen.share == pytest.approx(0.0, abs=1e-9)
+    assert found[0].log_evidence > chosen.log_evidence
+    assert found[0].share > 0.9
+
+
+def test_the_chosen_set_is_told_even_where_many_have_more_evidence(bench, noise):
+    found = explanations_of(bench, fitted(bench, (), noise), FLOOR, limit=3)
+    assert len(found) == 3
+    assert [item.log_evidence for item in found] == sorted(
+        (item.log_evidence for item in found), reverse=True
+    )
+    assert sum(item.note == CHOSEN for item in found) == 1
+
+
+def test_more_evidence_that_motion_held_out_denies_is_said_to(bench, noise):
+    chosen = fitted(bench, (spring_of(bench),), noise)
+    denied = replace(
+        bench, residual=np.where(bench.split.held_out, -bench.residual, bench.residual)
+    )
+    assert chosen.gain > 0
+    found = explanations_of(denied, fitted(denied, (), noise), FLOOR)
+    assert found[0].note == "does not hold on motion held out"
+
+
+def test_known_values_move_in_their_own_units(bench, noise):
+    chosen = fitted(bench, (spring_of(bench),), noise)
+    (dry,) = (s for s in shifts_of(bench, chosen) if s.name.startswith("tau_c of joint 1 "))
+    assert (dry.nominal, dry.unit) == (1.0, "N m")
+    assert dry.fitted == pytest.approx(1.1, abs=0.02)
+    assert dry.sigmas == pytest.approx((dry.fitted - 1.0) / 0.15)
