@@ -244,7 +244,8 @@ class RobotModel:
                 [pin.rnea(self.pin_model, self._data, position[0], velocity[0], acceleration[0])]
             )
         columns = [np.asfortranarray(value.T) for value in (position, velocity, acceleration)]
-        return np.array(pin.rneaInParallel(1, self._pool, *columns).T)
+        # of one joint, pinocchio returns a row
+        return np.array(pin.rneaInParallel(1, self._pool, *columns).T).reshape(shape)
 
     def capsules(self) -> tuple[Capsule, ...]:
         """Return the collision capsules of the URDF; other shapes get their bounding sphere.

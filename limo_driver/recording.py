@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LeftOut", "Recording"]
 
+_ROOM = 0.9  # below the highest bandwidth, since the rate of an uneven recording is a mean
 SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
 
 
@@ -204,7 +205,7 @@ class Recording:
             RecordingError: The bandwidth is too high for the sampling rate.
         """
         smooth_motion = self.motion(bandwidth)
-        sharper = min(SHARPER * bandwidth, HIGHEST_BANDWIDTH * self.slowest_rate)
+        sharper = min(SHARPER * bandwidth, _ROOM * HIGHEST_BANDWIDTH * self.slowest_rate)
         if sharper <= bandwidth:
             return smooth_motion
         sharp = differentiate(self.time, self.position, sharper, self.segments)

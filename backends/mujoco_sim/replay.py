@@ -93,10 +93,11 @@ def follow(
 def recorded_path(
     recording: Recording, start: float, stop: float, bandwidth: float, model: RobotModel
 ) -> Trajectory:
-    """Return the smoothed recorded motion as a trajectory that begins at rest.
+    """Return the smoothed recorded motion as a trajectory that begins and ends at rest.
 
     The stretch is preceded by up to two seconds of what was recorded before it and followed by half
-    a second of what came after; a quintic leads from rest into the first of these samples.
+    a second of what came after; quintics lead from rest into the first of these samples, and from
+    the last to rest.
 
     Args:
         recording: The recorded motion.
@@ -117,14 +118,15 @@ def recorded_path(
         raise PathError(f"the recording has a gap between {start:.6g} and {stop:.6g} s")
     here = motion[rows]
     kept = here[np.flatnonzero((time >= start - WARM_UP) & (time <= stop + 1 / bandwidth + 0.5))]
-    rest = kept.position[0] - kept.velocity[0] * LEAD_IN / 2
-    rest = np.clip(rest, model.limits.position_min, model.limits.position_max)
+    half = LEAD_IN / 2
+    ends = kept.position[[0, -1]] + kept.velocity[[0, -1]] * np.array([[-half], [half]])
+    ends = np.clip(ends, model.limits.position_min, model.limits.position_max)
     zero = np.zeros((1, kept.n))
     return Trajectory(
-        np.append(kept.time[0] - LEAD_IN, kept.time),
-        np.concatenate([rest[None], kept.position]),
-        np.concatenate([zero, kept.velocity]),
-        np.concatenate([zero, kept.acceleration]),
+        np.concatenate([[kept.time[0] - LEAD_IN], kept.time, [kept.time[-1] + LEAD_IN]]),
+        np.concatenate([ends[:1], kept.position, ends[1:]]),
+        np.concatenate([zero, kept.velocity, zero]),
+        np.concatenate([zero, kept.acceleration, zero]),
         robot=model.name,
     )
 

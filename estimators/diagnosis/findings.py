@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _DRAWS = 60  # of a posterior, for intervals
 _LEAST = 1e-9  # coefficient of what is there
+_ON_ALL = {"payload", "link_inertia"}  # of one body, felt by all joints below it
 _NARROW, _WIDE = 0.5, 2.0  # ratio of medians at which a region is worth a word
 
 
@@ -46,7 +47,8 @@ def findings_of(
         same = equivalents(bench, solution, member)
         gained = contribution(bench, solution, member)
         share = float(np.clip(gained.sum() / max(reducible, 1e-12), 0.0, 1.0))
-        own = list(candidate.joints or range(bench.observed.n))
+        everywhere = candidate.effect in _ON_ALL or not candidate.joints
+        own = list(range(bench.observed.n) if everywhere else candidate.joints)
         joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
         lead = margin(bench, solution, member, same)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))

@@ -63,9 +63,9 @@ def friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
     duration = max(recording.duration for recording in observed.recordings)
     for part in WARMING_TIMES:
         yield warming(joint, eps, part * duration)
-    if observed.motion.temperature is not None:
-        mean = float(np.nanmean(observed.motion.temperature[:, j]))
-        yield by_temperature(joint, eps, mean)
+    warmth = observed.motion.temperature
+    if warmth is not None and np.isfinite(warmth[:, j]).all():
+        yield by_temperature(joint, eps, float(warmth[:, j].mean()))
 
 
 def sign_width(observed: Observations, joint: int) -> float:

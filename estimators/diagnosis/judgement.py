@@ -9,12 +9,14 @@ import numpy as np
 
 from estimators.diagnosis.noise import roughness
 from estimators.diagnosis.proof import rmse
+from estimators.diagnosis.search import LARGEST
 from estimators.diagnosis.surrogate import foretold
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.candidates import Candidate
+    from estimators.diagnosis.diagnosis import Shift
     from estimators.diagnosis.evidence import Posterior
     from estimators.diagnosis.observations import Observations
     from estimators.diagnosis.pipeline import Bench, Solution
@@ -25,6 +27,8 @@ TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
 FORETOLD = 0.45  # [noise floors] of foretellable rest that counts as unknown physics
 SMOOTHER, SMOOTH = 1.4, 1.9  # times the other joints', and least, ratio of a rest to its roughness
 _LOADS = ("payload", "link_inertia")
+_UNEVEN = ("asymmetric_friction", "torque_offset")
+_WORTH_A_WORD = 1.5  # [sigma] that a value moved inside its tolerance
 DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
 
 
@@ -107,10 +111,15 @@ def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidat
 
 
 def identical(bench: Bench, member: int) -> tuple[str, ...]:
-    """Return what no recording can tell from a member: a load from its carrier's inertia."""
+    """Return what no recording can tell from a member.
+
+    A load is part of its carrier's inertia; friction of unlike height both ways is even friction
+    and an offset.
+    """
     candidate, last = bench.candidates[member], bench.observed.n - 1
-    if candidate.effect in _LOADS and candidate.joints == (last,):
-        return tuple(effect for effect in _LOADS if effect != candidate.effect)
+    for alike in (_LOADS, _UNEVEN):
+        if candidate.effect in alike and (alike is _UNEVEN or candidate.joints == (last,)):
+            return tuple(effect for effect in alike if effect != candidate.effect)
     return ()
 
 
@@ -155,3 +164,33 @@ def abstained(
         if int(np.argmax(contribution(bench, solution, member) / rest.floor**2)) not in doubtful
     )
     return stay, tuple(int(j) for j in unknown)
+
+
+def harms(bench: Bench, proven: FloatArray, rest: Leftover) -> bool:
+    """Say whether held-out motion of some joint is foretold clearly worse than before."""
+    rows = bench.split.held_out
+    before, after = rmse(bench.residual, rows), rmse(proven, rows)
+    return bool((after > before + MATERIAL * rest.floor).any())
+
+
+def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: int) -> Iterator[str]:
+    """Yield what a reader should know of the fit, one sentence each."""
+    moved = [shift for shift in shifts if abs(shift.sigmas) > _WORTH_A_WORD][:3]
+    if moved and not harmful:
+        said = "; ".join(f"{shift.name} by {shift.sigmas:+.1f} sigma" for shift in moved)
+        yield f"Values moved inside their tolerances, too, and the fit has both: {said}."
+    if members >= LARGEST:
+        yield (
+            f"The search stopped at {LARGEST} effects, and more may be missing: identify inertias "
+            "and friction first (limo identify), or give wider tolerances."
+        )
+    if harmful:
+        yield (
+            "What was found foretells motion held out worse than the given simulation does, so "
+            "the written simulation is the given one. Do the recordings belong together?"
+        )
+    if doubted:
+        yield (
+            f"{doubted} short stretches that look like pushes were left out, but too much else is "
+            "unknown to call them contact."
+        )

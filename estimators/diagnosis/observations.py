@@ -65,6 +65,8 @@ class Observations:
         Raises:
             RecordingError: Too little is left, or the bandwidth does not suit a recording.
         """
+        if not (np.isfinite(bandwidth) and bandwidth > 0):
+            raise RecordingError(f"a bandwidth of {bandwidth:g} Hz, expected a positive number")
         parts = [_Part.of(recording, bandwidth) for recording in recordings]
         starts = np.cumsum([0, *(len(part.sharp) for part in parts)])[:-1]
         rows = np.concatenate(
@@ -89,6 +91,22 @@ class Observations:
             np.repeat(np.arange(len(parts)), [len(part.sharp) for part in parts]),
             rows,
             np.concatenate([part.measured for part in parts])[rows],
+        )
+
+    def part(self, recording: int) -> Observations:
+        """Return the observations of one recording (0-based) alone."""
+        first, last = np.flatnonzero(self.recording_of_sample == recording)[[0, -1]]
+        rows = self.recording == recording
+        inside = [rows for rows in self.segments if first <= rows.start <= last]
+        return replace(
+            self,
+            recordings=(self.recordings[recording],),
+            motion=self.motion[first : last + 1],
+            slow=self.slow[rows],
+            segments=tuple(slice(rows.start - first, rows.stop - first) for rows in inside),
+            recording_of_sample=np.zeros(last + 1 - first, dtype=np.int64),
+            kept=self.kept[rows] - first,
+            measured=self.measured[rows],
         )
 
     @property
@@ -247,7 +265,10 @@ class _Part:
                 on_grid(motion.position),
                 on_grid(motion.velocity),
                 on_grid(motion.acceleration),
-                None if warmth is None else on_grid(warmth),
+                # linear, since a joint without any reading is not a number throughout
+                None
+                if warmth is None
+                else np.stack([np.interp(time, recording.time, x) for x in warmth.T], axis=1),
             )
 
         edges = on_grid(recording.edges(bandwidth).astype(float)) > 0.5  # noqa: PLR2004

@@ -15,7 +15,7 @@ from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
 from estimators.diagnosis.improvement import Improvement
-from estimators.diagnosis.judgement import MATERIAL, abstained, leftover, material
+from estimators.diagnosis.judgement import MATERIAL, abstained, harms, leftover, material, remarks
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.observations import Observations
@@ -310,13 +310,32 @@ def diagnose(
     progress("looking for what is left", 0.9)
     rest = leftover(observed, proven)
     named, unknown = abstained(bench, solution, rest)
+    if named != solution.members and harms(bench, proven, rest):
+        solution = fitted(bench, named, solution.noise)  # without what only stands in
+        proven = _proven(bench, solution)
+        rest = leftover(observed, proven)
+    harmful = harms(bench, proven, rest)
+    if harmful:
+        solution, proven, named = fitted(bench, (), solution.noise), bench.residual, ()
+        rest = leftover(observed, proven)
+        _, unknown = abstained(bench, solution, rest)
     progress("fitting to all rows", 0.95)
     final = fitted(bench, solution.members, solution.noise, everything=True)
-    improved = polished(observed, improve(bench, final), observed.moving)
+    improved = simulation
+    if not harmful:
+        improved = polished(observed, improve(bench, final), observed.moving)
     after = observed.filter(observed.predict(improved))
-    contact = contact_of(pushed, observed, proven, rest) if pushed else ()
+    strange = len(unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
+    contact = contact_of(pushed, observed, proven, rest) if pushed and not strange else ()
     verdict = conclude(bench, solution, final, rest, named, unknown, proven, contact)
-    verdict = agreed(verdict, improved)
+    shifts = shifts_of(bench, final)
+    said = remarks(
+        shifts,
+        members=len(solution.members),
+        harmful=harmful,
+        doubted=len(pushed) if strange else 0,
+    )
+    verdict = replace(agreed(verdict, improved), notes=(*verdict.notes, *said))
     progress("done", 1.0)
     return Diagnosis(
         verdict=verdict,
@@ -326,7 +345,7 @@ def diagnose(
         traces=_traces(bench, after),
         explanations=explanations_of(bench, solution, rest.floor),
         tests=tests_of(bench, solution),
-        shifts=shifts_of(bench, final),
+        shifts=shifts,
         bandwidth=bandwidth,
     )
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.mistakes import LEAST_MOVING, Mistake, Sample, mistakes
+from estimators.diagnosis.observations import LEAST_ROWS
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.errors import RecordingError
 
@@ -44,6 +45,15 @@ def check_plausible(observed: Observations) -> None:
     _check_motion(observed)
     _check_measured(observed)
     _check_scale(observed)
+    if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
+        for k in range(len(observed.recordings)):
+            part = observed.part(k)
+            if len(part.kept) >= LEAST_ROWS and len(still(part)) < observed.n:
+                _check_columns(part)
+    _check_columns(observed)
+
+
+def _check_columns(observed: Observations) -> None:
     sample = Sample.of(observed)
     found = found_in(sample)
     wrong = [mistake.said for mistake in found if mistake.is_of_data]

@@ -140,7 +140,7 @@ class Verdict:
         said = "; ".join(texts)
         if unknown:
             return f"Found {said}; at {_joints(tuple(unknown))} something unknown is left."
-        return f"Found {said}; that explains the difference."
+        return f"Found {said}; within tolerances of the rest, that explains the difference."
 
 
 def _spoken(item: Finding) -> str:

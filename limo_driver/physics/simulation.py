@@ -263,7 +263,8 @@ class _Terms:
 
 def displaced(time: FloatArray, displacement: FloatArray, bandwidth: float) -> Derivatives:
     """Differentiate displacements (T, k) of links, within what the sampling allows."""
-    highest = HIGHEST_BANDWIDTH / float(np.median(np.diff(time)))
+    rate = (time.size - 1) / float(time[-1] - time[0])
+    highest = 0.9 * HIGHEST_BANDWIDTH * rate  # the rate of uneven samples is a mean
     return differentiate(time, displacement, min(bandwidth, highest), [slice(0, time.size)])
 
 
