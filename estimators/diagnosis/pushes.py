@@ -143,9 +143,11 @@ def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[
             continue
         better = scan.settled(push)
         new = not any(_overlap(better, other) for other in found)
-        short = better.end - better.start < _LONGEST - _STEPS[0]  # else it would be longer still
+        # at an end of the range it would be longer still, or a spike
+        length = better.end - better.start
+        inside = _SHORTEST + _STEPS[-1] < length < _LONGEST - _STEPS[0]
         one_wrench = better.evidence > LEAST_SHARE * scan.strangeness(better)
-        if new and short and one_wrench and better.evidence - scan.alone(better) > ALONE:
+        if new and inside and one_wrench and better.evidence - scan.alone(better) > ALONE:
             found.append(better)
         seen.append(better)
     # what recurs all the time is no push
