@@ -142,6 +142,26 @@ def test_rest_is_refused(recording):
     refused(replace(recording, position=still), "no joint moves on 50 independent rows")
 
 
+def test_a_mistake_in_one_recording_is_named_beside_good_ones(recording):
+    mixed = replace(recording, torque=recording.torque @ exchange(1, 3).T, source="second")
+    with pytest.raises(RecordingError, match="second: torque_2 belongs to joint 4"):
+        observe(GIVEN, [recording, mixed], BANDWIDTH)
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, -3.0, np.nan, np.inf])
+def test_a_bandwidth_that_is_none_is_refused(recording, bandwidth):
+    with pytest.raises(RecordingError, match="expected a positive number"):
+        observe(GIVEN, [recording], bandwidth)
+
+
+def test_uneven_slow_recordings_are_used_at_the_bandwidth_they_allow(recording):
+    """The rate of an uneven recording is a mean, and so is what the rate allows."""
+    uneven = np.sort(recording.time + np.random.default_rng(1).normal(0, 1e-3, len(recording)))
+    observed = observe(GIVEN, [replace(recording, time=uneven)], 10.0)
+    steps = np.diff(observed.motion.time)
+    assert np.ptp(steps) < 1e-9
+
+
 def refused(recording, said):
     with pytest.raises(RecordingError, match=said) as caught:
         observe(GIVEN, [recording], BANDWIDTH)

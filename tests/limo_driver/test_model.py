@@ -107,3 +107,19 @@ def test_unknown_robot_and_link_and_impossible_body_are_named(model):
 def test_shapes_are_checked(model):
     with pytest.raises(ShapeError, match=r"velocity has shape \(2, 6\), expected \(T, 7\)"):
         model.inverse_dynamics(np.zeros((2, 7)), np.zeros((2, 6)), np.zeros((2, 7)))
+
+
+ONE_JOINT = """<robot name="pendulum"><link name="base"/><link name="arm"><inertial>
+<origin xyz="0 0 0.5"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" velocity="2" effort="50"/></joint></robot>"""
+
+
+def test_an_arm_of_one_joint_has_torques_of_one_joint(tmp_path):
+    (tmp_path / "pendulum.urdf").write_text(ONE_JOINT)
+    pendulum = RobotModel.load(str(tmp_path / "pendulum.urdf"))
+    q, rest = np.array([[0.0], [np.pi / 2], [1.0]]), np.zeros((3, 1))
+    torque = pendulum.inverse_dynamics(q, rest, rest)
+    np.testing.assert_allclose(torque, -2 * 9.81 * 0.5 * np.sin(q), atol=1e-9)
+    np.testing.assert_allclose(pendulum.inertia_of(q, 0), 0.1 + 2 * 0.5**2)

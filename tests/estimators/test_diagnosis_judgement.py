@@ -1,0 +1,52 @@
+"""What is judged of a fit: whether it harms, and what no recording can tell apart."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.diagnosis import Shift
+from estimators.diagnosis.judgement import Leftover, harms, identical, remarks
+from estimators.diagnosis.search import LARGEST
+
+FLOOR = np.full(2, 0.1)
+
+
+def bench_of(effect="viscous_friction", joints=(0,)):
+    split = SimpleNamespace(held_out=np.ones((100, 2), dtype=bool))
+    observed = SimpleNamespace(n=2)
+    candidates = [SimpleNamespace(effect=effect, joints=joints)]
+    residual = np.full((100, 2), 0.2)
+    return SimpleNamespace(split=split, residual=residual, observed=observed, candidates=candidates)
+
+
+@pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])
+def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
+    proven = np.column_stack([np.full(100, 0.1), np.full(100, error)])
+    assert harms(bench_of(), proven, Leftover(FLOOR, 0 * FLOOR)) is harmful
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "same"),
+    [
+        ("payload", 1, ("link_inertia",)),
+        ("link_inertia", 1, ("payload",)),
+        ("link_inertia", 0, ()),
+        ("torque_offset", 0, ("asymmetric_friction",)),
+        ("viscous_friction", 0, ()),
+    ],
+)
+def test_what_no_recording_tells_apart_is_named_together(effect, joint, same):
+    assert identical(bench_of(effect, (joint,)), 0) == same
+
+
+def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
+    shifts = (Shift("tau_c of joint 2", 2.2, 3.0, "N m", 2.4), Shift("mass", 0, 0.01, "kg", 0.5))
+    said = tuple(remarks(shifts, members=LARGEST, harmful=False, doubted=2))
+    assert "tau_c of joint 2 by +2.4 sigma" in said[0]
+    assert "mass" not in said[0]
+    assert f"stopped at {LARGEST} effects" in said[1]
+    assert said[2].startswith("2 short stretches")
+    assert tuple(remarks((), members=1, harmful=False, doubted=0)) == ()
