@@ -49,19 +49,20 @@ def check_plausible(observed: Observations) -> None:
         for k in range(len(observed.recordings)):
             part = observed.part(k)
             if len(part.kept) >= LEAST_ROWS and len(still(part)) < observed.n:
-                _check_columns(part)
-    _check_columns(observed)
-
-
-def _check_columns(observed: Observations) -> None:
+                _check_columns(part, Sample.of(part))
     sample = Sample.of(observed)
+    if not _check_columns(observed, sample):
+        _check_arm(observed, sample)  # of all together: a light joint may show little in one
+
+
+def _check_columns(observed: Observations, sample: Sample) -> bool:
+    """Refuse mistakes of columns; say whether something else, as a mounting, was found."""
     found = found_in(sample)
     wrong = [mistake.said for mistake in found if mistake.is_of_data]
     if wrong:
         more = f"; and {len(wrong) - SAID} more of the kind" if len(wrong) > SAID else ""
         raise _refused(observed, f"{'; '.join(wrong[:SAID])}{more} (undone, torque fits motion)")
-    if not found:
-        _check_arm(observed, sample)
+    return bool(found)
 
 
 def still(observed: Observations) -> tuple[int, ...]:
