@@ -1,7 +1,7 @@
-"""Confidence: how often a name like this one was right, on arms whose physics was known.
+"""Confidence: how sure a name is, from its lead, its size and what is left.
 
-The logistic weights are fitted to findings on concealed arms whose equations are not the
-catalogue's; `benchmarks/diagnosis.py` measures how well they are calibrated on others.
+The logistic weights are set by hand, and not yet fitted; `benchmarks/diagnosis.py` measures how
+well they are calibrated on concealed arms.
 """
 
 from __future__ import annotations
