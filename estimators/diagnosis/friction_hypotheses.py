@@ -57,7 +57,8 @@ def friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
             yield stribeck(joint, eps, v_s, delta)
     yield single(QuadraticDrag(joint=joint, coefficient=1.0), "coefficient", positive=True)
     for variant in ("absolute", "positive", "negative", "quadratic"):
-        effect = LoadDependentFriction(joint=joint, coefficient=0.1, variant=variant, v_eps=eps)
+        # a wide sign would make it a part of gravity's torque, and a payload lighter
+        effect = LoadDependentFriction(joint=joint, coefficient=0.1, variant=variant)
         yield single(effect, "coefficient", positive=True)
     yield position_dependent(observed, joint)
     duration = max(recording.duration for recording in observed.recordings)
