@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from wandering import wander
 
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.recording import Recording
-from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,18 +63,10 @@ def _record(true_arm: Simulation, seed: int, duration: float) -> Recording:
     """Move both joints by small random sinusoids and measure with noise."""
     random = np.random.default_rng(seed)
     t = np.arange(int(duration * RATE)) / RATE
-    position = np.array([0.4, -0.8]) + np.zeros((t.size, 2))
-    velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
-    for _ in range(3):
-        w, phase = 2 * np.pi * random.uniform(0.1, 0.6, 2), random.uniform(0, 6.3, 2)
-        amplitude = random.uniform(0.01, 0.05, 2)
-        angle = t[:, None] * w + phase
-        position += amplitude * np.sin(angle)
-        velocity += amplitude * w * np.cos(angle)
-        acceleration -= amplitude * w**2 * np.sin(angle)
-    torque = true_arm.predict(Motion(t, position, velocity, acceleration))
+    motion = wander(t, np.array([0.4, -0.8]), random, (0.1, 0.6), (0.01, 0.05))
+    torque = true_arm.predict(motion)
     torque += NOISE * random.standard_normal(torque.shape)
-    return Recording.from_arrays(t, position, torque, source=f"seed {seed}")
+    return Recording.from_arrays(t, motion.position, torque, source=f"seed {seed}")
 
 
 @pytest.fixture(scope="session")

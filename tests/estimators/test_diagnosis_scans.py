@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from wandering import wander
 
 from estimators.diagnosis.noise import Noise
 from estimators.diagnosis.observations import Observations
@@ -17,11 +18,10 @@ from estimators.diagnosis.responses import response
 from estimators.diagnosis.scans import ripples
 from limo_driver.physics import ExternalContact, Simulation, TorqueRipple
 from limo_driver.recording import Recording
-from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from limo_driver.physics import Effect
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, Motion
 
 RATE, DURATION = 200.0, 60.0
 NOISE = 0.02  # [N m], RMS, most of it below 3 Hz
@@ -43,17 +43,8 @@ def half_sines() -> ExternalContact:
 
 def motion(seed: int) -> Motion:
     """All seven joints wander over about 2 rad, none at the pace of another."""
-    random = np.random.default_rng(seed)
     t = np.arange(0.0, DURATION, 1.0 / RATE)
-    q, v, a = (np.zeros((t.size, 7)) for _ in range(3))
-    for _ in range(3):
-        w, phase = 2 * np.pi * random.uniform(0.03, 0.12, 7), random.uniform(0, 6.3, 7)
-        size = random.uniform(0.2, 0.5, 7)
-        angle = t[:, None] * w + phase
-        q += size * np.sin(angle)
-        v += size * w * np.cos(angle)
-        a -= size * w**2 * np.sin(angle)
-    return Motion(t, q, v, a)
+    return wander(t, np.zeros(7), seed, (0.03, 0.12), (0.2, 0.5))
 
 
 def observed(*effects: Effect, seeds: tuple[int, ...] = (1,), affected: int = 0) -> Observations:

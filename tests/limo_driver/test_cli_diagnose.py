@@ -107,6 +107,21 @@ def diagnose(tmp_path, monkeypatch, capsys, sim):
     return run
 
 
+@pytest.fixture
+def refused(tmp_path, diagnose):
+    """Diagnose a recording that must be refused: in one line, with nothing printed or written."""
+
+    def run(recording, said):
+        status, printed, notes = diagnose(recording)
+        assert status == 2
+        assert printed == ""
+        assert said in notes
+        assert notes.count("\n") == 1
+        assert not list((tmp_path / "out").glob("*"))
+
+    return run
+
+
 @pytest.mark.usefixtures("found")
 def test_writes_verdict_simulation_report_and_the_next_motion(tmp_path, recording, diagnose):
     status, printed, notes = diagnose(recording)
@@ -199,13 +214,9 @@ def _spoilt(path, tmp_path, **columns):
     ],
 )
 def test_recordings_that_cannot_be_used_are_refused_in_one_line(
-    tmp_path, recording, diagnose, columns, said
+    tmp_path, recording, refused, columns, said
 ):
-    status, printed, notes = diagnose(_spoilt(recording, tmp_path, **columns))
-    assert status == 2
-    assert printed == ""
-    assert said in notes
-    assert notes.count("\n") == 1
+    refused(_spoilt(recording, tmp_path, **columns), said)
     assert not (tmp_path / "out").exists()
 
 
@@ -227,13 +238,9 @@ def _exchanged(path, tmp_path, a, b):
     ],
 )
 def test_exchanged_columns_are_refused_in_one_line_before_any_search(
-    tmp_path, recording, diagnose, a, b, said
+    tmp_path, recording, refused, a, b, said
 ):
-    status, printed, notes = diagnose(_exchanged(recording, tmp_path, a, b))
-    assert status == 2
-    assert printed == ""
-    assert said in notes
-    assert notes.count("\n") == 1
+    refused(_exchanged(recording, tmp_path, a, b), said)
 
 
 @pytest.mark.parametrize(
@@ -245,21 +252,14 @@ def test_exchanged_columns_are_refused_in_one_line_before_any_search(
     ],
 )
 def test_torques_of_another_sign_or_unit_are_refused_in_one_line(
-    tmp_path, recording, diagnose, columns, said
+    tmp_path, recording, refused, columns, said
 ):
-    status, printed, notes = diagnose(_spoilt(recording, tmp_path, **columns))
-    assert status == 2
-    assert printed == ""
-    assert said in notes
-    assert notes.count("\n") == 1
+    refused(_spoilt(recording, tmp_path, **columns), said)
 
 
-def test_rest_is_refused_in_one_line(tmp_path, recording, diagnose):
+def test_rest_is_refused_in_one_line(tmp_path, recording, refused):
     still = {f"position_{j}": lambda q: q[0] + 0 * q for j in range(1, 8)}
-    status, _, notes = diagnose(_spoilt(recording, tmp_path, **still))
-    assert status == 2
-    assert "no joint moves on 50 independent rows" in notes
-    assert notes.count("\n") == 1
+    refused(_spoilt(recording, tmp_path, **still), "no joint moves on 50 independent rows")
 
 
 @pytest.mark.usefixtures("found")
