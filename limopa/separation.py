@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
+from limo_driver.physics import spoken
 from limopa.chain import first_feasible
 from limopa.excitation import (
     apart,
@@ -210,7 +211,7 @@ def separation_of(pair: tuple[str, str]) -> Separation:
         )
     for effect in pair:
         if effect in _SHOWS:
-            return Separation(_SHOWS[effect], f"it makes {_spoken(effect)} show")
+            return Separation(_SHOWS[effect], f"it makes {spoken(effect)} show")
     raise InfeasiblePathError("separation", f"no motion is known that tells {first} from {second}")
 
 
@@ -222,7 +223,7 @@ def purpose_of(pair: tuple[str, str], joints: Sequence[int]) -> str:
         joints: Joints concerned, 1-based.
     """
     found = separation_of(pair)
-    which = f"{_spoken(pair[0])} or {_spoken(pair[1])}"
+    which = f"{spoken(pair[0])} or {spoken(pair[1])}"
     where = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
     return f"{_NAMES[found.motion]}; decides between {which} at {where}: {found.reason}."
 
@@ -245,7 +246,3 @@ def motion_for(
     """
     found = separation_of(pair)
     return first_feasible(lambda pose: found.motion(model, pose, joints), np.atleast_2d(start))
-
-
-def _spoken(effect: str) -> str:
-    return effect.replace("_", " ")

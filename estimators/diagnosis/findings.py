@@ -12,6 +12,7 @@ from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, 
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Interval, Where
 from estimators.diagnosis.wording import SIGNATURES
+from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -229,7 +230,7 @@ def unknown_of(
     )
     if stand_ins:
         names = (
-            f"{c.effect.replace('_', ' ')} ({', '.join(str(j + 1) for j in c.joints) or 'arm'})"
+            f"{spoken(c.effect)} ({', '.join(str(j + 1) for j in c.joints) or 'arm'})"
             for c in (bench.candidates[member] for member in stand_ins)
         )
         text += (

@@ -25,7 +25,7 @@ from estimators.diagnosis.revision import (
     reviser,
 )
 from estimators.rigid_body.regressor import PER_LINK
-from limo_driver.physics import TimeDelay, TorqueOffset
+from limo_driver.physics import TimeDelay, TorqueOffset, spoken
 
 if TYPE_CHECKING:
     from estimators.diagnosis.columns import Columns
@@ -150,7 +150,7 @@ def _tolerated(effect: Any, known: Parameter) -> Tolerated:  # noqa: ANN401  # o
     where = "" if joint is None else f" of joint {joint}"
     value = float(getattr(effect, known.name))
     return Tolerated(
-        f"{known.name}{where} ({effect.name.replace('_', ' ')})",
+        f"{known.name}{where} ({spoken(effect.name)})",
         known.unit,
         value,
         value,

@@ -7,6 +7,8 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from limo_driver.physics import spoken
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
@@ -132,7 +134,7 @@ class Verdict:
         if self.verdict == "consistent":
             return "Recording and simulation agree within tolerances and noise."
         named = [item for item in self.findings if item.effect != UNKNOWN]
-        texts = [f"{_spoken(item)} ({_joints(item.joints)})" for item in named]
+        texts = [f"{_said(item)} ({_joints(item.joints)})" for item in named]
         unknown = [j for item in self.findings if item.effect == UNKNOWN for j in item.joints]
         unknown = sorted({*unknown, *self.unexplained.joints})
         if not texts:
@@ -143,9 +145,9 @@ class Verdict:
         return f"Found {said}; within tolerances of the rest, that explains the difference."
 
 
-def _spoken(item: Finding) -> str:
+def _said(item: Finding) -> str:
     kind = "a wrong parameter of " if item.kind == "wrong_parameter" else "missing "
-    return kind + item.effect.replace("_", " ")
+    return kind + spoken(item.effect)
 
 
 def _joints(joints: tuple[int, ...]) -> str:

@@ -229,11 +229,13 @@ def _progress(console: Console) -> Generator[Callable[[str, float], None]]:
 def _show(found: Diagnosis, out: Path) -> None:
     from rich.console import Console
 
+    from limo_driver.physics import spoken
+
     console = Console(highlight=False)
     verdict = found.verdict
     console.print(f"[bold]{verdict.sentence()}[/bold]")
     for item in verdict.findings:
-        same = ", ".join(other.replace("_", " ") for other in item.equivalent)
+        same = ", ".join(spoken(other) for other in item.equivalent)
         console.print(f"{item.evidence}", markup=False)
         console.print(
             f"  confidence {item.confidence:.0%}" + (f"; cannot be told from {same}" * bool(same)),

@@ -1,7 +1,7 @@
 """The catalogue of joint physics, and simulations made of it."""
 
 from limo_driver.physics.body import GravityDirection, Payload
-from limo_driver.physics.catalogue import CATALOGUE
+from limo_driver.physics.catalogue import CATALOGUE, spoken
 from limo_driver.physics.changing_friction import (
     LoadDependentFriction,
     PositionDependentFriction,
@@ -78,4 +78,5 @@ __all__ = [
     "TorqueOffset",
     "TorqueRipple",
     "ViscousFriction",
+    "spoken",
 ]

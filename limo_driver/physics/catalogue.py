@@ -62,3 +62,8 @@ CATALOGUE: dict[str, type[Effect]] = {
         ViscousFriction,
     )
 }
+
+
+def spoken(effect: str) -> str:
+    """Return an effect's identifier in words."""
+    return effect.replace("_", " ")

@@ -19,10 +19,10 @@ from estimators.diagnosis.report.markup import (
     of_joints,
     paragraph,
     percent,
-    spoken,
     table,
 )
 from estimators.diagnosis.verdict import UNKNOWN
+from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

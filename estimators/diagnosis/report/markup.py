@@ -101,11 +101,6 @@ def percent(share: float) -> str:
     return f"{value}\N{NO-BREAK SPACE}%"
 
 
-def spoken(effect: str) -> str:
-    """Return an effect's ID in words."""
-    return effect.replace("_", " ")
-
-
 def of_joints(joints: Sequence[int]) -> str:
     """Return which joints, in words."""
     if not joints:

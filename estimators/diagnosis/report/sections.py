@@ -19,10 +19,10 @@ from estimators.diagnosis.report.markup import (
     of_joints,
     paragraph,
     section,
-    spoken,
     table,
 )
 from estimators.diagnosis.report.stretch import loop_stretch
+from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
