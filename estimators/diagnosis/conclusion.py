@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +12,6 @@ from estimators.diagnosis.judgement import MATERIAL
 from estimators.diagnosis.plausibility import notes_on
 from estimators.diagnosis.proof import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.verdict import (
-    Finding,
     Fit,
     NotObservable,
     RowCount,
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.judgement import Leftover
     from estimators.diagnosis.pipeline import Bench, Solution
-    from limo_driver.physics import Simulation
+    from estimators.diagnosis.verdict import Finding
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -59,7 +57,6 @@ def rows_of(recordings: Sequence[Recording]) -> RowCount:
 def conclude(
     bench: Bench,
     solution: Solution,
-    final: Solution,
     rest: Leftover,
     named: Sequence[int],
     unknown: tuple[int, ...],
@@ -71,7 +68,6 @@ def conclude(
     Args:
         bench: What was compared.
         solution: The set, fitted to the rows meant for it.
-        final: The same set, fitted to all rows: its parameters are reported.
         rest: What is left.
         named: Members of the set that are findings; the others only stand in for the unknown.
         unknown: Joints (0-based) on which something unknown acts.
@@ -80,7 +76,7 @@ def conclude(
     """
     after = rmse(proven, bench.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
-    found = (*contact, *findings_of(bench, solution, final, named, rest, after))
+    found = (*contact, *findings_of(bench, solution, named, rest, after))
     findings = (*found, *unknown_of(bench, stand_ins, rest, unknown, after))
     if not findings:
         summary = "consistent"
@@ -100,23 +96,6 @@ def conclude(
         rows=rows_of(bench.observed.recordings),
         notes=notes_on(bench.observed),
     )
-
-
-def agreed(verdict: Verdict, improved: Simulation) -> Verdict:
-    """Give single-valued parameters the value that the improved simulation has; move intervals."""
-    findings: list[Finding] = []
-    for finding in verdict.findings:
-        parameters = dict(finding.parameters)
-        for effect in improved.effects:
-            if effect.name != finding.effect or effect.joints != finding.joints:
-                continue
-            for name, known in finding.parameters.items():
-                value, ci = getattr(effect, name), known.ci95
-                if isinstance(value, float) and isinstance(known.value, float) and ci:
-                    moved = tuple(limit + value - known.value for limit in ci)
-                    parameters[name] = replace(known, value=value, ci95=moved)
-        findings.append(replace(finding, parameters=parameters))
-    return replace(verdict, findings=tuple(findings))
 
 
 def not_observable(bench: Bench, solution: Solution, rest: Leftover) -> tuple[NotObservable, ...]:

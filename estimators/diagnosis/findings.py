@@ -1,16 +1,15 @@
-"""Findings: what was found, with parameters and intervals, place and evidence."""
+"""Findings: what was found, with place, confidence and evidence."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.diagnosis.confidence import confidence_of
-from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, identical, margin
 from estimators.diagnosis.proof import rmse
-from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Interval, Where
+from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
 from estimators.diagnosis.wording import SIGNATURES
 from limo_driver.physics import spoken
 
@@ -20,11 +19,8 @@ if TYPE_CHECKING:
     from estimators.diagnosis.candidates import Candidate
     from estimators.diagnosis.judgement import Leftover
     from estimators.diagnosis.pipeline import Bench, Solution
-    from limo_driver.physics import Effect
     from limo_driver.types import FloatArray
 
-_DRAWS = 60  # of a posterior, for intervals
-_LEAST = 1e-9  # coefficient of what is there
 _ON_ALL = {"payload", "link_inertia"}  # of one body, felt by all joints below it
 _NARROW, _WIDE = 0.5, 2.0  # ratio of medians at which a region is worth a word
 
@@ -32,7 +28,6 @@ _NARROW, _WIDE = 0.5, 2.0  # ratio of medians at which a region is worth a word
 def findings_of(
     bench: Bench,
     solution: Solution,
-    final: Solution,
     named: Sequence[int],
     leftover: Leftover,
     after: FloatArray,
@@ -71,7 +66,7 @@ def findings_of(
                     foretold=float(leftover.foretold[joint] / leftover.floor[joint]),
                     rivals=len({c.effect for c in same}),
                 ),
-                parameters=_parameters(bench, final, member),
+                parameters={},  # `with_parameters` reads them off the improved simulation
                 where=_where(bench, solution, member, joint),
                 share=share,
                 heldout_rmse=BeforeAfter(tuple(before.tolist()), tuple(after.tolist())),
@@ -107,42 +102,6 @@ def _how(lead: float) -> str:
     return odds + " more than for" if power < 99 else "beyond doubt against"  # noqa: PLR2004
 
 
-def _parameters(bench: Bench, solution: Solution, member: int) -> dict[str, Interval]:
-    """Return the parameters of the found effects, with intervals from draws of the posterior."""
-    mean, covariance = amplitudes(bench, solution, member)
-    candidate = bench.candidates[member]
-    random = np.random.default_rng(0)
-    lower = np.linalg.cholesky(covariance + 1e-18 * np.eye(mean.size))
-    drawn: list[dict[str, Any]] = []
-    for k in range(_DRAWS):
-        c = mean if k == 0 else mean + lower @ random.standard_normal(mean.size)
-        # what was found to be zero stays so, or a list would be shorter in one draw than in another
-        c = np.where(candidate.prior.positive, np.where(mean > 0, np.maximum(c, _LEAST), 0.0), c)
-        improvement = Improvement(bench.observed.simulation)
-        try:
-            candidate.enter(improvement, c)
-        except ValueError:
-            continue
-        drawn.append(_values(candidate, improvement, bench))
-    if not drawn:
-        return {}
-    first = drawn[0]
-    result: dict[str, Interval] = {}
-    for name, (value, unit) in first.items():
-        rows = [d[name][0] for d in drawn if name in d]
-        same = [r for r in rows if np.shape(r) == np.shape(value)]
-        if isinstance(value, str):
-            result[name] = Interval(value, unit)
-            continue
-        low, high = np.quantile(np.array(same, dtype=float), (0.025, 0.975), axis=0)
-        if np.ndim(value):
-            pairs = tuple(zip(np.ravel(low).tolist(), np.ravel(high).tolist(), strict=True))
-            result[name] = Interval(tuple(np.ravel(value).tolist()), unit, pairs)
-        else:
-            result[name] = Interval(float(value), unit, (float(low), float(high)))
-    return result
-
-
 def amplitudes(bench: Bench, solution: Solution, member: int) -> tuple[FloatArray, FloatArray]:
     """Return a member's coefficients and their covariance."""
     at = bench.nuisance.prior.index.size
@@ -155,52 +114,10 @@ def amplitudes(bench: Bench, solution: Solution, member: int) -> tuple[FloatArra
     raise KeyError(member)
 
 
-def _values(candidate: Candidate, improvement: Any, bench: Bench) -> dict[str, tuple[Any, str]]:  # noqa: ANN401
-    """Return name → (value, unit) of what a candidate enters."""
-    if candidate.effect == "link_inertia":
-        link = bench.observed.simulation.model.link_names[candidate.joints[0]]
-        body = improvement.simulation().inertials[link]
-        return {
-            "mass": (body.mass, "kg"),
-            "com": (body.com, "m"),
-            "inertia": (body.inertia, "kg m^2"),
-        }
-    for effect in improvement.effects:
-        if effect.name == candidate.effect and _acts(effect, candidate):
-            return {
-                known.name: (getattr(effect, known.name), known.unit)
-                for known in effect.parameters()
-                if getattr(effect, known.name) not in (None, ())
-            }
-    return {}
-
-
-def _acts(effect: Effect, candidate: Candidate) -> bool:
-    joint = getattr(effect, "joint", None)
-    return joint is None or joint - 1 in candidate.joints
-
-
 def _where(bench: Bench, solution: Solution, member: int, joint: int) -> Where:
     mean, _ = amplitudes(bench, solution, member)
-    torque = bench.columns.apply(bench.candidates[member].prior.index, mean)[:, joint]
-    weight = torque**2
-    observed = bench.observed
-    slow = observed.slow
-    words: list[str] = []
-    for name, values, unit in (
-        ("|speed|", np.abs(slow.velocity[:, joint]), "rad/s"),
-        ("distance since reversal", observed.since_reversal[observed.kept, joint], "rad"),
-        ("|load|", np.abs(observed.load[observed.kept, joint]), "N m"),
-    ):
-        order = np.argsort(values)
-        total = np.cumsum(weight[order])
-        half = float(values[order][min(np.searchsorted(total, 0.5 * total[-1]), len(order) - 1)])
-        usual = float(np.median(values))
-        if usual > 0 and not _NARROW < half / usual < _WIDE:
-            size, side = ("small", "below") if half < usual else ("large", "above")
-            words.append(f"{size} {name} (half of it {side} {half:.2g} {unit})")
-    text = f"joint {joint + 1}" + (": " + ", ".join(words) if words else ", all over the motion")
-    return Where(region=text, figure=f"joint-{joint + 1}")
+    torque = bench.columns.apply(bench.candidates[member].prior.index, mean)
+    return where_of(bench.observed, torque[:, joint], joint)
 
 
 def unknown_of(

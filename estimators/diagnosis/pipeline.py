@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from estimators.diagnosis.base_friction import base_of, with_friction
 from estimators.diagnosis.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.columns import Columns, Products
-from estimators.diagnosis.conclusion import agreed, conclude, explanations_of, shifts_of
+from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
 from estimators.diagnosis.improvement import Improvement
+from estimators.diagnosis.intervals import with_parameters
 from estimators.diagnosis.judgement import MATERIAL, abstained, harms, leftover, material, remarks
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
@@ -58,11 +60,13 @@ class Bench:
     split: Split
     residual: FloatArray  # (K, n) [N m]
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
+    base: tuple[int, ...]  # candidates that the search starts with
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> Bench:
         """Lay out everything that could explain the residual."""
         progress("columns of what is known within tolerances", 0.1)
+        observed = with_friction(observed)
         residual = observed.residual
         split = Split.of(observed)
         columns = Columns(*residual.shape)
@@ -71,7 +75,8 @@ class Bench:
         progress("columns of every effect at every place", 0.2)
         level = np.maximum(rmse(residual, observed.moving), 3 * rough)
         candidates = candidates_of(observed, columns, level)
-        return cls(observed, columns, nuisance, candidates, split, residual, level)
+        base = base_of(candidates, observed.simulation)
+        return cls(observed, columns, nuisance, candidates, split, residual, level, base)
 
     def left(self, fitted: Posterior) -> FloatArray:
         """Return what a fit leaves of the residual, (K, n) [N m]."""
@@ -96,9 +101,9 @@ def solve(bench: Bench, progress: Progress) -> Solution:
     has an effect in it, the noise would explain that effect, and hide it.
     """
     noise = _noise_of_everything(bench)
-    solution = fitted(bench, (), noise)
+    solution = fitted(bench, bench.base, noise)
     if _scanned(bench, solution):
-        solution = fitted(bench, (), noise)
+        solution = fitted(bench, bench.base, noise)
     for turn in range(_ROUNDS):
         progress("comparing explanations", 0.3 + 0.1 * turn)
         search = _search(bench, noise)
@@ -143,7 +148,7 @@ def fitted(
 def _search(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
     rows = bench.observed.moving if everything else bench.split.fitted
     products = Products.of(bench.columns, bench.residual, noise, rows)
-    return Search(bench.candidates, Evidence(products, bench.nuisance.prior))
+    return Search(bench.candidates, Evidence(products, bench.nuisance.prior), bench.base)
 
 
 def pruned(bench: Bench, solution: Solution) -> Solution:
@@ -251,7 +256,7 @@ def polished(
         simulation: The simulation to start from.
         split: Rows to fit to, (K, n).
     """
-    again = replace(observed, simulation=simulation)
+    again = replace(observed, simulation=simulation, around=None)
     residual = again.residual
     columns = Columns(*residual.shape)
     nuisance = nuisance_of(again, columns, roughness(residual, observed.moving))
@@ -327,15 +332,19 @@ def diagnose(
     after = observed.filter(observed.predict(improved))
     strange = len(unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, proven, rest) if pushed and not strange else ()
-    verdict = conclude(bench, solution, final, rest, named, unknown, proven, contact)
+    verdict = conclude(bench, solution, rest, named, unknown, proven, contact)
     shifts = shifts_of(bench, final)
     said = remarks(
         shifts,
-        members=len(solution.members),
+        members=len(solution.members) - len(bench.base),
         harmful=harmful,
         doubted=len(pushed) if strange else 0,
     )
-    verdict = replace(agreed(verdict, improved), notes=(*verdict.notes, *said))
+    verdict = replace(
+        verdict,
+        findings=with_parameters(verdict.findings, replace(observed, simulation=improved)),
+        notes=(*verdict.notes, *said),
+    )
     progress("done", 1.0)
     return Diagnosis(
         verdict=verdict,
