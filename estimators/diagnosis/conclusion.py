@@ -11,12 +11,15 @@ from estimators.diagnosis.findings import findings_of, unknown_of
 from estimators.diagnosis.judgement import MATERIAL
 from estimators.diagnosis.plausibility import notes_on
 from estimators.diagnosis.proof import bootstrap, reducible_removed, rmse
+from estimators.diagnosis.shares import left_at, tolerances_alone
 from estimators.diagnosis.verdict import (
+    UNKNOWN,
     Fit,
     NotObservable,
     RowCount,
     Unexplained,
     Verdict,
+    Where,
 )
 
 if TYPE_CHECKING:
@@ -32,16 +35,24 @@ _PRICE = 10.0  # [nat] that an effect has to bring
 _HIDDEN = 10.0  # [noise floors]
 
 
-def fit_of(bench: Bench, before: FloatArray, after: FloatArray, floor: FloatArray) -> Fit:
-    """Return the proof: residuals (K, n) of both simulations on held-out rows."""
+def fit_of(bench: Bench, solution: Solution, proven: FloatArray, floor: FloatArray) -> Fit:
+    """Return the proof on held-out rows.
+
+    Args:
+        bench: What was compared.
+        solution: The set, fitted to the rows meant for it.
+        proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
+        floor: Noise floor of each joint, (n,) [N m].
+    """
     rows = bench.split.held_out
-    b, a = rmse(before, rows), rmse(after, rows)
+    before, after = rmse(bench.residual, rows), rmse(proven, rows)
     return Fit(
-        tuple(b.tolist()),
-        tuple(a.tolist()),
+        tuple(before.tolist()),
+        tuple(after.tolist()),
         tuple(floor.tolist()),
-        reducible_removed(b, a, floor),
-        bootstrap(before, after, floor, bench.observed, rows),
+        reducible_removed(before, after, floor),
+        bootstrap(bench.residual, proven, floor, bench.observed, rows),
+        tuple(tolerances_alone(bench, solution).tolist()),
     )
 
 
@@ -77,22 +88,22 @@ def conclude(
     after = rmse(proven, bench.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
     found = (*contact, *findings_of(bench, solution, named, rest, after))
-    findings = (*found, *unknown_of(bench, stand_ins, rest, unknown, after))
+    findings = (*found, *unknown_of(bench, solution, stand_ins, rest, unknown, after))
     if not findings:
         summary = "consistent"
     elif not unknown:
         summary = "explained"
     else:
         summary = "partly_explained" if found else "unexplained"
-    total = rest.foretold**2 + np.maximum(after**2 - rest.floor**2, 0.0)
-    share = tuple(float(rest.foretold[j] ** 2 / max(total[j], 1e-12)) for j in unknown)
+    _, share = left_at(unknown, tolerances_alone(bench, solution), after, rest.floor)
+    where = next((item.where for item in findings if item.effect == UNKNOWN), Where())
     return Verdict(
         verdict=summary,
         findings=findings,
-        unexplained=Unexplained(tuple(j + 1 for j in unknown), share),
+        unexplained=Unexplained(tuple(j + 1 for j in unknown), share, where),
         not_observable=not_observable(bench, solution, rest),
         next_motion=None,
-        fit=fit_of(bench, bench.residual, proven, rest.floor),
+        fit=fit_of(bench, solution, proven, rest.floor),
         rows=rows_of(bench.observed.recordings),
         notes=notes_on(bench.observed),
     )

@@ -8,8 +8,9 @@ import numpy as np
 
 from estimators.diagnosis.confidence import confidence_of
 from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, identical, margin
-from estimators.diagnosis.proof import rmse
-from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
+from estimators.diagnosis.region import where_of
+from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
+from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
 from estimators.diagnosis.wording import SIGNATURES
 from limo_driver.physics import spoken
 
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
     from estimators.diagnosis.candidates import Candidate
     from estimators.diagnosis.judgement import Leftover
     from estimators.diagnosis.pipeline import Bench, Solution
+    from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
 
 _ON_ALL = {"payload", "link_inertia"}  # of one body, felt by all joints below it
-_NARROW, _WIDE = 0.5, 2.0  # ratio of medians at which a region is worth a word
 
 
 def findings_of(
@@ -33,16 +34,12 @@ def findings_of(
     after: FloatArray,
 ) -> tuple[Finding, ...]:
     """Return the findings of named members, the largest share first."""
-    none = solution.search.evidence.posterior(solution.search.prior(()))
-    reducible = np.maximum(
-        rmse(bench.left(none), bench.split.held_out) ** 2 - leftover.floor**2, 0.0
-    ).sum()
+    shares = shares_of(bench, solution, after, leftover.floor)
     found: list[Finding] = []
     for member in named:
         candidate = bench.candidates[member]
         same = equivalents(bench, solution, member)
         gained = contribution(bench, solution, member)
-        share = float(np.clip(gained.sum() / max(reducible, 1e-12), 0.0, 1.0))
         everywhere = candidate.effect in _ON_ALL or not candidate.joints
         own = list(range(bench.observed.n) if everywhere else candidate.joints)
         joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
@@ -68,7 +65,7 @@ def findings_of(
                 ),
                 parameters={},  # `with_parameters` reads them off the improved simulation
                 where=_where(bench, solution, member, joint),
-                share=share,
+                share=shares[member],
                 heldout_rmse=BeforeAfter(tuple(before.tolist()), tuple(after.tolist())),
                 evidence=_sentence(
                     candidate,
@@ -122,6 +119,7 @@ def _where(bench: Bench, solution: Solution, member: int, joint: int) -> Where:
 
 def unknown_of(
     bench: Bench,
+    solution: Solution,
     stand_ins: Sequence[int],
     rest: Leftover,
     joints: tuple[int, ...],
@@ -131,6 +129,7 @@ def unknown_of(
 
     Args:
         bench: What was compared.
+        solution: The set, fitted to the rows meant for it.
         stand_ins: Members that improve the prediction, and explain too little to be named.
         rest: What is left on each joint.
         joints: Where something unknown acts, 0-based.
@@ -155,6 +154,7 @@ def unknown_of(
             "simulation; they are no names for it."
         )
     values = tuple(after.tolist())
+    share, _ = left_at(joints, tolerances_alone(bench, solution), after, rest.floor)
     return (
         Finding(
             effect=UNKNOWN,
@@ -163,8 +163,8 @@ def unknown_of(
             equivalent=(),
             confidence=min(confidence, 0.99),
             parameters={},
-            where=Where(region=f"joint {worst + 1}", figure=f"joint-{worst + 1}"),
-            share=0.0,
+            where=where_of(bench.observed, rest.series[:, worst], worst),
+            share=share,
             heldout_rmse=BeforeAfter(values, values),
             evidence=text,
         ),

@@ -34,10 +34,11 @@ DOMINANT = 0.96  # part of a joint's foretellable error that its findings have t
 
 @dataclass(frozen=True)
 class Leftover:
-    """What the chosen set leaves on each joint; each array (n,) [N m]."""
+    """What the chosen set leaves on each joint."""
 
-    floor: FloatArray  # RMS of what no black box can foretell
-    foretold: FloatArray  # RMS of what one can
+    floor: FloatArray  # (n,) RMS of what no black box can foretell [N m]
+    foretold: FloatArray  # (n,) RMS of what one can [N m]
+    series: FloatArray  # (K, n) what one foretells; the whole rest where that is smooth [N m]
 
 
 def leftover(observed: Observations, left: FloatArray) -> Leftover:
@@ -51,17 +52,17 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
         left: Residual of the improved simulation, (K, n) [N m].
     """
     moving = observed.moving
-    whole, floor = rmse(left, moving), np.empty(observed.n)
-    for joint in range(observed.n):
-        guess = foretold(observed, left[:, joint], joint)
-        floor[joint] = rmse((left[:, joint] - guess)[:, None], moving[:, [joint]])[0]
+    guesses = [foretold(observed, left[:, joint], joint) for joint in range(observed.n)]
+    series = np.stack(guesses, axis=1)
+    whole, floor = rmse(left, moving), rmse(left - series, moving)
     rough, moves = roughness(left, moving), moving.any(axis=0)
     floor = np.where(moves, floor, rough)  # of a still joint nothing is known
     ratio = floor / rough
     usual = float(np.median(ratio[moves])) if moves.any() else 1.0
     smooth = (ratio > SMOOTHER * usual) & (ratio > SMOOTH)
     floor = np.where(smooth, usual * rough, floor)
-    return Leftover(floor, np.sqrt(np.maximum(whole**2 - floor**2, 0.0)))
+    beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
+    return Leftover(floor, beyond, np.where(smooth, left, series))
 
 
 def without(solution: Solution, member: int) -> Posterior:

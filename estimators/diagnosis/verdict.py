@@ -33,9 +33,10 @@ class Interval:
 class Where:
     """Where a mismatch shows."""
 
-    time: tuple[tuple[float, float], ...] = ()  # [s], stretches of the recording
+    time: tuple[tuple[float, float], ...] = ()  # [s], stretches; time starts anew in a recording
     region: str = ""  # in words: speeds, positions, loads
     figure: str = ""  # anchor in the report
+    recording: tuple[int, ...] = ()  # 1-based, in which recording each stretch is
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Finding:
     confidence: float  # calibrated probability that effect and joints are right
     parameters: Mapping[str, Interval]
     where: Where
-    share: float  # part of the reducible error that it removes
+    share: float  # of the error that tolerances leave: what it takes; of `unknown`: what stays
     heldout_rmse: BeforeAfter
     evidence: str  # one sentence
 
@@ -67,7 +68,7 @@ class Unexplained:
     """What nothing in the catalogue explains."""
 
     joints: tuple[int, ...] = ()  # 1-based
-    share: tuple[float, ...] = ()  # of each of those joints' reducible error
+    share: tuple[float, ...] = ()  # of what tolerances leave at each of them, the part that stays
     where: Where = field(default_factory=Where)
 
 
@@ -89,13 +90,19 @@ class NextMotion:
 
 @dataclass(frozen=True)
 class Fit:
-    """How far the improved simulation closes the gap on motion that nothing was fitted to."""
+    """How far the improved simulation closes the gap on motion that nothing was fitted to.
+
+    Reducible is the mean square of the given simulation's error there beyond that of the noise
+    floor, summed over joints. Values that move inside their tolerances may take most of it; the
+    shares of findings are of what those leave (`heldout_rmse_tolerances`), and add up to 1 at most.
+    """
 
     heldout_rmse_before: tuple[float, ...]  # (n,) [N m]
     heldout_rmse_after: tuple[float, ...]
     noise_floor: tuple[float, ...]
     reducible_error_removed: float
     ci95: tuple[float, float]
+    heldout_rmse_tolerances: tuple[float, ...] = ()  # values moved inside tolerances, no effect
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.diagnosis import Shift
-from estimators.diagnosis.judgement import Leftover, harms, identical, remarks
+from estimators.diagnosis.judgement import Leftover, harms, identical, leftover, remarks
+from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.search import LARGEST
 
 FLOOR = np.full(2, 0.1)
@@ -25,7 +26,7 @@ def bench_of(effect="viscous_friction", joints=(0,)):
 @pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])
 def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
     proven = np.column_stack([np.full(100, 0.1), np.full(100, error)])
-    assert harms(bench_of(), proven, Leftover(FLOOR, 0 * FLOOR)) is harmful
+    assert harms(bench_of(), proven, Leftover(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,16 @@ def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
 )
 def test_what_no_recording_tells_apart_is_named_together(effect, joint, same):
     assert identical(bench_of(effect, (joint,)), 0) == same
+
+
+def test_what_could_be_foretold_is_kept_as_a_series(rigid, training_recording):
+    observed = Observations.of(rigid, [training_recording], 10.0)
+    rows, noise = observed.moving, np.random.default_rng(0).standard_normal(observed.moving.shape)
+    planted = np.column_stack([np.tanh(observed.slow.velocity[:, 0] / 0.04), 0 * noise[:, 0]])
+    found = leftover(observed, planted + 0.1 * noise)
+    assert found.floor == pytest.approx(0.1, rel=0.1)
+    assert np.corrcoef(found.series[rows[:, 0], 0], planted[rows[:, 0], 0])[0, 1] > 0.98
+    assert np.abs(found.series[:, 1]).max() < 0.1
 
 
 def test_a_reader_is_told_what_moved_and_what_stopped_the_search():

@@ -1,0 +1,73 @@
+"""Shares: parts of what tolerances leave that add up, however effects overlap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.noise import Noise
+from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.pipeline import Bench, fitted, quiet
+from estimators.diagnosis.proof import rmse
+from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
+from limo_driver.physics import CoulombFriction, SpringLoad
+from limo_driver.recording import Recording
+
+FLOOR = np.full(2, 0.01)  # [N m]
+
+
+@pytest.fixture(scope="module")
+def bench(rigid, training_recording):
+    """An arm with a spring that its simulation lacks, and Coulomb friction a little too low."""
+    r = training_recording
+    known = tuple(CoulombFriction(joint=j, tau_c=1.3) for j in (1, 2))
+    true = replace(rigid, effects=(*known, SpringLoad(joint=2, stiffness=8.0, rest=0.0)))
+    noise = FLOOR * np.random.default_rng(0).standard_normal(r.position.shape)
+    recording = Recording.from_arrays(r.time, r.position, true.predict(r.motion(10.0)) + noise)
+    return Bench.of(Observations.of(rigid, [recording], 10.0), quiet)
+
+
+def members_of(bench, *places):
+    return tuple(
+        next(i for i, c in enumerate(bench.candidates) if c.place == place) for place in places
+    )
+
+
+def solved(bench, members):
+    return fitted(bench, members, Noise.independent(FLOOR, bench.split.fitted))
+
+
+def test_values_inside_tolerances_take_their_part_before_any_share(bench):
+    (spring,) = members_of(bench, ("spring_load", (1,)))
+    solution = solved(bench, (spring,))
+    before = rmse(bench.residual, bench.split.held_out)
+    alone = tolerances_alone(bench, solution)
+    after = rmse(bench.left(solution.fitted), bench.split.held_out)
+    assert alone[0] < 0.1 * before[0]  # the friction of joint 1 is inside its tolerance
+    assert shares_of(bench, solution, after, FLOOR)[spring] == pytest.approx(1.0, abs=0.03)
+
+
+def test_shares_of_effects_that_overlap_add_up_to_what_the_set_takes(bench):
+    members = members_of(bench, ("spring_load", (1,)), ("torque_offset", (1,)))
+    solution = solved(bench, members)
+    after = rmse(bench.left(solution.fitted), bench.split.held_out)
+    shares = shares_of(bench, solution, after, FLOOR)
+    assert set(shares) == set(members)
+    assert min(shares.values()) >= 0
+    assert 0.9 < sum(shares.values()) <= 1.0
+
+
+def test_what_is_taken_and_what_stays_add_up():
+    alone, after = np.array([0.3, 0.5]), np.array([0.1, 0.4])
+    whole, own = left_at((1,), alone, after, FLOOR)
+    assert own == pytest.approx(((0.4**2 - 1e-4) / (0.5**2 - 1e-4),))
+    assert whole == pytest.approx((0.4**2 - 1e-4) / (0.3**2 + 0.5**2 - 2e-4))
+    both, _ = left_at((0, 1), alone, after, FLOOR)
+    taken = (0.3**2 + 0.5**2 - 0.1**2 - 0.4**2) / (0.3**2 + 0.5**2 - 2e-4)
+    assert both + taken == pytest.approx(1.0)
+
+
+def test_where_nothing_is_left_nothing_stays():
+    assert left_at((0,), FLOOR, FLOOR, FLOOR) == (0.0, (0.0,))
