@@ -10,6 +10,7 @@ from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.pushes import covered, wrench_of
 from estimators.diagnosis.responses import response
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
+from estimators.diagnosis.wording import names_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,6 +39,7 @@ def contact_of(
     windows: list[tuple[float, float]] = []
     wrenches: list[tuple[float, ...]] = []
     intervals: list[tuple[tuple[float, float], ...]] = []
+    found = sorted(found, key=lambda push: (push.recording, push.start))
     for push in found:
         terms = wrench_of(push)
         rows = covered(observed, (push,))
@@ -68,12 +70,26 @@ def contact_of(
                 "windows": Interval(tuple(windows), "s"),
                 "wrench": Interval(tuple(wrenches), "N, N m", tuple(intervals)),
             },
-            where=Where(tuple(windows), "the flange"),
+            where=Where(
+                tuple(windows), "the flange", recording=tuple(push.recording + 1 for push in found)
+            ),
             share=0.0,
             heldout_rmse=BeforeAfter(values, values),
             evidence=(
-                f"In {len(windows)} short stretches of time one wrench at the flange, up to "
+                f"In {_stretches(found, observed)} one wrench at the flange, up to "
                 f"{strongest:.1f} N, explains all joints at once; nothing was fitted to those rows."
             ),
         ),
     )
+
+
+def _stretches(found: Sequence[Push], observed: Observations) -> str:
+    """Say how many stretches there are, and when; time starts anew in each recording."""
+    said: list[str] = []
+    names = names_of(observed.recordings)
+    for number, name in enumerate(names):
+        times = [f"{p.start:.1f} to {p.end:.1f} s" for p in found if p.recording == number]
+        if times:
+            said.append(" and ".join(times) + f" of {name}" * (len(names) > 1))
+    count = "a short stretch" if len(found) == 1 else f"{len(found)} short stretches"
+    return f"{count} of time ({'; '.join(said)})"

@@ -1,6 +1,14 @@
-"""Wording: what gives each effect away, in words that go into a report."""
+"""Wording: what gives each effect away, and recordings, in words that go into a report."""
 
 from __future__ import annotations
+
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from limo_driver.recording import Recording
 
 SIGNATURES: dict[str, str] = {
     "link_inertia": "several joints err together, smoothly with the pose and without history",
@@ -30,3 +38,12 @@ SIGNATURES: dict[str, str] = {
     "joint_coupling": "torque goes with the combined motion of two joints",
     "unknown": "it could be foretold from the motion, yet no known effect foretells it",
 }
+
+
+def names_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return the file names of recordings, and numbers for those that have none of their own."""
+    files = [PurePath(recording.source).name for recording in recordings]
+    return tuple(
+        name if name and files.count(name) == 1 else f"recording {k}"
+        for k, name in enumerate(files, start=1)
+    )
