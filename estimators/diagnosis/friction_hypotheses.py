@@ -41,7 +41,7 @@ def friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
     """Yield friction without memory at a joint (0-based)."""
     joint, eps = j + 1, sign_width(observed, j + 1)
     yield coulomb(joint, eps)
-    yield single(ViscousFriction(joint=joint, f_v=1.0), "f_v", positive=True)
+    yield viscous(joint)
     up = AsymmetricFriction(joint=joint, tau_plus=1.0, tau_minus=0.0, v_eps=eps)
     down = AsymmetricFriction(joint=joint, tau_plus=0.0, tau_minus=1.0, v_eps=eps)
     yield Hypothesis(
@@ -70,11 +70,11 @@ def friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
 
 
 def sign_width(observed: Observations, joint: int) -> float:
-    """Return the width of the smoothed sign that the simulation uses at a joint [rad/s].
+    """Return the width of the smoothed sign at a joint of the arm that columns are around [rad/s].
 
     All dry friction of a joint shares it: two widths at one joint look like a Stribeck effect.
     """
-    for effect in observed.simulation.effects:
+    for effect in (observed.around or observed.simulation).effects:
         if isinstance(effect, (CoulombFriction, AsymmetricFriction)) and effect.joint == joint:
             return effect.v_eps
     return SIGN_WIDTH
@@ -90,6 +90,11 @@ def coulomb(joint: int, v_eps: float) -> Hypothesis:
         family=partial(coulomb, joint),
         bounds=((2e-4, 0.02),),
     )
+
+
+def viscous(joint: int) -> Hypothesis:
+    """Return viscous friction."""
+    return single(ViscousFriction(joint=joint, f_v=1.0), "f_v", positive=True)
 
 
 def stribeck(joint: int, v_eps: float, v_s: float, delta: float) -> Hypothesis:

@@ -55,6 +55,7 @@ class Observations:
     kept: NDArray[np.int64]  # (K,) samples that are rows of the slow grid
     measured: FloatArray  # (K, n) [N m]
     disturbed: NDArray[np.bool_] | None = None  # (K,) rows on which something pushed
+    around: Simulation | None = None  # that columns are taken around, where not the given one
 
     @classmethod
     def of(
@@ -172,13 +173,14 @@ class Observations:
 
     @cached_property
     def predicted(self) -> FloatArray:
-        """What the given simulation says, unfiltered, (T, n) [N m]."""
-        return self.predict(self.simulation)
+        """What the simulation that columns are taken around says, unfiltered, (T, n) [N m]."""
+        return self.predict(self.around or self.simulation)
 
     @cached_property
     def simulated(self) -> FloatArray:
         """What the given simulation says, filtered, (K, n) [N m]."""
-        return self.filter(self.predicted)
+        given = self.predicted if self.around is None else self.predict(self.simulation)
+        return self.filter(given)
 
     @property
     def residual(self) -> FloatArray:

@@ -82,6 +82,11 @@ class Bench:
         """Return what a fit leaves of the residual, (K, n) [N m]."""
         return self.residual - self.columns.apply(fitted.index, fitted.mean)
 
+    def beyond_base(self, members: tuple[int, ...]) -> int:
+        """Count the members of a set that the search did not start with."""
+        base = {self.candidates[i].place for i in self.base}
+        return sum(self.candidates[i].place not in base for i in members)
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -336,7 +341,7 @@ def diagnose(
     shifts = shifts_of(bench, final)
     said = remarks(
         shifts,
-        members=len(solution.members) - len(bench.base),
+        members=bench.beyond_base(solution.members),
         harmful=harmful,
         doubted=len(pushed) if strange else 0,
     )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.candidates import Candidate
 
 WIDTH = 6  # sets that are grown further
-LARGEST = 10  # effects in a set; a real arm lacks some at every joint
+LARGEST = 10  # effects in a set beyond its base; a real arm lacks some at every joint
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,13 @@ class Search:
     Args:
         candidates: What competes.
         evidence: How sets compare.
+        base: Candidates, by index, of the set that is grown; what brings nothing is taken out.
     """
 
-    def __init__(self, candidates: Sequence[Candidate], evidence: Evidence) -> None:
-        self.candidates, self.evidence = candidates, evidence
+    def __init__(
+        self, candidates: Sequence[Candidate], evidence: Evidence, base: tuple[int, ...] = ()
+    ) -> None:
+        self.candidates, self.evidence, self.base = candidates, evidence, base
         self._known: dict[tuple[int, ...], float] = {(): 0.0}
 
     def gain(self, members: Iterable[int]) -> float:
@@ -60,8 +63,8 @@ class Search:
 
     def best(self) -> Explained:
         """Return the best set."""
-        beam: list[tuple[int, ...]] = [()]
-        best = Explained((), self.gain(()))
+        best = self._needed(self.base)
+        beam = [best.members]
         for _ in range(LARGEST):
             grown = self._grown(beam, WIDTH)
             if not grown or grown[0].gain <= best.gain:
@@ -69,6 +72,17 @@ class Search:
             best = grown[0]
             beam = [item.members for item in grown]
         return self._settled(best)
+
+    def _needed(self, members: tuple[int, ...]) -> Explained:
+        """Take out of a set what the recordings do not speak for, one after the other."""
+        best = Explained(tuple(sorted(members)), self.gain(members))
+        while best.members:
+            options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
+            smaller = max(options, key=self.gain)
+            if self.gain(smaller) <= best.gain:
+                break
+            best = Explained(smaller, self.gain(smaller))
+        return best
 
     def ranked(self, base: Sequence[int], limit: int) -> list[Explained]:
         """Return the best single additions to a set."""
@@ -99,7 +113,7 @@ class Search:
 
     def _settled(self, best: Explained) -> Explained:
         """Take members out and swap them while that helps."""
-        for _ in range(2 * LARGEST):
+        for _ in range(2 * (LARGEST + len(self.base))):
             options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
             trials = [Explained(option, self.gain(option)) for option in options]
             trials += self._grown(options, WIDTH) if options else []

@@ -122,6 +122,21 @@ def test_what_is_off_within_tolerances_is_consistent_and_mended(given, seed):
     assert error(found.after, true) < 0.2 * error(given, true)
 
 
+def test_friction_that_no_joint_has_is_named_first_and_what_hides_behind_it_too(given):
+    """A bare robot description is where most users start."""
+    slip = PreslidingHysteresis(joint=2, stiffness=(30.0, 10.0), width=(0.01, 0.05))
+    found = diagnose(replace(given, effects=()), [record(plus(given, slip), 3)])
+    base = [(type(effect).name, "missing", (effect.joint,)) for effect in given.effects]
+    assert names(found) == {*base, ("presliding_hysteresis", "missing", (2,))}
+    assert closure(found)[1] < CLOSED
+
+
+def test_no_friction_is_named_where_the_torque_has_none(given):
+    """A torque that is measured on the link side."""
+    link_side = replace(given, effects=())
+    assert diagnose(link_side, [record(link_side, 4)]).verdict.verdict == "consistent"
+
+
 @pytest.fixture(scope="module")
 def hysteresis(given):
     slip = PreslidingHysteresis(joint=2, stiffness=(30.0, 10.0), width=(0.01, 0.05))

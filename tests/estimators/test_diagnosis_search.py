@@ -43,11 +43,11 @@ def candidate(at, *, effect=None, joint=None, variants=1, positive=False):
     )
 
 
-def search_of(columns, y, candidates=None):
+def search_of(columns, y, candidates=None, base=()):
     products = Products(columns.T @ columns, columns.T @ y, float(y @ y))
     nuisance = Prior.free(np.array([11]), np.array([0.1]))
     given = candidates or [candidate(at) for at in (*range(11), 12)]
-    return Search(given, Evidence(products, nuisance))
+    return Search(given, Evidence(products, nuisance), base)
 
 
 def noise(seed):
@@ -89,6 +89,17 @@ def test_four_effects_are_found(columns):
 def test_a_set_is_no_larger_than_the_largest(columns):
     search = search_of(columns, columns[:, :11].sum(axis=1))
     assert len(search.best().members) <= LARGEST
+
+
+def test_a_base_does_not_count_and_leaves_room_for_the_largest_set(columns, monkeypatch):
+    monkeypatch.setattr("estimators.diagnosis.search.LARGEST", 2)
+    search = search_of(columns, columns[:, :8].sum(axis=1) + noise(1), base=tuple(range(6)))
+    assert names(search, search.best()) == set(range(8))
+
+
+def test_what_a_base_has_and_the_recordings_do_not_speak_for_is_taken_out(columns):
+    search = search_of(columns, columns[:, 0] + columns[:, 3] + noise(2), base=(0, 1, 2))
+    assert names(search, search.best()) == {0, 3}
 
 
 def test_only_one_variant_of_an_effect_at_a_place_is_taken(columns):
