@@ -18,6 +18,7 @@ from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.intervals import with_parameters
 from estimators.diagnosis.judgement import MATERIAL, abstained, harms, leftover, material, remarks
+from estimators.diagnosis.linearised import polished
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.observations import Observations
@@ -31,8 +32,6 @@ from estimators.diagnosis.tree import tests_of
 from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.hypothesis import Hypothesis
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
@@ -241,37 +240,23 @@ def improve(bench: Bench, solution: Solution) -> Simulation:
     return improvement.simulation()
 
 
+def _found(bench: Bench, solution: Solution) -> list[tuple[str, tuple[int, ...], bool]]:
+    """Return effect, joints (1-based) and whether it was missing, of each member."""
+    some = [bench.candidates[member] for member in solution.members]
+    everywhere = range(bench.observed.n)
+    return [
+        (item.effect, tuple(j + 1 for j in item.joints or everywhere), item.kind == "missing")
+        for item in some
+    ]
+
+
 def _proven(bench: Bench, solution: Solution) -> FloatArray:
     """Return the residual (K, n) of a simulation that was fitted to no row held out [N m]."""
     observed = bench.observed
-    trial = polished(observed, improve(bench, solution), bench.split.fitted)
+    trial = polished(
+        observed, improve(bench, solution), bench.split.fitted, _found(bench, solution)
+    )
     return observed.measured - observed.filter(observed.predict(trial))
-
-
-def polished(
-    observed: Observations, simulation: Simulation, split: NDArray[np.bool_]
-) -> Simulation:
-    """Fit all parameters once more, linearised where they are now.
-
-    The first fit is linear around the given simulation; widths of signs, bodies and stiffnesses
-    that moved far from it need a second step.
-
-    Args:
-        observed: The recordings.
-        simulation: The simulation to start from.
-        split: Rows to fit to, (K, n).
-    """
-    again = replace(observed, simulation=simulation, around=None)
-    residual = again.residual
-    columns = Columns(*residual.shape)
-    nuisance = nuisance_of(again, columns, roughness(residual, observed.moving))
-    noise = Noise.of(residual, split, observed.segment)
-    products = Products.of(columns, residual, noise, split)
-    nothing = Prior.free(np.zeros(0, dtype=np.int64), np.zeros(0))
-    found = Evidence(products, nuisance.prior).posterior(nothing)
-    improvement = Improvement(simulation)
-    nuisance.enter(improvement, found.mean)
-    return improvement.simulation()
 
 
 def observe(
@@ -333,7 +318,7 @@ def diagnose(
     final = fitted(bench, solution.members, solution.noise, everything=True)
     improved = simulation
     if not harmful:
-        improved = polished(observed, improve(bench, final), observed.moving)
+        improved = polished(observed, improve(bench, final), observed.moving, _found(bench, final))
     after = observed.filter(observed.predict(improved))
     strange = len(unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, proven, rest) if pushed and not strange else ()
@@ -347,7 +332,9 @@ def diagnose(
     )
     verdict = replace(
         verdict,
-        findings=with_parameters(verdict.findings, replace(observed, simulation=improved)),
+        findings=with_parameters(
+            verdict.findings, replace(observed, simulation=improved, around=None)
+        ),
         notes=(*verdict.notes, *said),
     )
     progress("done", 1.0)
@@ -378,4 +365,5 @@ def _traces(bench: Bench, after: FloatArray) -> Traces:
         before=observed.simulated,
         after=after,
         held_out=np.asarray(bench.split.held_out.any(axis=1)),
+        moving=replace(observed, disturbed=None).moving,
     )
