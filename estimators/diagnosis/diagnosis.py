@@ -32,6 +32,7 @@ class Traces:
     before: FloatArray  # (K, n) torque of the given simulation [N m]
     after: FloatArray  # (K, n) torque of the improved simulation [N m]
     held_out: NDArray[np.bool_]  # (K,) rows that the proof was made on
+    moving: NDArray[np.bool_]  # (K, n) not near rest; all other rows are neither fitted nor scored
 
 
 @dataclass(frozen=True)
@@ -94,3 +95,4 @@ class Replay:
     before: FloatArray  # (T, n) measured on the robot of the given simulation [N m]
     after: FloatArray  # (T, n) measured on the robot of the improved simulation [N m]
     tracking: FloatArray  # (n,) RMS distance of simulated from recorded position [rad]
+    moving: NDArray[np.bool_]  # (T, n) not near rest: rows that are scored

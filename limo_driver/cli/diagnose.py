@@ -190,12 +190,15 @@ def _replay(found: Diagnosis) -> Replay:
     after = before if found.after == found.before else follow(found.after, *stretch)
     rows = (recording.time >= worst.start) & (recording.time <= worst.stop)
     every = slice(None, None, max(1, int(recording.rate / REPLAY_RATE)))
+    time = before.time[every]
+    scored = np.searchsorted(found.traces.time[worst.rows], time, side="right") - 1
     return Replay(
-        time=before.time[every],
+        time=time,
         measured=recording.filtered_torque(found.bandwidth)[rows][every],
         before=before.torque[every],
         after=after.torque[every],
         tracking=after.tracking,
+        moving=found.traces.moving[worst.rows][np.maximum(scored, 0)],
     )
 
 

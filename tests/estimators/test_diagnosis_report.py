@@ -17,6 +17,7 @@ from estimators.diagnosis.diagnosis import Test as Question
 from estimators.diagnosis.judgement import TELLABLE
 from estimators.diagnosis.report import worst_stretch, write_report
 from estimators.diagnosis.report.binning import edges_of, profile, residual_map
+from estimators.diagnosis.report.figures import dependence, maps, replayed
 from estimators.diagnosis.report.markup import UNSAID, percent
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.verdict import (
@@ -68,6 +69,7 @@ def _traces(before, after, recording, number, every):
         np.stack([_since_reversal(q, v) for q, v in zip(*_columns(motion), strict=True)], axis=1),
         *filtered,
         motion.time % 20.0 > 15.0,
+        np.abs(motion.velocity) > 0.01,
     )
     return tuple(values[::every] for values in signals)
 
@@ -122,7 +124,7 @@ def made_up(before: Simulation, after: Simulation, recordings, joint: int) -> Di
             (("stribeck_friction", "presliding_hysteresis"),), "next_motion.parquet"
         ),
         fit=Fit(*(tuple(e.tolist()) for e in (error["before"], error["after"], floor)), 0.91,
-                (0.88, 0.94)),
+                (0.88, 0.94), tuple(0.7 * error["before"] + 0.3 * floor)),
         rows=RowCount(26_011, {"a value is missing or not finite": 12}),
         notes=("Torque is measured on the link's side of the gear.",),
     )  # fmt: skip
@@ -169,6 +171,7 @@ def made_up(before: Simulation, after: Simulation, recordings, joint: int) -> Di
                 traces.before[rows],
                 traces.after[rows],
                 np.full(n, 3e-4),
+                traces.moving[rows],
             ),
         ),
     )
@@ -266,9 +269,50 @@ def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(
 
 def test_the_page_says_what_its_evidence_is_not(parsed):
     text = " ".join(parsed.text.split())
-    assert "Rows near rest are drawn here, but neither fitted nor scored" in text
+    assert "Rows near rest are neither fitted nor scored" in text
     assert f"A difference in log evidence of {TELLABLE:g} means odds of 55 to 1" in text
     assert "They name nothing" in text
+
+
+def test_the_first_screen_tells_tolerances_from_findings(parsed, diagnosis):
+    text = " ".join(parsed.text.split()).replace("\N{NO-BREAK SPACE}", " ")
+    fit = diagnosis.verdict.fit
+    for error in fit.heldout_rmse_tolerances:
+        assert f"{error:.4f}" in text
+    before, alone, floor = (
+        np.array(e) for e in (fit.heldout_rmse_before, fit.heldout_rmse_tolerances, fit.noise_floor)
+    )
+    taken = np.sum(before**2 - alone**2) / np.sum(before**2 - floor**2)
+    assert f"inside their tolerances take {100 * taken:.0f} % of it by themselves" in text
+    assert "87 % of the error that tolerances alone leave" in text
+
+
+def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(diagnosis):
+    unknown = replace(
+        diagnosis.verdict.findings[0], effect="unknown", joints=(2,), equivalent=(),
+        where=Where(((3.0, 5.5),), "joint 2: small |speed|", "joint-2", (2,)),
+    )  # fmt: skip
+    page = render(replace(diagnosis, verdict=replace(diagnosis.verdict, findings=(unknown,))))
+    assert 'href="#rest-2"' in page
+    assert page.count('id="rest-2"') == 1
+    assert page.count("What is left, over") == 2 * 6  # captions, and labels for who cannot see
+    assert "3.0 to 5.5 s of seed 2" in page
+    assert "stays" in page
+
+
+def test_near_rest_nothing_is_binned_or_scored_and_curves_are_pale(diagnosis):
+    traces, replay = diagnosis.traces, diagnosis.replay[0]
+    wild = np.where(traces.moving, traces.measured, 1e3)
+    binned = dependence(replace(traces, measured=wild), 1, "velocity", 0.01)
+    assert binned == dependence(traces, 1, "velocity", 0.01)
+    assert maps(replace(traces, measured=wild), 1) == maps(traces, 1)
+    pale, full = replayed(replay, 1)["data"][:2]
+    assert pale["opacity"] < 0.5
+    assert [y is None for y in full["y"]] == (~replay.moving[:, 1]).tolist()[: len(full["y"])]
+    spoilt = replace(replay, measured=np.where(replay.moving, replay.measured, 1e3))
+    rows = [render(replace(diagnosis, replay=(item,))) for item in (replay, spoilt)]
+    tables = [page[page.index("RMSE given [") :].split("</table>")[0] for page in rows]
+    assert tables[0] == tables[1]
 
 
 def test_every_chart_is_a_figure_that_plotly_accepts_with_units_on_its_axes(page):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Traces
+from estimators.diagnosis.observations import REST
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
@@ -71,6 +72,7 @@ def _made_up(given, recordings, bandwidth, equivalent, after, separates):
     traces = Traces(
         motion.time, np.zeros(len(motion), dtype=int), motion.position, motion.velocity, load,
         np.abs(motion.position - START), measured, before, simulated, motion.time > 15.0,
+        np.abs(motion.velocity) > REST,
     )  # fmt: skip
     rmse = [tuple(np.sqrt(np.mean((measured - x) ** 2, axis=0))) for x in (before, simulated)]
     finding = Finding(

@@ -12,6 +12,8 @@ from estimators.diagnosis.report.stretch import contiguous_runs
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from estimators.diagnosis.diagnosis import Explanation, Replay, Shift, Traces
     from estimators.diagnosis.report.stretch import Stretch
     from estimators.diagnosis.verdict import Fit
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 Figure: TypeAlias = dict[str, Any]
 
 MEASURED, BEFORE, AFTER, FLOOR = "#a3abb3", "#d9730d", "#0b559f", "#8a939c"
+TOLERANCES = "#b58a3c"
 _BANDS = {BEFORE: "rgba(217,115,13,0.16)", AFTER: "rgba(11,85,159,0.16)"}
 # Of joints: none of the colours that tell simulations apart.
 _JOINTS = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#66707a")
@@ -29,6 +32,9 @@ _DIVERGING = [[0.0, "#0b559f"], [0.25, "#8fb4d9"], [0.5, "#f7f7f5"], [0.75, "#ef
 _DRAWN = 1200  # samples of a curve: more cannot be seen
 _MANY_DECADES = 2.5  # of a logarithmic axis
 _CELLS = 22  # of a map, to either side
+_FADED = 0.25  # opacity of rows that are not scored
+_BOTH = ("before", "after")
+_SIDES = {"before": ("given simulation", BEFORE), "after": ("improved simulation", AFTER)}
 _LABELS = {
     "position": "position [rad]",
     "velocity": "velocity [rad/s]",
@@ -53,9 +59,12 @@ def summary(fit: Fit) -> Figure:
             "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
         _dots(fit.heldout_rmse_before, joints, "given simulation", {
             "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
+        _dots(fit.heldout_rmse_tolerances, joints, "tolerances alone", {
+            "symbol": "diamond-open", "size": 8, "color": TOLERANCES, "line": {"width": 2}}),
         _dots(fit.heldout_rmse_after, joints, "improved simulation", {
             "symbol": "circle", "size": 11, "color": AFTER}),
     ]  # fmt: skip
+    data = [item for item in data if item["x"]]
     layout = _layout("held-out RMSE [N m], logarithmic", "")
     layout["xaxis"] |= {"type": "log"} | _round_ticks(fit)
     layout["yaxis"] |= {"autorange": "reversed", "showgrid": False}
@@ -63,19 +72,20 @@ def summary(fit: Fit) -> Figure:
     return {"data": data, "layout": layout, "height": 90 + 34 * len(joints)}
 
 
-def dependence(traces: Traces, j: int, quantity: str, floor: float) -> Figure:
-    """Mean and spread of a joint's residual over one quantity, before and after."""
+def dependence(
+    traces: Traces, j: int, quantity: str, floor: float, sides: Sequence[str] = _BOTH
+) -> Figure:
+    """Mean and spread of a joint's residual over one quantity, before and after; not near rest."""
     after_reversal, over_time = quantity == "since_reversal", quantity == "time"
-    values = _end_to_end(traces) if over_time else getattr(traces, quantity)[:, j]
+    moving = traces.moving[:, j]
+    values = (_end_to_end(traces) if over_time else getattr(traces, quantity)[:, j])[moving]
     # Friction points against the motion: after a reversal only its size is alike both ways.
-    sign = np.sign(traces.velocity[:, j]) if after_reversal else 1.0
+    sign = np.sign(traces.velocity[moving, j]) if after_reversal else 1.0
     edges = edges_of(values, 60 if over_time else 32, logarithmic=after_reversal)
     data: list[Figure] = []
-    for name, torque, colour in (
-        ("given simulation", traces.before, BEFORE),
-        ("improved simulation", traces.after, AFTER),
-    ):
-        found = profile(values, (traces.measured[:, j] - torque[:, j]) * sign, edges)
+    for side in sides:
+        name, colour = _SIDES[side]
+        found = profile(values, _residual(traces, side, j)[moving] * sign, edges)
         shown = found.rms if over_time else found.mean
         if not over_time:
             data.append(_band(found.centre, found.mean, found.spread, colour))
@@ -91,14 +101,12 @@ def dependence(traces: Traces, j: int, quantity: str, floor: float) -> Figure:
     return {"data": data, "layout": layout, "height": 230}
 
 
-def maps(traces: Traces, j: int) -> tuple[Figure, Figure]:
-    """Mean residual of a joint over position and velocity, before and after, on one scale."""
-    q, v = traces.position[:, j], traces.velocity[:, j]
+def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
+    """Mean residual of a joint over position and velocity, on one scale; not near rest."""
+    moving = traces.moving[:, j]
+    q, v = traces.position[moving, j], traces.velocity[moving, j]
     x, y = edges_of(q, _CELLS), edges_of(v, _CELLS)
-    found = [
-        residual_map(q, v, traces.measured[:, j] - torque[:, j], x, y)
-        for torque in (traces.before, traces.after)
-    ]
+    found = [residual_map(q, v, _residual(traces, side, j)[moving], x, y) for side in sides]
     known = np.abs(np.concatenate([item.mean[np.isfinite(item.mean)] for item in found]))
     scale = max(float(np.percentile(known, 98)), 1e-9) if known.size else 1.0
     figures: list[Figure] = []
@@ -113,17 +121,19 @@ def maps(traces: Traces, j: int) -> tuple[Figure, Figure]:
                          "title": {"text": "N m", "font": {"size": 10}}},
         }  # fmt: skip
         figures.append({"data": [heat], "layout": layout, "height": 260})
-    return figures[0], figures[1]
+    return figures
 
 
 def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
     """Torque beyond the rigid body over position: measured, and simulated before and after."""
     q, load = traces.position[:, j], traces.load[:, j]
     curves = _three(traces, j)
+    rows = _thin(stretch.rows)
+    moving = traces.moving[rows, j]
     data = [
-        _curve(q[rows], (torque - load)[rows], name, colour, width)
+        curve
         for name, torque, colour, width in curves
-        for rows in [_thin(stretch.rows)]
+        for curve in _faded(q[rows], (torque - load)[rows], moving, name, colour, width)
     ]
     layout = _layout(_LABELS["position"], "torque beyond the rigid body [N m]")
     return {"data": data, "layout": layout, "height": 320}
@@ -133,9 +143,11 @@ def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
     """Torque beyond the rigid body over time: measured, and simulated before and after."""
     rows = _thin(stretch.rows)
     load = traces.load[rows, j]
+    moving = traces.moving[rows, j]
     data = [
-        _curve(traces.time[rows], torque[rows] - load, name, colour, width)
+        curve
         for name, torque, colour, width in _three(traces, j)
+        for curve in _faded(traces.time[rows], torque[rows] - load, moving, name, colour, width)
     ]
     layout = _layout("time [s]", "torque beyond the rigid body [N m]")
     return {"data": data, "layout": layout, "height": 320}
@@ -194,13 +206,11 @@ def motion(trajectory: Trajectory) -> Figure:
 def replayed(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint beside both free runs of the simulated robot."""
     rows = slice(None, None, max(1, len(replay.time) // _DRAWN))
+    time, moving = replay.time[rows], replay.moving[rows, j]
     data = [
-        _curve(replay.time[rows], torque[rows, j], name, colour, width)
-        for name, torque, colour, width in (
-            ("measured", replay.measured, MEASURED, 4.0),
-            ("given simulation", replay.before, BEFORE, 1.4),
-            ("improved simulation", replay.after, AFTER, 1.4),
-        )
+        curve
+        for name, torque, colour, width in _three(replay, j)
+        for curve in _faded(time, torque[rows], moving, name, colour, width)
     ]
     layout = _layout("time [s]", "torque [N m]")
     return {"data": data, "layout": layout | {"showlegend": True}, "height": 290}
@@ -209,12 +219,11 @@ def replayed(replay: Replay, j: int) -> Figure:
 def replay_error(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint less that of both free runs."""
     rows = slice(None, None, max(1, len(replay.time) // _DRAWN))
+    time, moving = replay.time[rows], replay.moving[rows, j]
     data = [
-        _curve(replay.time[rows], (replay.measured - torque)[rows, j], name, colour)
-        for name, torque, colour in (
-            ("given simulation", replay.before, BEFORE),
-            ("improved simulation", replay.after, AFTER),
-        )
+        curve
+        for side in _BOTH
+        for curve in _faded(time, _residual(replay, side, j)[rows], moving, *_SIDES[side])
     ]
     layout = _layout("time [s]", "measured minus robot [N m]")
     return {"data": data, "layout": layout | {"showlegend": True}, "height": 290}
@@ -225,7 +234,11 @@ def numbers(values: FloatArray, digits: int = 4) -> list[float | None]:
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
 
 
-def _three(traces: Traces, j: int) -> tuple[tuple[str, FloatArray, str, float], ...]:
+def _residual(traces: Traces | Replay, side: str, j: int) -> FloatArray:
+    return traces.measured[:, j] - getattr(traces, side)[:, j]
+
+
+def _three(traces: Traces | Replay, j: int) -> tuple[tuple[str, FloatArray, str, float], ...]:
     return (
         ("measured", traces.measured[:, j], MEASURED, 4.0),
         ("given simulation", traces.before[:, j], BEFORE, 1.4),
@@ -265,6 +278,22 @@ def _curve(x: FloatArray, y: FloatArray, name: str, colour: str, width: float = 
         "x": numbers(x, 6), "y": numbers(y, 5), "mode": "lines", "name": name,
         "line": {"color": colour, "width": width},
     }  # fmt: skip
+
+
+def _faded(
+    x: FloatArray,
+    y: FloatArray,
+    moving: NDArray[np.bool_],
+    name: str,
+    colour: str,
+    width: float = 1.8,
+) -> list[Figure]:
+    """Return a curve that is pale where the joint is near rest."""
+    pale = {"opacity": _FADED, "showlegend": False, "hoverinfo": "skip"}
+    return [
+        _curve(x, y, name, colour, width) | pale,
+        _curve(x, np.where(moving, y, np.nan), name, colour, width),
+    ]
 
 
 def _band(x: FloatArray, mean: FloatArray, spread: FloatArray, colour: str) -> Figure:

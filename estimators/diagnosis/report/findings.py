@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.proof import reducible_removed
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.markup import (
     UNSAID,
@@ -22,10 +23,11 @@ from estimators.diagnosis.report.markup import (
     table,
 )
 from estimators.diagnosis.verdict import UNKNOWN
+from estimators.diagnosis.wording import names_of
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.diagnosis import Diagnosis
     from estimators.diagnosis.verdict import Finding, Fit, Interval, Value
@@ -42,32 +44,33 @@ _KINDS = {
 }
 _MOST = 3  # joints of a finding whose errors are shown; the table above has all
 _LISTED = 6  # values of a parameter that are shown before they are folded
+_WORTH_SAYING = 0.05  # part of the reducible error
 
 
 def overview(diagnosis: Diagnosis, charts: Charts) -> str:
     """Return verdict, errors and findings."""
     verdict = diagnosis.verdict
+    names = names_of(diagnosis.recordings)
     head = (
         f'<header><p class="crumb">Diagnosis of a simulation of {escape(_robot(diagnosis))}</p>'
         f'<p><span class="badge {verdict.verdict}">{VERDICTS[verdict.verdict]}</span></p>'
-        f"<h1>{escape(verdict.sentence())}</h1>{_sources(diagnosis)}</header>"
+        f"<h1>{escape(verdict.sentence())}</h1>{_sources(diagnosis, names)}</header>"
     )
     chart = charts.place(
         figures.summary(verdict.fit), "Error on motion that nothing was fitted to", "per joint"
     )
     errors = f'<section id="errors">{grid([chart, _errors(verdict.fit)])}</section>'
-    cards = "".join(_card(item, verdict.fit) for item in verdict.findings)
+    cards = "".join(_card(item, verdict.fit, names) for item in verdict.findings)
     if not cards:
         return head + errors
     title = "Findings" if len(verdict.findings) > 1 else "Finding"
     return f'{head}{errors}<section id="findings"><h2>{title}</h2>{cards}</section>'
 
 
-def _sources(diagnosis: Diagnosis) -> str:
+def _sources(diagnosis: Diagnosis, names: Sequence[str]) -> str:
     said = [
-        f"{PurePath(item.source).name or f'recording {k + 1}'} "
-        f"({item.duration:.0f} s at {item.rate:.0f} Hz)"
-        for k, item in enumerate(diagnosis.recordings)
+        f"{name} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
+        for name, item in zip(names, diagnosis.recordings, strict=True)
     ]
     text = (
         f"Compared with {'; '.join(said)}. Motion and torque pass the same zero-phase filter of "
@@ -81,13 +84,20 @@ def _robot(diagnosis: Diagnosis) -> str:
 
 
 def _errors(fit: Fit) -> str:
+    before, after, floor = fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor
+    alone = fit.heldout_rmse_tolerances or (np.nan,) * len(floor)
     rows = [
-        [f"{j + 1}", _rmse(a), _rmse(b), _rmse(c), f"{b / c:.2f}" if c > 0 else UNSAID]
-        for j, (a, b, c) in enumerate(
-            zip(fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor, strict=True)
-        )
+        [f"{j + 1}", *map(_rmse, errors), f"{errors[2] / errors[3]:.2f}" if errors[3] else UNSAID]
+        for j, errors in enumerate(zip(before, alone, after, floor, strict=True))
     ]
-    headings = ("joint", "given [N m]", "improved [N m]", "noise floor [N m]", "improved / floor")
+    headings = (
+        "joint",
+        "given [N m]",
+        "tolerances alone [N m]",
+        "improved [N m]",
+        "noise floor [N m]",
+        "improved / floor",
+    )
     low, high = fit.ci95
     removed = (
         f"The improved simulation removes {percent(fit.reducible_error_removed)} of the reducible "
@@ -96,12 +106,27 @@ def _errors(fit: Fit) -> str:
         else "There is no reducible error to remove."
     )
     meaning = (
-        "Reducible is the mean squared error above the noise floor. Held-out: rows of the "
-        "recordings that no parameter was fitted to."
+        "Held-out: rows of the recordings that no parameter was fitted to, those near rest left "
+        "out. Reducible: mean square above the noise floor. Tolerances alone: known values moved "
+        "inside their tolerances, no effect added."
     )
     return (
-        f"<div>{table(headings, rows, numeric=1)}{paragraph(removed)}"
+        f"<div>{table(headings, rows, numeric=1)}{paragraph(removed + _by_tolerances(fit))}"
         f"{paragraph(meaning, 'small')}</div>"
+    )
+
+
+def _by_tolerances(fit: Fit) -> str:
+    """Say how much of the error goes without any finding, if that is worth a word."""
+    errors = (fit.heldout_rmse_before, fit.heldout_rmse_tolerances, fit.noise_floor)
+    if not fit.heldout_rmse_tolerances:
+        return ""
+    taken = reducible_removed(*map(np.array, errors))
+    if taken < _WORTH_SAYING:
+        return ""
+    return (
+        f" Values that move inside their tolerances take {percent(taken)} of it by themselves; "
+        "what they leave is what findings are about."
     )
 
 
@@ -109,7 +134,7 @@ def _rmse(value: float) -> str:
     return f"{value:.4f}" if np.isfinite(value) else UNSAID
 
 
-def _card(item: Finding, fit: Fit) -> str:
+def _card(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     unknown = item.effect == UNKNOWN
     name = "Something unknown" if unknown else spoken(item.effect).capitalize()
     kind = "nothing in the catalogue explains it" if unknown else _KINDS[item.kind]
@@ -121,12 +146,13 @@ def _card(item: Finding, fit: Fit) -> str:
         ("confidence", meter(item.confidence)),
         ("held-out RMSE", _drop(item)),
     ]
-    if not unknown:
-        facts.insert(1, ("removes", f"{meter(item.share)} of the reducible error"))
+    if item.share > 0:  # of a push nothing is: its rows are not scored
+        does = "stays" if unknown else "takes"
+        facts.insert(1, (does, f"{meter(item.share)} of the error that tolerances alone leave"))
     if item.equivalent:
         names = ", ".join(spoken(e) for e in item.equivalent)
         facts.append(("cannot be told from", escape(names)))
-    if where := _where(item, fit):
+    if where := _where(item, fit, recordings):
         facts.append(("where", where))
     listed = "".join(f"<dt>{k}</dt><dd>{v}</dd>" for k, v in facts)
     return (
@@ -146,13 +172,15 @@ def _drop(item: Finding) -> str:
     )
 
 
-def _where(item: Finding, fit: Fit) -> str:
-    said = [escape(item.where.region)] if item.where.region else []
-    if item.where.time:
-        said.append("; ".join(f"{a:.1f} to {b:.1f} s" for a, b in item.where.time[:_LISTED]))
+def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
+    said = [item.where.region] if item.where.region else []
+    of = [f" of {recordings[k - 1]}" for k in item.where.recording if len(recordings) > 1]
+    stretches = [f"{a:.1f} to {b:.1f} s" for a, b in item.where.time[:_LISTED]]
+    said += [text + (of[k] if of else "") for k, text in enumerate(stretches)]
+    place = "rest" if item.effect == UNKNOWN else "joint"
     joints = [j for j in item.joints if j <= len(fit.noise_floor)]
-    links = ", ".join(f'<a href="#joint-{j}">joint {j}</a>' for j in joints)
-    return ", ".join(said) + (f" (maps: {links})" if links else "")
+    links = ", ".join(f'<a href="#{place}-{j}">joint {j}</a>' for j in joints)
+    return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
 
 
 def _parameters(item: Finding) -> str:

@@ -9,8 +9,10 @@ import numpy as np
 
 from estimators.diagnosis.diagnosis import CHOSEN
 from estimators.diagnosis.judgement import TELLABLE
+from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.markup import (
+    UNSAID,
     Charts,
     folded,
     grid,
@@ -18,10 +20,12 @@ from estimators.diagnosis.report.markup import (
     number,
     of_joints,
     paragraph,
+    percent,
     section,
     table,
 )
 from estimators.diagnosis.report.stretch import loop_stretch
+from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -39,8 +43,7 @@ _TITLES = {
     "load": "over load",
     "time": "over time",
 }
-_REST = "rows near rest are drawn, not scored"
-_NOTES = {"since_reversal": "signed along the motion", "time": _REST}
+_NOTES = {"since_reversal": "signed along the motion"}
 _SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
 _CANDIDATES = 12  # explanations drawn
 _LABEL = 44  # characters of an explanation beside its bar
@@ -63,8 +66,8 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
         "Residual: recorded minus simulated torque, mean (line) and one standard deviation (band) "
         "in bins. Orange: the given simulation. Blue: the improved one. Dotted: noise floor. "
         "Torque curves show 8 s in which the joint differs much and moves little, less the "
-        "rigid-body torque. Rows near rest are drawn here, but neither fitted nor scored: they "
-        "may lie above the errors in the table."
+        "rigid-body torque. Rows near rest are neither fitted nor scored: they are not in the "
+        "bins, and pale in the curves."
     )
     return section("Where the difference is", opened + rest, "where", lead)
 
@@ -80,10 +83,9 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         )
         for name in _QUANTITIES
     ]
-    before, after = figures.maps(traces, j)
     maps = [
-        charts.place(before, "Mean residual over position and velocity", f"given; {_REST}"),
-        charts.place(after, "Mean residual over position and velocity", f"improved; {_REST}"),
+        charts.place(figure, "Mean residual over position and velocity", which)
+        for figure, which in zip(figures.maps(traces, j), ("given", "improved"), strict=True)
     ]
     stretch = loop_stretch(traces, j, LOOP)
     note = f"{stretch.start:.1f} to {stretch.stop:.1f} s"
@@ -91,7 +93,27 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
         charts.place(figures.torque_over_time(traces, j, stretch), "Torque over time", note),
     ]
-    return grid(drawn) + grid(profiles, "three") + grid(maps)
+    return grid(drawn) + grid(profiles, "three") + grid(maps) + _rest(diagnosis, charts, j)
+
+
+def _rest(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
+    """Return the maps of what is left at a joint at which something unknown acts, on its scale."""
+    verdict, traces = diagnosis.verdict, diagnosis.traces
+    unknown = {i for item in verdict.findings if item.effect == UNKNOWN for i in item.joints}
+    if j + 1 not in unknown:
+        return ""
+    floor, after = verdict.fit.noise_floor[j], ("after",)
+    drawn = [
+        charts.place(
+            figures.dependence(traces, j, name, floor, after),
+            f"What is left, {_TITLES[name]}",
+            _NOTES.get(name, ""),
+        )
+        for name in _QUANTITIES
+    ]
+    (over_both,) = figures.maps(traces, j, after)
+    drawn.append(charts.place(over_both, "What is left, over position and velocity"))
+    return f'<div id="rest-{j + 1}"><h3>Unknown at joint {j + 1}</h3>{grid(drawn, "three")}</div>'
 
 
 def _anchored(j: int, body: str) -> str:
@@ -135,12 +157,19 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
              meter(item.share), escape(_note(item, top))]
             for item in diagnosis.explanations
         ]  # fmt: skip
-        headings = ("explanation", "log evidence", "to the chosen", "share removed", "")
+        headings = (
+            "explanation",
+            "log evidence",
+            "to the chosen",
+            "takes of the rest",
+            "",
+        )
         body += table(headings, rows)
     lead = (
         f"A difference in log evidence of {TELLABLE:g} means odds of {np.exp(TELLABLE):.0f} to 1; "
         "what is closer than that, these recordings cannot tell apart. More evidence than that of "
-        "the chosen explanation is not enough where motion held out speaks against it."
+        "the chosen explanation is not enough where motion held out speaks against it. The rest is "
+        "what values inside their tolerances leave by themselves."
     )
     return section("What competed", body, "competing", lead)
 
@@ -254,7 +283,9 @@ def replay(diagnosis: Diagnosis, charts: Charts) -> str:
         body += paragraph(diagnosis.replay_note)
     lead = (
         "The proof in the other direction: the simulated robot, with its own drives and servo, "
-        "follows the recorded motion, and its torque sensors are compared with the recorded torque."
+        "follows the recorded motion, and its torque sensors are compared with the recorded "
+        "torque. Rows near rest, where friction holds any torque in its band, are pale and not "
+        "scored."
     )
     return section("Replay on the simulated robot", body, "replay", lead)
 
@@ -269,21 +300,26 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
             charts.place(figures.replay_error(item, j), f"Joint {j + 1}: difference", _span(item)),
         )
     ]
+    before, after = (
+        rmse(item.measured - torque, item.moving) for torque in (item.before, item.after)
+    )
     rows = [
-        [str(j + 1), f"{_rms(item.measured - item.before, j):.4f}",
-         f"{_rms(item.measured - item.after, j):.4f}", f"{1e3 * float(item.tracking[j]):.2f}"]
-        for j in range(item.measured.shape[1])
+        [str(j + 1), *(f"{error[j]:.4f}" if moves else UNSAID for error in (before, after)),
+         f"{1e3 * float(item.tracking[j]):.2f}", percent(moves)]
+        for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip
-    headings = ("joint", "RMSE given [N m]", "RMSE improved [N m]", "tracking [mrad]")
+    headings = (
+        "joint",
+        "RMSE given [N m]",
+        "RMSE improved [N m]",
+        "tracking [mrad]",
+        "rows not near rest",
+    )
     return grid(drawn) + table(headings, rows, numeric=1)
 
 
 def _span(item: Replay) -> str:
     return f"{item.time[0]:.1f} to {item.time[-1]:.1f} s"
-
-
-def _rms(error: np.ndarray[tuple[int, int], np.dtype[np.float64]], j: int) -> float:
-    return float(np.sqrt(np.mean(error[:, j] ** 2)))
 
 
 def data(diagnosis: Diagnosis) -> str:

@@ -37,10 +37,10 @@ def worst_stretch(traces: Traces, floor: FloatArray, duration: float) -> Stretch
         duration: Longest stretch wanted [s]; what is contiguous may be shorter.
 
     Returns:
-        The stretch of the largest mean squared residual.
+        The stretch of the largest mean squared residual of joints that are not near rest.
     """
     residual = (traces.measured - traces.before) / np.maximum(floor, 1e-9)
-    return _largest(traces, np.sum(residual**2, axis=1), duration)
+    return _largest(traces, np.sum(np.where(traces.moving, residual, 0.0) ** 2, axis=1), duration)
 
 
 def loop_stretch(traces: Traces, j: int, duration: float) -> Stretch:
@@ -53,7 +53,7 @@ def loop_stretch(traces: Traces, j: int, duration: float) -> Stretch:
         j: The joint, 0-based.
         duration: Longest stretch wanted [s].
     """
-    error = (traces.measured[:, j] - traces.before[:, j]) ** 2
+    error = traces.moving[:, j] * (traces.measured[:, j] - traces.before[:, j]) ** 2
     steps = np.diff(traces.time)
     rows = max(1, round(duration / float(np.median(steps[steps > 0]))))
     q = traces.position[:, j]
