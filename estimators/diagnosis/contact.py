@@ -9,7 +9,7 @@ import numpy as np
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.pushes import covered, wrench_of
 from estimators.diagnosis.responses import response
-from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
+from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.diagnosis.wording import names_of
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def contact_of(
     values = tuple(rmse(proven, observed.moving).tolist())
     return (
         Finding(
-            effect="external_contact",
+            effect=CONTACT,
             kind="missing",
             joints=tuple(range(1, observed.n + 1)),
             equivalent=(),

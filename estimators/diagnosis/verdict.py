@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SCHEMA = 1
+CONTACT = "external_contact"
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
 
 Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]
@@ -141,7 +142,7 @@ class Verdict:
         if self.verdict == "consistent":
             return "Recording and simulation agree within tolerances and noise."
         named = [item for item in self.findings if item.effect != UNKNOWN]
-        texts = [f"{_said(item)} ({_joints(item.joints)})" for item in named]
+        texts = [_said(item) for item in named]
         unknown = [j for item in self.findings if item.effect == UNKNOWN for j in item.joints]
         unknown = sorted({*unknown, *self.unexplained.joints})
         if not texts:
@@ -153,8 +154,11 @@ class Verdict:
 
 
 def _said(item: Finding) -> str:
+    if item.effect == CONTACT:  # an event, not physics that the simulation lacks
+        count = len(item.where.time)
+        return f"{spoken(item.effect)} in {count} stretch{'es' * (count > 1)} of time"
     kind = "a wrong parameter of " if item.kind == "wrong_parameter" else "missing "
-    return kind + spoken(item.effect)
+    return f"{kind}{spoken(item.effect)} ({_joints(item.joints)})"
 
 
 def _joints(joints: tuple[int, ...]) -> str:

@@ -15,9 +15,7 @@ import pytest
 from estimators.diagnosis.diagnosis import CHOSEN, Diagnosis, Explanation, Replay, Shift, Traces
 from estimators.diagnosis.diagnosis import Test as Question
 from estimators.diagnosis.judgement import TELLABLE
-from estimators.diagnosis.report import worst_stretch, write_report
-from estimators.diagnosis.report.binning import edges_of, profile, residual_map
-from estimators.diagnosis.report.figures import dependence, maps, replayed
+from estimators.diagnosis.report import figures, worst_stretch, write_report
 from estimators.diagnosis.report.markup import UNSAID, percent
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.verdict import (
@@ -303,16 +301,39 @@ def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(dia
 def test_near_rest_nothing_is_binned_or_scored_and_curves_are_pale(diagnosis):
     traces, replay = diagnosis.traces, diagnosis.replay[0]
     wild = np.where(traces.moving, traces.measured, 1e3)
-    binned = dependence(replace(traces, measured=wild), 1, "velocity", 0.01)
-    assert binned == dependence(traces, 1, "velocity", 0.01)
-    assert maps(replace(traces, measured=wild), 1) == maps(traces, 1)
-    pale, full = replayed(replay, 1)["data"][:2]
+    binned = figures.dependence(replace(traces, measured=wild), 1, "velocity", 0.01)
+    assert binned == figures.dependence(traces, 1, "velocity", 0.01)
+    assert figures.maps(replace(traces, measured=wild), 1) == figures.maps(traces, 1)
+    pale, full = figures.replayed(replay, 1)["data"][:2]
     assert pale["opacity"] < 0.5
     assert [y is None for y in full["y"]] == (~replay.moving[:, 1]).tolist()[: len(full["y"])]
     spoilt = replace(replay, measured=np.where(replay.moving, replay.measured, 1e3))
     rows = [render(replace(diagnosis, replay=(item,))) for item in (replay, spoilt)]
     tables = [page[page.index("RMSE given [") :].split("</table>")[0] for page in rows]
     assert tables[0] == tables[1]
+
+
+def test_a_push_is_drawn_on_all_joints_with_its_wrench_and_is_no_missing_physics(diagnosis):
+    wrench = (-2.5, 0.4, 3.0, 0.1, 0.2, -0.3)
+    intervals = tuple((x - 0.5, x + 0.5) for x in wrench)
+    push = replace(
+        diagnosis.verdict.findings[0], effect="external_contact", joints=(1, 2), equivalent=(),
+        parameters={"windows": Interval(((4.0, 4.6),), "s"),
+                    "wrench": Interval((wrench,), "N, N m", (intervals,))},
+        where=Where(((4.0, 4.6),), "the flange", recording=(2,)), share=0.0,
+        heldout_rmse=BeforeAfter((0.01, 0.01), (0.01, 0.01)),
+    )  # fmt: skip
+    verdict = replace(diagnosis.verdict, findings=(push,))
+    assert verdict.sentence().startswith("Found external contact in 1 stretch of time;")
+    page = render(replace(diagnosis, verdict=verdict))
+    assert 'href="#pushes"' in page
+    assert "4.0 to 4.6 s of seed 2" in page
+    assert "-2.5 ± 0.5" in page
+    assert "an event, not a property of the arm" in page
+    drawn = figures.push(diagnosis.traces, 1, (4.0, 4.6))
+    times = [t for curve in drawn["data"] for t in curve["x"]]
+    assert (min(times), max(times)) == pytest.approx((3.0, 5.6), abs=0.03)
+    assert {curve["name"] for curve in drawn["data"]} == {"joint 1", "joint 2"}
 
 
 def test_every_chart_is_a_figure_that_plotly_accepts_with_units_on_its_axes(page):
@@ -370,22 +391,3 @@ def test_the_worst_stretch_is_of_one_recording_and_where_the_error_is(diagnosis)
     assert found.recording == 1
     assert found.start == pytest.approx(10.0, abs=0.1)
     assert found.stop == pytest.approx(14.0, abs=0.1)
-
-
-def test_a_profile_finds_what_the_residual_follows():
-    random = np.random.default_rng(0)
-    x = random.uniform(-1, 1, 20_000)
-    residual = 2 * x + 0.1 * random.standard_normal(x.size)
-    found = profile(x, residual, edges_of(x))
-    assert np.allclose(found.mean, 2 * found.centre, atol=0.03)
-    assert np.allclose(
-        found.spread, np.hypot(0.1, 2 * np.diff(edges_of(x))[0] / 12**0.5), atol=0.02
-    )
-
-
-def test_a_map_leaves_cells_without_rows_empty():
-    x = np.repeat([0.1, 0.9], 50)
-    edges = np.linspace(0, 1, 3)
-    found = residual_map(x, x, x, edges, edges)
-    assert np.allclose(np.diag(found.mean), [0.1, 0.9])
-    assert np.isnan(found.mean[0, 1])

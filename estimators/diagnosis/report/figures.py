@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -32,6 +33,7 @@ _DIVERGING = [[0.0, "#0b559f"], [0.25, "#8fb4d9"], [0.5, "#f7f7f5"], [0.75, "#ef
 _DRAWN = 1200  # samples of a curve: more cannot be seen
 _MANY_DECADES = 2.5  # of a logarithmic axis
 _CELLS = 22  # of a map, to either side
+_AROUND = 1.0  # [s] drawn before and after a push
 _FADED = 0.25  # opacity of rows that are not scored
 _BOTH = ("before", "after")
 _SIDES = {"before": ("given simulation", BEFORE), "after": ("improved simulation", AFTER)}
@@ -60,7 +62,7 @@ def summary(fit: Fit) -> Figure:
         _dots(fit.heldout_rmse_before, joints, "given simulation", {
             "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
         _dots(fit.heldout_rmse_tolerances, joints, "tolerances alone", {
-            "symbol": "diamond-open", "size": 8, "color": TOLERANCES, "line": {"width": 2}}),
+            "symbol": "diamond-open", "size": 15, "color": TOLERANCES, "line": {"width": 2}}),
         _dots(fit.heldout_rmse_after, joints, "improved simulation", {
             "symbol": "circle", "size": 11, "color": AFTER}),
     ]  # fmt: skip
@@ -151,6 +153,29 @@ def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
     ]
     layout = _layout("time [s]", "torque beyond the rigid body [N m]")
     return {"data": data, "layout": layout, "height": 320}
+
+
+def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
+    """What the improved simulation leaves on every joint around a push (in time of a recording)."""
+    near = (traces.time > window[0] - _AROUND) & (traces.time < window[1] + _AROUND)
+    rows = np.flatnonzero(near & (traces.recording == recording))
+    data = [
+        curve
+        for j, colour in zip(range(traces.measured.shape[1]), cycle(_JOINTS))
+        for curve in _faded(
+            traces.time[rows],
+            _residual(traces, "after", j)[rows],
+            traces.moving[rows, j],
+            f"joint {j + 1}",
+            colour,
+        )
+    ]
+    layout = _layout("time [s]", "residual [N m]")
+    layout["shapes"] = [
+        {"type": "rect", "x0": window[0], "x1": window[1], "y0": 0, "y1": 1, "yref": "paper",
+         "layer": "below", "fillcolor": "rgba(138,147,156,0.16)", "line": {"width": 0}}
+    ]  # fmt: skip
+    return {"data": data, "layout": layout | {"showlegend": True}, "height": 280}
 
 
 def explanations(

@@ -22,7 +22,7 @@ from estimators.diagnosis.report.markup import (
     percent,
     table,
 )
-from estimators.diagnosis.verdict import UNKNOWN
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import spoken
 
@@ -41,6 +41,10 @@ VERDICTS = {
 _KINDS = {
     "missing": "left out of the simulation",
     "wrong_parameter": "in the simulation with a wrong value",
+}
+_NO_EFFECT_OF_THE_ARM = {
+    UNKNOWN: "nothing in the catalogue explains it",
+    CONTACT: "an event, not a property of the arm; the improved simulation leaves it out",
 }
 _MOST = 3  # joints of a finding whose errors are shown; the table above has all
 _LISTED = 6  # values of a parameter that are shown before they are folded
@@ -101,7 +105,7 @@ def _errors(fit: Fit) -> str:
     low, high = fit.ci95
     removed = (
         f"The improved simulation removes {percent(fit.reducible_error_removed)} of the reducible "
-        f"error (95 % interval {percent(low)} to {percent(high)})."
+        f"error (95\N{NO-BREAK SPACE}% interval {percent(low)} to {percent(high)})."
         if np.isfinite(fit.reducible_error_removed)
         else "There is no reducible error to remove."
     )
@@ -137,15 +141,16 @@ def _rmse(value: float) -> str:
 def _card(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     unknown = item.effect == UNKNOWN
     name = "Something unknown" if unknown else spoken(item.effect).capitalize()
-    kind = "nothing in the catalogue explains it" if unknown else _KINDS[item.kind]
+    kind = _NO_EFFECT_OF_THE_ARM.get(item.effect) or _KINDS[item.kind]
     head = (
         f"<h3>{escape(name)} <span>{escape(of_joints(item.joints))}</span></h3>"
         f'<p class="kind">{escape(kind)}</p><p class="evidence">{escape(item.evidence)}</p>'
     )
     facts = [
         ("confidence", meter(item.confidence)),
-        ("held-out RMSE", _drop(item)),
     ]
+    if drop := _drop(item):
+        facts.append(("held-out RMSE", drop))
     if item.share > 0:  # of a push nothing is: its rows are not scored
         does = "stays" if unknown else "takes"
         facts.insert(1, (does, f"{meter(item.share)} of the error that tolerances alone leave"))
@@ -157,14 +162,14 @@ def _card(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     listed = "".join(f"<dt>{k}</dt><dd>{v}</dd>" for k, v in facts)
     return (
         f'<article class="card{" unknown" if unknown else ""}">{head}<dl>{listed}</dl>'
-        f"{_parameters(item)}</article>"
+        f"{_parameters(item) if item.effect != CONTACT else ''}</article>"
     )
 
 
 def _drop(item: Finding) -> str:
     pairs = item.heldout_rmse
-    if not pairs.before:
-        return UNSAID
+    if pairs.before == pairs.after:  # nothing is taken off
+        return ""
     joints = [j for j in item.joints if j <= len(pairs.before)] or range(1, len(pairs.before) + 1)
     shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
     return "; ".join(
@@ -177,6 +182,8 @@ def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     of = [f" of {recordings[k - 1]}" for k in item.where.recording if len(recordings) > 1]
     stretches = [f"{a:.1f} to {b:.1f} s" for a, b in item.where.time[:_LISTED]]
     said += [text + (of[k] if of else "") for k, text in enumerate(stretches)]
+    if item.effect == CONTACT:
+        return escape("; ".join(said)) + ' (<a href="#pushes">courses</a>)'
     place = "rest" if item.effect == UNKNOWN else "joint"
     joints = [j for j in item.joints if j <= len(fit.noise_floor)]
     links = ", ".join(f'<a href="#{place}-{j}">joint {j}</a>' for j in joints)

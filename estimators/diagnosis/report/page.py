@@ -8,6 +8,7 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from estimators.diagnosis.report import sections
+from estimators.diagnosis.report.contact import pushed
 from estimators.diagnosis.report.findings import overview
 from estimators.diagnosis.report.markup import Charts
 from limo_driver.errors import ConfigError
@@ -41,6 +42,7 @@ def render(diagnosis: Diagnosis) -> str:
     charts = Charts()
     body = (
         overview(diagnosis, charts)
+        + pushed(diagnosis, charts)
         + sections.where(diagnosis, charts)
         + sections.competing(diagnosis, charts)
         + sections.tests(diagnosis)

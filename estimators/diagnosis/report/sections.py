@@ -161,7 +161,7 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
             "explanation",
             "log evidence",
             "to the chosen",
-            "takes of the rest",
+            "share of the rest",
             "",
         )
         body += table(headings, rows)
