@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 LEAST_MOVING = 50  # rows on which a joint has to move if its torque is to be judged
 _ROWS = 1500  # that are enough to judge by
+_ROWS_TO_TURN = 400
+ANGLES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # [rad] that a joint may have
+_TURNS = 3
 _DEGREES = float(np.rad2deg(1.0))
 _TINY = 1e-9  # [N m], [rad/s]
 
@@ -40,13 +43,20 @@ class Sample:
     motion: Motion
     torque: FloatArray  # (K, n) [N m]
     moving: NDArray[np.bool_]  # (K, n)
+    constant: tuple[int, ...] = ()  # joints (0-based) whose encoder gives one value throughout
 
     @classmethod
     def of(cls, observed: Observations) -> Sample:
         """Thin the slow rows."""
         rows = slice(None, None, max(1, len(observed.slow) // _ROWS))
         body = observed.simulation.body
-        return cls(body, observed.slow[rows], observed.measured[rows], observed.moving[rows])
+        return cls(
+            body,
+            observed.slow[rows],
+            observed.measured[rows],
+            observed.moving[rows],
+            constant_joints(observed),
+        )
 
     @cached_property
     def load(self) -> FloatArray:
@@ -75,11 +85,33 @@ class Sample:
         use = self.moving[:, joint]
         v = self.motion.velocity[use, joint]
         left = self.torque[use, joint] - self.load[use, joint]
-        friction = np.stack([np.sign(v), v / max(float(np.abs(v).max()), _TINY)], axis=1)
+        friction = _dry_and_viscous(v)
         friction -= friction.mean(axis=0)
         left -= left.mean()
         size, _ = nnls(friction, left)
         return left - friction @ size
+
+    @cached_property
+    def friction(self) -> FloatArray:
+        """Friction that fits best beside the load, (K, n) [N m]; zero where a joint rests."""
+        result = np.zeros_like(self.torque)
+        for joint in np.flatnonzero(self.moving.any(axis=0)).tolist():
+            use = self.moving[:, joint]
+            friction = _dry_and_viscous(self.motion.velocity[use, joint])
+            size, _ = nnls(friction, self.torque[use, joint] - self.load[use, joint])
+            result[use, joint] = friction @ size
+        return result
+
+    def thinned(self, most: int) -> Sample:
+        """Return at most so many of the rows."""
+        rows = slice(None, None, -(-len(self.torque) // most))
+        return replace(
+            self, motion=self.motion[rows], torque=self.torque[rows], moving=self.moving[rows]
+        )
+
+    def at(self, position: FloatArray) -> Sample:
+        """Return the sample at other positions (K, n) [rad], as fast as before."""
+        return replace(self, motion=replace(self.motion, position=position))
 
     def positions(self, matrix: FloatArray, turn: FloatArray | float = 0.0) -> Sample:
         """Return the sample with positions q → q Aᵀ + turn; A is (n, n), turn (n,) [rad]."""
@@ -96,6 +128,16 @@ class Sample:
     def torques(self, matrix: FloatArray) -> Sample:
         """Return the sample with torques τ → τ Aᵀ; A is (n, n)."""
         return replace(self, torque=self.torque @ matrix.T)
+
+
+def constant_joints(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) of which the encoder gives one value in each recording."""
+    varies = np.any([np.ptp(item.position, axis=0) for item in observed.recordings], axis=0)
+    return tuple(np.flatnonzero(~varies).tolist())
+
+
+def _dry_and_viscous(v: FloatArray) -> FloatArray:
+    return np.stack([np.sign(v), v / max(float(np.abs(v).max()), _TINY)], axis=1)
 
 
 Undo: TypeAlias = Callable[[Sample], Sample]
@@ -162,6 +204,39 @@ def _of_joint(j: int, n: int) -> Iterator[Mistake]:
             f"the zero of position_{j + 1} is {abs(degrees)}° away from that of the model",
             _positions(one, np.deg2rad(degrees) * own),
         )
+
+
+def stuck(sample: Sample) -> Iterator[Mistake]:
+    """Yield encoders that may be stuck: those that give one value throughout.
+
+    A joint that stands still may do so, too; but then the torques fit as they are.
+    """
+    for j in sample.constant:
+        value = float(sample.motion.position[0, j])
+        yield Mistake(
+            f"position_{j + 1} is {value:.4g} rad in all rows although the torques are those of an "
+            f"arm whose joint {j + 1} moves, as if its encoder were stuck",
+            partial(_turning, j),
+        )
+
+
+def _turning(j: int, sample: Sample) -> Sample:
+    """Turn a joint in each row to where the torques of all others fit best."""
+    sample = sample.thinned(_ROWS_TO_TURN)
+    own, n = sample.motion, sample.torque.shape[1]
+    position = np.repeat(own.position[None], ANGLES.size, axis=0)  # (angles, K, n)
+    position[:, :, j] = ANGLES[:, None]
+    motion = (
+        position,
+        *(np.broadcast_to(x, position.shape) for x in (own.velocity, own.acceleration)),
+    )
+    load = sample.body.inverse_dynamics(*(x.reshape(-1, n) for x in motion)).reshape(position.shape)
+    weight = (np.arange(n) != j) / np.maximum(sample.torque.std(axis=0), _TINY)
+    for _ in range(_TURNS):  # of friction and angles
+        error = weight * (load - (sample.torque - sample.friction))
+        best = np.argmin(np.sum(error**2, axis=2), axis=0)
+        sample = sample.at(position[best, np.arange(best.size)])
+    return sample
 
 
 def _torques(matrix: FloatArray) -> Undo:

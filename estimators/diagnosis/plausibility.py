@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.mistakes import LEAST_MOVING, Mistake, Sample, mistakes
+from estimators.diagnosis.mistakes import (
+    LEAST_MOVING,
+    Mistake,
+    Sample,
+    constant_joints,
+    mistakes,
+    stuck,
+)
+from estimators.diagnosis.noise import roughness
 from estimators.diagnosis.observations import LEAST_ROWS
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.errors import RecordingError
@@ -31,6 +39,8 @@ MOST_MISTAKES = 8
 SAID = 3  # mistakes that a message names
 FOREIGN = 0.5  # misfit on two joints that no arm of this kind has
 EXPECTED = 0.25  # of the torque that the load should make, if its lack is to tell
+ALIVE = 3.0  # [noise floors] of torque on a joint that does not move, beyond its load
+OWN = 0.5  # part of that torque that is not load
 _NEGLIGIBLE = 0.03  # misfit; smaller ones are all good
 _CONSTANT = 1e-9  # [N m]
 
@@ -70,12 +80,33 @@ def still(observed: Observations) -> tuple[int, ...]:
     return tuple(np.flatnonzero(observed.moving.sum(axis=0) < LEAST_MOVING).tolist())
 
 
+def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
+    """Return joints (0-based) that may move although their encoder gives one value.
+
+    Nothing that the arm does moves the torque of a locked joint as far as this, and the mistake is
+    not one that the torques of the others would show: they hardly depend on its position.
+    """
+    left = observed.measured - observed.filter(observed.load)
+    left -= np.median(left, axis=0)
+    torque = observed.measured - np.median(observed.measured, axis=0)
+    rough = roughness(left, np.ones_like(observed.moving))
+    strange = np.median(np.abs(left), axis=0)
+    doubt = (strange > ALIVE * rough) & (strange > OWN * np.median(np.abs(torque), axis=0))
+    return tuple(j for j in constant_joints(observed) if doubt[j])
+
+
 def notes_on(observed: Observations) -> tuple[str, ...]:
     """Return what a reader of the verdict should know of the recordings, one sentence each."""
     warnings = [
         f"{recording.source or 'A recording'}: {warning}."
         for recording in observed.recordings
         for warning in recording.warnings
+    ]
+    warnings += [
+        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} rad in all rows while torque_"
+        f"{j + 1} varies by {np.ptp(observed.measured[:, j]):.3g} N m: is its encoder stuck? Then "
+        "nothing said of other joints holds, either."
+        for j in doubtful_encoders(observed)
     ]
     motionless = still(observed)
     if not motionless:
@@ -159,7 +190,7 @@ def found_in(sample: Sample) -> list[Mistake]:
     Args:
         sample: Torque and motion as recorded.
     """
-    known = list(mistakes(sample.torque.shape[1]))
+    known = [*mistakes(sample.torque.shape[1]), *stuck(sample)]
     found: list[Mistake] = []
     while len(found) < MOST_MISTAKES and sample.misfit.max() > STRANGE:
         undone = [mistake.undo(sample) for mistake in known]

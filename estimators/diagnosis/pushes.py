@@ -17,6 +17,7 @@ from scipy.linalg import solve_triangular
 from scipy.ndimage import minimum_filter1d
 
 from estimators.diagnosis.observations import Observations  # noqa: TC001  # read by singledispatch
+from estimators.diagnosis.plausibility import doubtful_encoders
 from estimators.diagnosis.responses import Response, Sharp, ready, sharp
 from limo_driver.differentiation import smooth
 from limo_driver.physics import ExternalContact
@@ -123,6 +124,8 @@ def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[
     Source: Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a survey on detection,
     isolation, and identification", IEEE T-RO 33(6), 2017.
     """
+    if doubtful_encoders(observed):  # the load of every joint may be strange at any time
+        return ()
     scan = _Scan.of(observed, residual, noise)
     trials = [
         scan.trial(recording, float(start), float(start + length))

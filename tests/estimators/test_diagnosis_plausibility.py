@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.pipeline import improve, observe
-from estimators.diagnosis.plausibility import notes_on
+from estimators.diagnosis.plausibility import doubtful_encoders, notes_on
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
@@ -169,7 +169,7 @@ def refused(recording, said):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+FAR_BEYOND = pytest.mark.parametrize(
     "hidden",
     [
         (Payload(mass=8.0, com=(0.05, 0.0, 0.1), inertia=(0.05, 0.0, 0.0, 0.05, 0.0, 0.05)),),
@@ -186,6 +186,9 @@ def refused(recording, said):
     ],
     ids=lambda hidden: hidden[0].name,
 )
+
+
+@FAR_BEYOND
 def test_physics_far_beyond_any_that_is_concealed_is_not_refused(hidden):
     observe(GIVEN, [record(replace(GIVEN, effects=GIVEN.effects + hidden))], BANDWIDTH)
 
@@ -199,19 +202,56 @@ def test_a_simulation_with_friction_that_a_link_side_torque_lacks_is_not_refused
     observe(GIVEN, [record(Simulation("iiwa14"))], BANDWIDTH)
 
 
-def test_a_joint_that_does_not_move_is_noted():
-    motion = motion_of()
-    moves = np.arange(7) != 2
-    motion = replace(
+def locked(joint):
+    """Return the motion with one joint (1-based) locked."""
+    motion, moves = motion_of(), np.arange(7) != joint - 1
+    return replace(
         motion,
         position=motion.position * moves,
         velocity=motion.velocity * moves,
         acceleration=motion.acceleration * moves,
     )
-    notes = notes_on(observe(GIVEN, [record(motion=motion)], BANDWIDTH))
+
+
+def test_a_joint_that_does_not_move_is_noted():
+    notes = notes_on(observe(GIVEN, [record(motion=locked(3))], BANDWIDTH))
     assert notes == (
         "Nothing is said of the torque of joints that move too little to compare it: 3.",
     )
+
+
+@pytest.mark.parametrize("simulation", [GIVEN, Simulation("iiwa14")], ids=["friction", "bare"])
+@pytest.mark.parametrize("joint", [2, 3, 4, 5])
+def test_a_stuck_encoder_is_named(recording, joint, simulation):
+    position = recording.position.copy()
+    position[:, joint - 1] = 0.3
+    mixed = replace(recording, position=position, source="second")
+    for recordings in ([mixed], [recording, mixed]):
+        with pytest.raises(
+            RecordingError, match=f"second: position_{joint} is 0.3 rad in all rows"
+        ):
+            observe(simulation, recordings, BANDWIDTH)
+
+
+def test_an_encoder_that_may_be_stuck_is_doubted_where_no_other_torque_shows_it(recording):
+    position = recording.position.copy()
+    position[:, 0] = 0.3  # turning about the vertical changes no load
+    observed = observe(GIVEN, [replace(recording, position=position)], BANDWIDTH)
+    assert doubtful_encoders(observed) == (0,)
+    note, _ = notes_on(observed)
+    assert note.startswith("position_1 is 0.3 rad in all rows while torque_1 varies by")
+
+
+@pytest.mark.parametrize("joint", [1, 3, 7])
+def test_a_locked_joint_is_not_doubted(joint):
+    assert doubtful_encoders(observe(GIVEN, [record(motion=locked(joint))], BANDWIDTH)) == ()
+
+
+@FAR_BEYOND
+@pytest.mark.parametrize("joint", [3, 4])
+def test_a_locked_joint_is_not_taken_for_a_stuck_encoder(hidden, joint):
+    true = replace(GIVEN, effects=GIVEN.effects + hidden)
+    observe(GIVEN, [record(true, motion=locked(joint))], BANDWIDTH)
 
 
 def test_what_is_odd_about_a_recording_is_noted(recording):
