@@ -57,7 +57,8 @@ def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) 
     reducible = float(np.sum(np.maximum(before**2 - floor**2, 0.0)))
     if reducible <= _NOTHING * float(np.sum(floor**2)):
         return 0.0
-    return float(np.clip(np.sum(before**2 - np.maximum(after, floor) ** 2) / reducible, -1.0, 1.0))
+    gone = np.maximum(before, floor) ** 2 - np.maximum(after, floor) ** 2
+    return float(np.clip(np.sum(gone) / reducible, -1.0, 1.0))
 
 
 def bootstrap(

@@ -74,6 +74,12 @@ def test_where_nothing_is_reducible_nothing_is_removed():
     assert reducible_removed(0.9 * one, 0.8 * one, one) == 0.0
 
 
+def test_a_joint_that_is_below_its_floor_already_takes_nothing_from_the_others():
+    floor, before = np.ones(2), np.array([3.0, 0.5])
+    assert reducible_removed(before, before, floor) == 0.0
+    assert reducible_removed(before, np.array([1.0, 0.5]), floor) == pytest.approx(1.0)
+
+
 def test_the_interval_contains_the_truth_as_often_as_it_says(observed):
     """Errors of known size before and after, drawn anew; 95 % of the intervals hold the truth."""
     shape, rows = observed.residual.shape, np.ones(observed.residual.shape, dtype=bool)
