@@ -42,7 +42,7 @@ def solved(bench, members):
 def test_values_inside_tolerances_take_their_part_before_any_share(bench):
     (spring,) = members_of(bench, ("spring_load", (1,)))
     solution = solved(bench, (spring,))
-    before = rmse(bench.residual, bench.split.held_out)
+    before = rmse(bench.observed.residual, bench.split.held_out)
     alone = tolerances_alone(bench, solution)
     after = rmse(bench.left(solution.fitted), bench.split.held_out)
     assert alone[0] < 0.1 * before[0]  # the friction of joint 1 is inside its tolerance
