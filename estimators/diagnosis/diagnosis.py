@@ -30,6 +30,7 @@ class Traces:
     since_reversal: FloatArray  # (K, n) distance travelled since the last reversal [rad]
     measured: FloatArray  # (K, n) [N m]
     before: FloatArray  # (K, n) torque of the given simulation [N m]
+    tolerances: FloatArray  # (K, n) of the given one, its values moved inside tolerances [N m]
     after: FloatArray  # (K, n) torque of the improved simulation [N m]
     held_out: NDArray[np.bool_]  # (K,) rows that the proof was made on
     moving: NDArray[np.bool_]  # (K, n) not near rest; all other rows are neither fitted nor scored

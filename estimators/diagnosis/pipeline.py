@@ -28,6 +28,7 @@ from estimators.diagnosis.pushes import covered, pushes
 from estimators.diagnosis.refinement import Setting, refine, replaced
 from estimators.diagnosis.scans import ripples
 from estimators.diagnosis.search import Search
+from estimators.diagnosis.shares import left_by_tolerances
 from estimators.diagnosis.tree import tests_of
 from limo_driver.errors import ConfigError, RecordingError
 
@@ -343,7 +344,7 @@ def diagnose(
         before=simulation,
         after=improved,
         recordings=tuple(recordings),
-        traces=_traces(bench, after),
+        traces=_traces(bench, solution, after),
         explanations=explanations_of(bench, solution, rest.floor),
         tests=tests_of(bench, solution),
         shifts=shifts,
@@ -351,7 +352,7 @@ def diagnose(
     )
 
 
-def _traces(bench: Bench, after: FloatArray) -> Traces:
+def _traces(bench: Bench, solution: Solution, after: FloatArray) -> Traces:
     observed = bench.observed
     slow, kept = observed.slow, observed.kept
     return Traces(
@@ -363,6 +364,7 @@ def _traces(bench: Bench, after: FloatArray) -> Traces:
         since_reversal=observed.since_reversal[kept],
         measured=observed.measured,
         before=observed.simulated,
+        tolerances=observed.measured - left_by_tolerances(bench, solution),
         after=after,
         held_out=np.asarray(bench.split.held_out.any(axis=1)),
         moving=replace(observed, disturbed=None).moving,

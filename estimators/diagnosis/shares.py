@@ -23,11 +23,15 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
+def left_by_tolerances(bench: Bench, solution: Solution) -> FloatArray:
+    """Return what is left with values moved inside their tolerances and no effect, (K, n)."""
+    search = solution.search
+    return bench.left(search.evidence.posterior(search.prior(())))
+
+
 def tolerances_alone(bench: Bench, solution: Solution) -> FloatArray:
     """Return the held-out RMSE with values moved inside their tolerances and no effect, (n,)."""
-    search = solution.search
-    nothing = search.evidence.posterior(search.prior(()))
-    return rmse(bench.left(nothing), bench.split.held_out)
+    return rmse(left_by_tolerances(bench, solution), bench.split.held_out)
 
 
 def shares_of(

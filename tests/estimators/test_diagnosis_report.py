@@ -55,7 +55,7 @@ def _traces(before, after, recording, number, every):
     motion = recording.motion(BANDWIDTH)
     filtered = [
         smooth(recording.time, torque, BANDWIDTH, recording.segments)
-        for torque in (recording.torque, *(s.predict(motion) for s in (before, after)))
+        for torque in (recording.torque, *(s.predict(motion) for s in (before, before, after)))
     ]
     load = before.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
     signals = (
@@ -291,9 +291,9 @@ def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(dia
         where=Where(((3.0, 5.5),), "joint 2: small |speed|", "joint-2", (2,)),
     )  # fmt: skip
     page = render(replace(diagnosis, verdict=replace(diagnosis.verdict, findings=(unknown,))))
-    assert 'href="#rest-2"' in page
-    assert page.count('id="rest-2"') == 1
-    assert page.count("What is left, over") == 2 * 6  # captions, and labels for who cannot see
+    assert page.count('id="beyond-2"') == 1
+    assert page.count('id="beyond-1"') == 0
+    assert page.count(">Left over") == 7
     assert "3.0 to 5.5 s of seed 2" in page
     assert "stays" in page
 

@@ -71,7 +71,7 @@ def _made_up(given, recordings, bandwidth, equivalent, after, separates):
     load = given.model.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
     traces = Traces(
         motion.time, np.zeros(len(motion), dtype=int), motion.position, motion.velocity, load,
-        np.abs(motion.position - START), measured, before, simulated, motion.time > 15.0,
+        np.abs(motion.position - START), measured, before, before, simulated, motion.time > 15.0,
         np.abs(motion.velocity) > REST,
     )  # fmt: skip
     rmse = [tuple(np.sqrt(np.mean((measured - x) ** 2, axis=0))) for x in (before, simulated)]

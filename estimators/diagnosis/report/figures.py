@@ -25,7 +25,11 @@ Figure: TypeAlias = dict[str, Any]
 
 MEASURED, BEFORE, AFTER, FLOOR = "#a3abb3", "#d9730d", "#0b559f", "#8a939c"
 TOLERANCES = "#b58a3c"
-_BANDS = {BEFORE: "rgba(217,115,13,0.16)", AFTER: "rgba(11,85,159,0.16)"}
+_BANDS = {
+    BEFORE: "rgba(217,115,13,0.16)",
+    TOLERANCES: "rgba(181,138,60,0.18)",
+    AFTER: "rgba(11,85,159,0.16)",
+}
 # Of joints: none of the colours that tell simulations apart.
 _JOINTS = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#66707a")
 _DIVERGING = [[0.0, "#0b559f"], [0.25, "#8fb4d9"], [0.5, "#f7f7f5"], [0.75, "#efb27a"],
@@ -36,7 +40,11 @@ _CELLS = 22  # of a map, to either side
 _AROUND = 1.0  # [s] drawn before and after a push
 _FADED = 0.25  # opacity of rows that are not scored
 _BOTH = ("before", "after")
-_SIDES = {"before": ("given simulation", BEFORE), "after": ("improved simulation", AFTER)}
+_SIDES = {
+    "before": ("given simulation", BEFORE),
+    "tolerances": ("tolerances alone", TOLERANCES),
+    "after": ("improved simulation", AFTER),
+}
 _LABELS = {
     "position": "position [rad]",
     "velocity": "velocity [rad/s]",

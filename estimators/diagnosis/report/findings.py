@@ -63,7 +63,8 @@ def overview(diagnosis: Diagnosis, charts: Charts) -> str:
     chart = charts.place(
         figures.summary(verdict.fit), "Error on motion that nothing was fitted to", "per joint"
     )
-    errors = f'<section id="errors">{grid([chart, _errors(verdict.fit)])}</section>'
+    beside = _errors(verdict.fit, findings=bool(verdict.findings))
+    errors = f'<section id="errors">{grid([chart, beside])}</section>'
     cards = "".join(_card(item, verdict.fit, names) for item in verdict.findings)
     if not cards:
         return head + errors
@@ -87,7 +88,7 @@ def _robot(diagnosis: Diagnosis) -> str:
     return PurePath(diagnosis.before.robot).stem
 
 
-def _errors(fit: Fit) -> str:
+def _errors(fit: Fit, *, findings: bool) -> str:
     before, after, floor = fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor
     alone = fit.heldout_rmse_tolerances or (np.nan,) * len(floor)
     rows = [
@@ -114,13 +115,14 @@ def _errors(fit: Fit) -> str:
         "out. Reducible: mean square above the noise floor. Tolerances alone: known values moved "
         "inside their tolerances, no effect added."
     )
+    removed += _by_tolerances(fit, findings=findings)
     return (
-        f"<div>{table(headings, rows, numeric=1)}{paragraph(removed + _by_tolerances(fit))}"
+        f"<div>{table(headings, rows, numeric=1)}{paragraph(removed)}"
         f"{paragraph(meaning, 'small')}</div>"
     )
 
 
-def _by_tolerances(fit: Fit) -> str:
+def _by_tolerances(fit: Fit, *, findings: bool) -> str:
     """Say how much of the error goes without any finding, if that is worth a word."""
     errors = (fit.heldout_rmse_before, fit.heldout_rmse_tolerances, fit.noise_floor)
     if not fit.heldout_rmse_tolerances:
@@ -128,10 +130,8 @@ def _by_tolerances(fit: Fit) -> str:
     taken = reducible_removed(*map(np.array, errors))
     if taken < _WORTH_SAYING:
         return ""
-    return (
-        f" Values that move inside their tolerances take {percent(taken)} of it by themselves; "
-        "what they leave is what findings are about."
-    )
+    said = f" Values that move inside their tolerances take {percent(taken)} of it by themselves"
+    return said + ("; what they leave is what findings are about." if findings else ".")
 
 
 def _rmse(value: float) -> str:
@@ -184,9 +184,8 @@ def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     said += [text + (of[k] if of else "") for k, text in enumerate(stretches)]
     if item.effect == CONTACT:
         return escape("; ".join(said)) + ' (<a href="#pushes">courses</a>)'
-    place = "rest" if item.effect == UNKNOWN else "joint"
     joints = [j for j in item.joints if j <= len(fit.noise_floor)]
-    links = ", ".join(f'<a href="#{place}-{j}">joint {j}</a>' for j in joints)
+    links = ", ".join(f'<a href="#joint-{j}">joint {j}</a>' for j in joints)
     return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
 
 

@@ -25,7 +25,6 @@ from estimators.diagnosis.report.markup import (
     table,
 )
 from estimators.diagnosis.report.stretch import loop_stretch
-from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -54,12 +53,15 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
     order = _by_excess(diagnosis)
     affected = _affected(diagnosis)
     shown = [j for j in order if j + 1 in affected][:OPEN]
-    opened = "".join(
-        _anchored(j, f"<h3>Joint {j + 1}</h3>{_joint(diagnosis, charts, j)}") for j in shown
-    )
+    closer = {*shown, *(j - 1 for j in diagnosis.verdict.unexplained.joints)}
+    drawn = {
+        j: _joint(diagnosis, charts, j) + (_beyond(diagnosis, charts, j) if j in closer else "")
+        for j in (*shown, *(j for j in range(len(order)) if j not in shown))
+    }
+    opened = "".join(_anchored(j, f"<h3>Joint {j + 1}</h3>{drawn[j]}") for j in shown)
     rest = "".join(
-        _anchored(j, folded(_title(diagnosis, j), _joint(diagnosis, charts, j)))
-        for j in range(len(order))
+        _anchored(j, folded(_title(diagnosis, j), body))
+        for j, body in drawn.items()
         if j not in shown
     )
     lead = (
@@ -93,27 +95,33 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
         charts.place(figures.torque_over_time(traces, j, stretch), "Torque over time", note),
     ]
-    return grid(drawn) + grid(profiles, "three") + grid(maps) + _rest(diagnosis, charts, j)
+    return grid(drawn) + grid(profiles, "three") + grid(maps)
 
 
-def _rest(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
-    """Return the maps of what is left at a joint at which something unknown acts, on its scale."""
-    verdict, traces = diagnosis.verdict, diagnosis.traces
-    unknown = {i for item in verdict.findings if item.effect == UNKNOWN for i in item.joints}
-    if j + 1 not in unknown:
-        return ""
-    floor, after = verdict.fit.noise_floor[j], ("after",)
+def _beyond(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
+    """Return maps of what tolerances leave at a joint, on its own scale."""
+    traces, floor = diagnosis.traces, diagnosis.verdict.fit.noise_floor[j]
     drawn = [
         charts.place(
-            figures.dependence(traces, j, name, floor, after),
-            f"What is left, {_TITLES[name]}",
+            figures.dependence(traces, j, name, floor, ("tolerances", "after")),
+            f"Left {_TITLES[name]}",
             _NOTES.get(name, ""),
         )
         for name in _QUANTITIES
     ]
-    (over_both,) = figures.maps(traces, j, after)
-    drawn.append(charts.place(over_both, "What is left, over position and velocity"))
-    return f'<div id="rest-{j + 1}"><h3>Unknown at joint {j + 1}</h3>{grid(drawn, "three")}</div>'
+    before, after = figures.maps(traces, j, ("tolerances", "after"))
+    drawn += [
+        charts.place(before, "Left over position and velocity", "tolerances alone"),
+        charts.place(after, "Left over position and velocity", "improved"),
+    ]
+    said = (
+        "Yellow: with values moved inside their tolerances and no effect; what it leaves, findings "
+        "explain. Blue: the improved simulation; what it leaves, nothing explains."
+    )
+    return (
+        f'<div id="beyond-{j + 1}"><h4>Joint {j + 1} beyond tolerances</h4>'
+        f"{paragraph(said, 'small')}{grid(drawn, 'three')}</div>"
+    )
 
 
 def _anchored(j: int, body: str) -> str:
@@ -137,9 +145,10 @@ def _affected(diagnosis: Diagnosis) -> set[int]:
 
 
 def _by_excess(diagnosis: Diagnosis) -> list[int]:
-    """Return the joints, 0-based, in the order of their error over the noise floor."""
+    """Return the joints, 0-based, by what tolerances leave of their error, in noise floors."""
     fit = diagnosis.verdict.fit
-    excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
+    left = np.array(fit.heldout_rmse_tolerances or fit.heldout_rmse_before)
+    excess = left / np.maximum(np.array(fit.noise_floor), 1e-12)
     return [int(j) for j in np.argsort(-np.nan_to_num(excess))]
 
 
