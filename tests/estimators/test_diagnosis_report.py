@@ -383,11 +383,11 @@ def test_a_report_that_cannot_be_written_is_said(diagnosis, tmp_path):
 
 def test_the_worst_stretch_is_of_one_recording_and_where_the_error_is(diagnosis):
     traces = diagnosis.traces
-    before = traces.measured.copy()
+    simulated = traces.measured.copy()
     rows = (traces.recording == 1) & (traces.time > 10.0) & (traces.time < 14.0)
-    before[rows] += 5.0
+    simulated[rows] += 5.0
     floor = np.full(2, 0.01)
-    found = worst_stretch(replace(traces, before=before), floor, 4.0)
+    found = worst_stretch(replace(traces, tolerances=simulated), floor, 4.0)
     assert found.recording == 1
     assert found.start == pytest.approx(10.0, abs=0.1)
     assert found.stop == pytest.approx(14.0, abs=0.1)

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 Figure: TypeAlias = dict[str, Any]
 
 MEASURED, BEFORE, AFTER, FLOOR = "#a3abb3", "#d9730d", "#0b559f", "#8a939c"
-TOLERANCES = "#b58a3c"
+TOLERANCES = "#2f9e6f"
 _BANDS = {
     BEFORE: "rgba(217,115,13,0.16)",
-    TOLERANCES: "rgba(181,138,60,0.18)",
+    TOLERANCES: "rgba(47,158,111,0.18)",
     AFTER: "rgba(11,85,159,0.16)",
 }
 # Of joints: none of the colours that tell simulations apart.
@@ -135,9 +135,9 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
 
 
 def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
-    """Torque beyond the rigid body over position: measured, and simulated before and after."""
+    """Torque beyond the rigid body over position: measured, and of all simulations."""
     q, load = traces.position[:, j], traces.load[:, j]
-    curves = _three(traces, j)
+    curves = _torques(traces, j, tuple(_SIDES))
     rows = _thin(stretch.rows)
     moving = traces.moving[rows, j]
     data = [
@@ -150,13 +150,13 @@ def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
 
 
 def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
-    """Torque beyond the rigid body over time: measured, and simulated before and after."""
+    """Torque beyond the rigid body over time: measured, and of all simulations."""
     rows = _thin(stretch.rows)
     load = traces.load[rows, j]
     moving = traces.moving[rows, j]
     data = [
         curve
-        for name, torque, colour, width in _three(traces, j)
+        for name, torque, colour, width in _torques(traces, j, tuple(_SIDES))
         for curve in _faded(traces.time[rows], torque[rows] - load, moving, name, colour, width)
     ]
     layout = _layout("time [s]", "torque beyond the rigid body [N m]")
@@ -242,7 +242,7 @@ def replayed(replay: Replay, j: int) -> Figure:
     time, moving = replay.time[rows], replay.moving[rows, j]
     data = [
         curve
-        for name, torque, colour, width in _three(replay, j)
+        for name, torque, colour, width in _torques(replay, j)
         for curve in _faded(time, torque[rows], moving, name, colour, width)
     ]
     layout = _layout("time [s]", "torque [N m]")
@@ -271,12 +271,14 @@ def _residual(traces: Traces | Replay, side: str, j: int) -> FloatArray:
     return traces.measured[:, j] - getattr(traces, side)[:, j]
 
 
-def _three(traces: Traces | Replay, j: int) -> tuple[tuple[str, FloatArray, str, float], ...]:
-    return (
+def _torques(
+    traces: Traces | Replay, j: int, sides: Sequence[str] = _BOTH
+) -> list[tuple[str, FloatArray, str, float]]:
+    simulated = [(_SIDES[side], getattr(traces, side)[:, j]) for side in sides]
+    return [
         ("measured", traces.measured[:, j], MEASURED, 4.0),
-        ("given simulation", traces.before[:, j], BEFORE, 1.4),
-        ("improved simulation", traces.after[:, j], AFTER, 1.4),
-    )
+        *((name, torque, colour, 1.4) for (name, colour), torque in simulated),
+    ]
 
 
 def _thin(rows: slice) -> slice:

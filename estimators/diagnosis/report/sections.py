@@ -66,10 +66,10 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
     )
     lead = (
         "Residual: recorded minus simulated torque, mean (line) and one standard deviation (band) "
-        "in bins. Orange: the given simulation. Blue: the improved one. Dotted: noise floor. "
-        "Torque curves show 8 s in which the joint differs much and moves little, less the "
-        "rigid-body torque. Rows near rest are neither fitted nor scored: they are not in the "
-        "bins, and pale in the curves."
+        "in bins. Orange: the given simulation. Green: tolerances alone. Blue: the improved "
+        "simulation. Dotted: noise floor. Torque curves show 8 s in which tolerances leave much "
+        "and the joint moves little, less the rigid-body torque. Rows near rest are neither fitted "
+        "nor scored: they are not in the bins, and pale in the curves."
     )
     return section("Where the difference is", opened + rest, "where", lead)
 
@@ -110,17 +110,17 @@ def _beyond(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         for name in _QUANTITIES
     ]
     before, after = figures.maps(traces, j, ("tolerances", "after"))
-    drawn += [
+    maps = [
         charts.place(before, "Left over position and velocity", "tolerances alone"),
         charts.place(after, "Left over position and velocity", "improved"),
     ]
     said = (
-        "Yellow: with values moved inside their tolerances and no effect; what it leaves, findings "
+        "Green: with values moved inside their tolerances and no effect; what it leaves, findings "
         "explain. Blue: the improved simulation; what it leaves, nothing explains."
     )
     return (
         f'<div id="beyond-{j + 1}"><h4>Joint {j + 1} beyond tolerances</h4>'
-        f"{paragraph(said, 'small')}{grid(drawn, 'three')}</div>"
+        f"{paragraph(said, 'small')}{grid(drawn, 'three')}{grid(maps)}</div>"
     )
 
 

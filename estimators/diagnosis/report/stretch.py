@@ -29,7 +29,7 @@ class Stretch:
 
 
 def worst_stretch(traces: Traces, floor: FloatArray, duration: float) -> Stretch:
-    """Find where the given simulation is farthest from the recording.
+    """Find where the given simulation is farthest from the recording beyond its tolerances.
 
     Args:
         traces: Signals of all recordings.
@@ -39,12 +39,12 @@ def worst_stretch(traces: Traces, floor: FloatArray, duration: float) -> Stretch
     Returns:
         The stretch of the largest mean squared residual of joints that are not near rest.
     """
-    residual = (traces.measured - traces.before) / np.maximum(floor, 1e-9)
+    residual = (traces.measured - traces.tolerances) / np.maximum(floor, 1e-9)
     return _largest(traces, np.sum(np.where(traces.moving, residual, 0.0) ** 2, axis=1), duration)
 
 
 def loop_stretch(traces: Traces, j: int, duration: float) -> Stretch:
-    """Find where a joint is far from its simulation while it moves within a small range.
+    """Find where tolerances leave much of a joint's torque while it moves within a small range.
 
     There loops of torque over position can be seen; a reach would squeeze them to a line.
 
@@ -53,7 +53,7 @@ def loop_stretch(traces: Traces, j: int, duration: float) -> Stretch:
         j: The joint, 0-based.
         duration: Longest stretch wanted [s].
     """
-    error = traces.moving[:, j] * (traces.measured[:, j] - traces.before[:, j]) ** 2
+    error = traces.moving[:, j] * (traces.measured[:, j] - traces.tolerances[:, j]) ** 2
     steps = np.diff(traces.time)
     rows = max(1, round(duration / float(np.median(steps[steps > 0]))))
     q = traces.position[:, j]
