@@ -97,3 +97,4 @@ class Replay:
     after: FloatArray  # (T, n) measured on the robot of the improved simulation [N m]
     tracking: FloatArray  # (n,) RMS distance of simulated from recorded position [rad]
     moving: NDArray[np.bool_]  # (T, n) not near rest: rows that are scored
+    recording: int  # 0-based

@@ -199,6 +199,7 @@ def _replay(found: Diagnosis) -> Replay:
         after=after.torque[every],
         tracking=after.tracking,
         moving=found.traces.moving[worst.rows][np.maximum(scored, 0)],
+        recording=worst.recording,
     )
 
 

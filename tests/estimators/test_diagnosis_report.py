@@ -18,6 +18,7 @@ from estimators.diagnosis.judgement import TELLABLE
 from estimators.diagnosis.report import figures, worst_stretch, write_report
 from estimators.diagnosis.report.markup import UNSAID, percent
 from estimators.diagnosis.report.page import render
+from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
@@ -170,6 +171,7 @@ def made_up(before: Simulation, after: Simulation, recordings, joint: int) -> Di
                 traces.after[rows],
                 np.full(n, 3e-4),
                 traces.moving[rows],
+                stretch.recording,
             ),
         ),
     )
@@ -295,6 +297,8 @@ def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(dia
     assert page.count('id="beyond-1"') == 0
     assert page.count(">Left over") == 7
     assert "3.0 to 5.5 s of seed 2" in page
+    stretch = loop_stretch(diagnosis.traces, 1, 8.0)
+    assert f"{stretch.stop:.1f} s of seed {stretch.recording + 1}" in page
     assert "stays" in page
 
 
@@ -352,7 +356,11 @@ def test_texts_from_outside_cannot_become_markup(diagnosis):
     rows = RowCount(1, {"</script><b>reason": 1})
     recording = replace(diagnosis.recordings[0], source="<img src=x>.csv")
     page = render(
-        replace(diagnosis, verdict=replace(diagnosis.verdict, rows=rows), recordings=(recording,))
+        replace(
+            diagnosis,
+            verdict=replace(diagnosis.verdict, rows=rows),
+            recordings=(recording, diagnosis.recordings[1]),
+        )
     )
     assert "<img src=x>" not in page
     assert "</script><b>" not in page

@@ -25,6 +25,7 @@ from estimators.diagnosis.report.markup import (
     table,
 )
 from estimators.diagnosis.report.stretch import loop_stretch
+from estimators.diagnosis.wording import names_of
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         for figure, which in zip(figures.maps(traces, j), ("given", "improved"), strict=True)
     ]
     stretch = loop_stretch(traces, j, LOOP)
-    note = f"{stretch.start:.1f} to {stretch.stop:.1f} s"
+    note = _span(diagnosis, stretch.start, stretch.stop, stretch.recording)
     drawn = [
         charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
         charts.place(figures.torque_over_time(traces, j, stretch), "Torque over time", note),
@@ -301,12 +302,13 @@ def replay(diagnosis: Diagnosis, charts: Charts) -> str:
 
 def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     order = [j for j in _by_excess(diagnosis) if j + 1 in _affected(diagnosis)] or [0]
+    span = _span(diagnosis, item.time[0], item.time[-1], item.recording)
     drawn = [
         chart
         for j in order[:OPEN]
         for chart in (
-            charts.place(figures.replayed(item, j), f"Joint {j + 1}: torque", _span(item)),
-            charts.place(figures.replay_error(item, j), f"Joint {j + 1}: difference", _span(item)),
+            charts.place(figures.replayed(item, j), f"Joint {j + 1}: torque", span),
+            charts.place(figures.replay_error(item, j), f"Joint {j + 1}: difference", span),
         )
     ]
     before, after = (
@@ -327,8 +329,9 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     return grid(drawn) + table(headings, rows, numeric=1)
 
 
-def _span(item: Replay) -> str:
-    return f"{item.time[0]:.1f} to {item.time[-1]:.1f} s"
+def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> str:
+    names = names_of(diagnosis.recordings)
+    return f"{start:.1f} to {stop:.1f} s" + f" of {names[recording]}" * (len(names) > 1)
 
 
 def data(diagnosis: Diagnosis) -> str:
