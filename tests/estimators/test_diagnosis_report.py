@@ -353,15 +353,10 @@ def test_every_chart_is_a_figure_that_plotly_accepts_with_units_on_its_axes(page
 
 
 def test_texts_from_outside_cannot_become_markup(diagnosis):
-    rows = RowCount(1, {"</script><b>reason": 1})
+    verdict = replace(diagnosis.verdict, rows=RowCount(1, {"</script><b>reason": 1}))
     recording = replace(diagnosis.recordings[0], source="<img src=x>.csv")
-    page = render(
-        replace(
-            diagnosis,
-            verdict=replace(diagnosis.verdict, rows=rows),
-            recordings=(recording, diagnosis.recordings[1]),
-        )
-    )
+    recordings = (recording, *diagnosis.recordings[1:])
+    page = render(replace(diagnosis, verdict=verdict, recordings=recordings))
     assert "<img src=x>" not in page
     assert "</script><b>" not in page
 
