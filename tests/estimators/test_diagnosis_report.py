@@ -334,6 +334,7 @@ def test_a_push_is_drawn_on_all_joints_with_its_wrench_and_is_no_missing_physics
     assert "4.0 to 4.6 s of seed 2" in page
     assert "-2.5 ± 0.5" in page
     assert "an event, not a property of the arm" in page
+    assert 'id="beyond-' not in page
     drawn = figures.push(diagnosis.traces, 1, (4.0, 4.6))
     times = [t for curve in drawn["data"] for t in curve["x"]]
     assert (min(times), max(times)) == pytest.approx((3.0, 5.6), abs=0.03)

@@ -25,6 +25,7 @@ from estimators.diagnosis.report.markup import (
     table,
 )
 from estimators.diagnosis.report.stretch import loop_stretch
+from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import spoken
 
@@ -138,10 +139,11 @@ def _title(diagnosis: Diagnosis, j: int) -> str:
 
 
 def _affected(diagnosis: Diagnosis) -> set[int]:
-    """Return the joints that the verdict speaks of, 1-based."""
+    """Return the joints that the verdict speaks of, 1-based; pushes have a section of their own."""
     verdict = diagnosis.verdict
-    named = {j for item in verdict.findings for j in item.joints} | {*verdict.unexplained.joints}
-    whole_arm = any(not item.joints for item in verdict.findings)
+    found = [item for item in verdict.findings if item.effect != CONTACT]
+    named = {j for item in found for j in item.joints} | {*verdict.unexplained.joints}
+    whole_arm = any(not item.joints for item in found)
     return set(range(1, len(verdict.fit.noise_floor) + 1)) if whole_arm else named
 
 
