@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.columns import Columns
     from estimators.diagnosis.hypothesis import Hypothesis
     from estimators.diagnosis.improvement import Enter, Improvement
+    from estimators.diagnosis.laws import LawEvidence
     from estimators.diagnosis.observations import Observations
     from estimators.diagnosis.responses import Response
     from limo_driver.types import FloatArray
@@ -52,6 +53,7 @@ class Candidate:
     hypothesis: Hypothesis | None = None
     rarity: float = MISSING  # [nat] it has to bring before it is believed
     variants: int = 1  # with how many of its kind it shares its chance
+    laws: tuple[LawEvidence, ...] = ()  # of which the hypothesis is the best, once they competed
 
     @property
     def place(self) -> tuple[str, tuple[int, ...]]:

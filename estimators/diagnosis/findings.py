@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators.diagnosis.confidence import confidence_of
 from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, identical, margin
+from estimators.diagnosis.laws import sentence_of
 from estimators.diagnosis.region import where_of
 from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
@@ -74,7 +75,8 @@ def findings_of(
                     float(after[joint]),
                     float(leftover.floor[joint]),
                     lead,
-                ),
+                )
+                + sentence_of(candidate.laws),
             )
         )
     return tuple(sorted(found, key=lambda item: -item.share))

@@ -60,6 +60,7 @@ def friction(observed: Observations, j: int) -> Iterator[Hypothesis]:
         # a wide sign would make it a part of gravity's torque, and a payload lighter
         effect = LoadDependentFriction(joint=joint, coefficient=0.1, variant=variant)
         yield single(effect, "coefficient", positive=True)
+    yield load_at_creep(joint, CREEP_SPEEDS[2])
     yield position_dependent(observed, joint)
     duration = max(recording.duration for recording in observed.recordings)
     for part in WARMING_TIMES:
@@ -107,6 +108,19 @@ def stribeck(joint: int, v_eps: float, v_s: float, delta: float) -> Hypothesis:
         settings=(v_s, delta),
         family=partial(stribeck, joint, v_eps),
         bounds=((3e-3, 0.6), (0.5, 4.0)),
+    )
+
+
+def load_at_creep(joint: int, v_s: float) -> Hypothesis:
+    """Return friction by load that fades with the speed."""
+    effect = LoadDependentFriction(joint=joint, coefficient=0.1, variant="stribeck", v_s=v_s)
+    return single(
+        effect,
+        "coefficient",
+        positive=True,
+        settings=(v_s,),
+        family=partial(load_at_creep, joint),
+        bounds=((3e-3, 0.6),),
     )
 
 
@@ -186,7 +200,9 @@ def maxwell_slip(joint: int, widths: tuple[float, ...]) -> Hypothesis:
             PreslidingHysteresis(joint=joint, law="maxwell_slip", stiffness=stiffness, width=width),
         )
 
-    return Hypothesis(terms[0].name, (joint - 1,), terms, realise, positive=True)
+    return Hypothesis(
+        terms[0].name, (joint - 1,), terms, realise, positive=True, law="Maxwell slip"
+    )
 
 
 def lugre(joint: int, width: float, rise: float, v_s: float) -> Hypothesis:
@@ -202,6 +218,7 @@ def lugre(joint: int, width: float, rise: float, v_s: float) -> Hypothesis:
         positive=True,
         settings=(width, rise, v_s),
         family=partial(lugre, joint),
+        law="LuGre",
         bounds=((1e-4, 0.1), (1e-3, 1.0), (2e-3, 0.1)),
     )
 
@@ -224,7 +241,29 @@ def bouc_wen(joint: int, width: float, beta_ratio: float, exponent: float) -> Hy
         positive=True,
         settings=(width, beta_ratio, exponent),
         family=partial(bouc_wen, joint),
+        law="Bouc-Wen",
         bounds=((1e-4, 0.1), (0.5, 1.0), (0.5, 3.0)),
+    )
+
+
+def dahl(joint: int, width: float, exponent: float) -> Hypothesis:
+    """Return Dahl's law, which slides after about a width [rad].
+
+    With an exponent of 1 it is LuGre without excess at rest, and Bouc and Wen's with a ratio of 1.
+    """
+    effect = PreslidingHysteresis(
+        joint=joint, law="dahl", sigma_0=1.0 / width, tau_c=1.0, exponent=exponent
+    )
+    return Hypothesis(
+        effect.name,
+        (joint - 1,),
+        (effect,),
+        _carrying(effect, "sigma_0", "tau_c"),
+        positive=True,
+        settings=(width, exponent),
+        family=partial(dahl, joint),
+        law="Dahl",
+        bounds=((1e-4, 0.1), (0.3, 4.0)),
     )
 
 

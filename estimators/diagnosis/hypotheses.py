@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.friction_hypotheses import friction, hysteresis
+from estimators.diagnosis.friction_hypotheses import BUILD_UP, dahl, friction, hysteresis
 from estimators.diagnosis.hypothesis import Hypothesis, single
 from limo_driver.physics import (
     Armature,
@@ -17,6 +17,7 @@ from limo_driver.physics import (
     GravityDirection,
     JointCoupling,
     JointElasticity,
+    PreslidingHysteresis,
     SpringLoad,
     TimeDelay,
     TorqueCrosstalk,
@@ -37,7 +38,11 @@ if TYPE_CHECKING:
 GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad]
 KNOTS = 6  # of drift over a recording
 UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
+UNIT_CUBIC = 1e-9  # [rad/(N m)³]
+STIFF = 1e8  # [N m/rad]
 UNIT_DELAY = 1e-3  # [s]
+LATE = (4e-3, 0.012, 0.03)  # [s], since within a sample all delays look alike
+DELAYS = (2e-4, 0.1)  # [s]
 UNIT_ANGLE = 1e-3  # [rad]
 LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's spokes
 _SOFTEST = 1e-3  # [N m/rad]
@@ -56,6 +61,60 @@ def every(observed: Observations) -> Iterator[Hypothesis]:
         if np.ptp(observed.slow.position[:, j]) * LOW_ORDERS[0][0] >= 2 * np.pi:
             yield from (rippling(j + 1, cycles) for cycles in LOW_ORDERS)
     yield gravity_direction(observed)
+
+
+def rivals(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
+    """Yield further laws of an effect that was found.
+
+    They do not search, since another law of the same effect is near enough to find it by.
+    """
+    joint = hypothesis.joints[0] + 1 if hypothesis.joints else 0
+    if hypothesis.effect == PreslidingHysteresis.name:
+        width = hypothesis.settings[0] if hypothesis.settings else BUILD_UP[1]
+        yield dahl(joint, width, 1.5)
+    elif hypothesis.effect == JointElasticity.name:
+        yield cubic_elasticity(joint)
+    elif hypothesis.effect == TimeDelay.name:
+        yield from (late(joint, delay) for delay in LATE)
+        yield lagging(joint, LATE[0])
+
+
+def late(joint: int, delay: float) -> Hypothesis:
+    """Return a pure delay of a torque; how it acts on what is fast depends on its length."""
+    return single(
+        TimeDelay(joint=joint, delay=delay),
+        "delay",
+        positive=True,
+        settings=(delay,),
+        family=partial(late, joint),
+        law="a pure delay",
+        bounds=(DELAYS,),
+    )
+
+
+def lagging(joint: int, lag: float) -> Hypothesis:
+    """Return a first-order lag of a torque, which also smooths it."""
+    return single(
+        TimeDelay(joint=joint, lag=lag),
+        "lag",
+        positive=True,
+        settings=(lag,),
+        family=partial(lagging, joint),
+        law="a first-order lag",
+        bounds=(DELAYS,),
+    )
+
+
+def cubic_elasticity(joint: int) -> Hypothesis:
+    """Return a gear whose stiffness changes with its load."""
+    soft = JointElasticity(joint=joint, stiffness=1.0 / UNIT_COMPLIANCE)
+    bent = JointElasticity(joint=joint, stiffness=STIFF, cubic=UNIT_CUBIC)
+
+    def realise(c: FloatArray) -> tuple[Effect, ...]:
+        stiffness = 1.0 / (max(float(c[0]), 1e-6) * UNIT_COMPLIANCE)
+        return (replace(soft, stiffness=stiffness, cubic=float(c[1]) * UNIT_CUBIC),)
+
+    return Hypothesis(soft.name, (joint - 1,), (soft, bent), realise, law="a cubic one")
 
 
 def backlash(joint: int, gap: float) -> Hypothesis:
@@ -83,6 +142,7 @@ def _transmission(j: int) -> Iterator[Hypothesis]:
         (soft,),
         lambda c: (replace(soft, stiffness=1.0 / (max(float(c[0]), 1e-6) * UNIT_COMPLIANCE)),),
         positive=True,
+        law="a linear one",
     )
 
 
@@ -90,7 +150,8 @@ def _sensing(observed: Observations, j: int) -> Iterator[Hypothesis]:
     joint = j + 1
     yield single(TorqueOffset(joint=joint, offset=1.0), "offset")
     yield single(TorqueGain(joint=joint, gain=0.01), "gain")
-    yield single(TimeDelay(joint=joint, delay=UNIT_DELAY), "delay", positive=True)
+    delay = TimeDelay(joint=joint, delay=UNIT_DELAY)
+    yield single(delay, "delay", positive=True, law="a pure delay")
     for k in range(observed.n):
         if k != j:
             yield single(TorqueCrosstalk(joint=joint, source=k + 1, gain=0.01), "gain")

@@ -31,6 +31,7 @@ class Hypothesis:
     settings: tuple[float, ...] = ()  # what is not linear in the torque, for a refinement
     family: Callable[..., Hypothesis] | None = field(default=None, compare=False)
     bounds: tuple[tuple[float, float], ...] = ()  # of the settings
+    law: str = ""  # in words, where the effect follows one of several
     enter: Enter | None = field(default=None, compare=False)  # where adding effects is not enough
 
 

@@ -55,6 +55,12 @@ class Entry:
     deviation: float  # before any data
     within: tuple[float, float]
 
+    @property
+    def span(self) -> float:
+        """How far two steps for a derivative, one either way, lie apart inside the bounds."""
+        ahead, behind = (self.value + sign * _STEP * self.deviation for sign in (1, -1))
+        return float(np.clip(ahead, *self.within) - np.clip(behind, *self.within))
+
     def moved(self, effect: Any, by: float) -> Effect:  # noqa: ANN401  # of any class
         """Return the effect with this number moved, inside its bounds."""
         value = float(np.clip(self.value + by, *self.within))
@@ -243,14 +249,13 @@ def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float
 def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
     """Add what each number of an effect adds to the torque, to first order."""
     entries = entries_of(effect)
-    free = [replace(entry, within=(-np.inf, np.inf)) for entry in entries]
     signs = (1.0, -1.0)
-    moved = [e.moved(effect, sign * _STEP * e.deviation) for e in free for sign in signs]
+    moved = [e.moved(effect, sign * _STEP * e.deviation) for e in entries for sign in signs]
     parts = responses(moved, observed) if moved else []
     joints = sorted({joint for part in parts for joint in part.joints})
     values = np.zeros((len(joints), len(observed.kept), len(entries)))
     for k, part in enumerate(parts):
-        step = 2 * signs[k % 2] * _STEP * entries[k // 2].deviation
+        step = signs[k % 2] * entries[k // 2].span
         for joint, row in zip(part.joints, part.values, strict=True):
             values[joints.index(joint), :, k // 2] += row / step
     return Prior.free(columns.add(joints, values), np.array([e.deviation for e in entries]))

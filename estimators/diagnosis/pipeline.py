@@ -18,6 +18,7 @@ from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.intervals import with_parameters
 from estimators.diagnosis.judgement import MATERIAL, abstained, harms, leftover, material, remarks
+from estimators.diagnosis.laws import likeliest
 from estimators.diagnosis.linearised import polished
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
@@ -25,7 +26,7 @@ from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.plausibility import check_plausible
 from estimators.diagnosis.proof import Split, rmse
 from estimators.diagnosis.pushes import covered, pushes
-from estimators.diagnosis.refinement import Setting, refine, replaced
+from estimators.diagnosis.refinement import Setting, replaced
 from estimators.diagnosis.scans import ripples
 from estimators.diagnosis.search import Search
 from estimators.diagnosis.shares import left_by_tolerances
@@ -33,7 +34,6 @@ from estimators.diagnosis.tree import tests_of
 from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.hypothesis import Hypothesis
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 Progress: TypeAlias = Callable[[str, float], None]
 
 BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
-_REFINABLE = 100.0  # [nat] that a refinement may make up for
 _ROUNDS = 3  # of noise and search in turn
 
 
@@ -190,8 +189,8 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
             bench.split.fitted,
             bench.level,
         )
-        rivals = _laws(bench, solution, member)
-        best, _ = max((refine(law, around) for law in rivals), key=lambda item: item[1])
+        best, laws = likeliest(bench, solution, member, around)
+        bench.candidates[member] = candidate = replace(candidate, laws=laws)
         if best is not candidate.hypothesis:
             new = replaced(candidate, best, around)
             if new is not None:
@@ -200,25 +199,6 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
     if members == list(solution.members):
         return solution
     return fitted(bench, tuple(members), solution.noise)
-
-
-def _laws(bench: Bench, solution: Solution, member: int) -> list[Hypothesis]:
-    """Return the best hypothesis of every law that describes a member's effect, if near its best.
-
-    Where the grid of one law lies badly, another law looks better than it is.
-    """
-    rest = tuple(i for i in solution.members if i != member)
-    best: dict[object, tuple[float, Hypothesis]] = {}
-    for i, candidate in enumerate(bench.candidates):
-        hypothesis = candidate.hypothesis
-        if hypothesis is None or candidate.place != bench.candidates[member].place:
-            continue
-        law = getattr(hypothesis.family, "func", None)
-        gain = solution.search.gain((*rest, i))
-        if law not in best or gain > best[law][0]:
-            best[law] = (gain, hypothesis)
-    most = max(gain for gain, _ in best.values())
-    return [hypothesis for gain, hypothesis in best.values() if gain > most - _REFINABLE]
 
 
 def improve(bench: Bench, solution: Solution) -> Simulation:

@@ -148,4 +148,6 @@ class _Local:
 def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> Candidate | None:
     """Return the candidate with a refined hypothesis, its columns added to the table."""
     new = entered(hypothesis, around.observed, around.columns, around.level)
-    return None if new is None else replace(new, kind=candidate.kind, variants=candidate.variants)
+    if new is None:
+        return None
+    return replace(new, kind=candidate.kind, variants=candidate.variants, laws=candidate.laws)

@@ -1,0 +1,94 @@
+"""Laws: which equation an effect follows, and how much likelier it is than the next."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis import diagnose
+from estimators.diagnosis.friction_hypotheses import STOP_WIDTHS
+from estimators.diagnosis.hypotheses import every, rivals
+from estimators.diagnosis.laws import LawEvidence, sentence_of
+from estimators.diagnosis.observations import Observations
+from limo_driver.physics import (
+    CoulombFriction,
+    PreslidingHysteresis,
+    Simulation,
+    TimeDelay,
+    Tolerances,
+    ViscousFriction,
+)
+
+
+@pytest.fixture(scope="module")
+def given(arm):
+    sizes = {1: (1.0, 0.5), 2: (0.6, 0.3)}
+    dry = [CoulombFriction(joint=j, tau_c=size) for j, (size, _) in sizes.items()]
+    wet = [ViscousFriction(joint=j, f_v=size) for j, (_, size) in sizes.items()]
+    return Simulation(str(arm), (*dry, *wet), tolerances=Tolerances(inertia=0.005, friction=0.15))
+
+
+@pytest.fixture(scope="module")
+def seen(training_recording):
+    """Motion with many reversals of unlike size, and a measurement of any arm on it."""
+
+    def see(true):
+        noise = 0.01 * np.random.default_rng(4).standard_normal(training_recording.torque.shape)
+        torque = true.predict_recording(training_recording) + noise
+        return replace(training_recording, torque=torque)
+
+    return see
+
+
+def slip(**parameters):
+    return PreslidingHysteresis(joint=2, **parameters)
+
+
+LAWS = {
+    "Maxwell slip": slip(stiffness=(30.0, 10.0), width=STOP_WIDTHS[4:8:3]),
+    "Bouc-Wen": slip(law="bouc_wen", sigma_0=60.0, tau_c=0.6, beta_ratio=0.7, exponent=2.5),
+    "Dahl": slip(law="dahl", sigma_0=60.0, tau_c=0.6, exponent=2.5),
+    "a first-order lag": TimeDelay(joint=2, lag=0.02),
+    "a pure delay": TimeDelay(joint=2, delay=0.023),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
+    hidden = LAWS[law]
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert finding.effect == hidden.name
+    assert f"Its law is {law}, " in finding.evidence
+    assert "times likelier than" in finding.evidence
+
+
+def test_laws_that_come_to_the_same_are_not_told_apart(given, seen):
+    """LuGre without an excess at rest is Dahl's law with an exponent of 1."""
+    hidden = slip(law="lugre", sigma_0=60.0, tau_c=0.6)
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert "these recordings cannot tell" in finding.evidence
+    assert {"LuGre", "Dahl"} <= set(finding.evidence.split("(")[-1].split(")")[0].split(", "))
+
+
+def test_odds_are_those_of_the_evidence():
+    laws = (LawEvidence("Dahl", 50.0), LawEvidence("LuGre", 50.0 - np.log(120.0)))
+    assert sentence_of(laws) == " Its law is Dahl, 120 times likelier than LuGre."
+    assert sentence_of((laws[0], LawEvidence("LuGre", -50.0))).endswith(
+        "10^43 times likelier than LuGre."
+    )
+    assert sentence_of((laws[0], LawEvidence("LuGre", 49.0))).endswith(
+        "(Dahl, LuGre) these recordings cannot tell."
+    )
+    assert sentence_of(laws[:1]) == sentence_of(()) == ""
+
+
+def test_a_cubic_elasticity_competes_with_a_linear_one(given, training_recording):
+    observed = Observations.of(given, [training_recording], 10.0)
+    linear = next(item for item in every(observed) if item.effect == "joint_elasticity")
+    (cubic,) = rivals(linear)
+    (effect,) = cubic.realise(np.array([100.0, -3.0]))
+    assert (effect.stiffness, effect.cubic) == pytest.approx((1000.0, -3e-9))
