@@ -7,6 +7,7 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,10 @@ FOREIGN = 0.5  # misfit on two joints that no arm of this kind has
 EXPECTED = 0.25  # of the torque that the load should make, if its lack is to tell
 ALIVE = 3.0  # [noise floors] of torque on a joint that does not move, beyond its load
 OWN = 0.5  # part of that torque that is not load
+APART, APART_SIGMAS = 0.05, 2.5  # misfit, and tolerances, beyond which bodies are others
+MUCH_BETTER = 5.0  # times that a free rigid body fits better than the given one
+MANY = 3  # joints on which it does
+_DEPENDENT = 1e-6  # of the largest singular value: parameters that only act together
 _NEGLIGIBLE = 0.03  # misfit; smaller ones are all good
 _CONSTANT = 1e-9  # [N m]
 
@@ -108,6 +113,13 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
         "nothing said of other joints holds, either."
         for j in doubtful_encoders(observed)
     ]
+    if foreign := foreign_bodies(observed):
+        joints = ", ".join(str(j + 1) for j in foreign)
+        warnings.append(
+            f"The torques of joints {joints} are those of a rigid body, but several bodies of it "
+            f"are far from those of {observed.simulation.model.name}, payload or not. Is it another "
+            "arm? Then no finding holds, and limo identify makes a simulation of its own."
+        )
     motionless = still(observed)
     if not motionless:
         return tuple(warnings)
@@ -228,24 +240,74 @@ def _check_arm(observed: Observations, sample: Sample) -> None:
         )
 
 
+def foreign_bodies(observed: Observations) -> tuple[int, ...]:
+    """Return joints (0-based) whose torque is that of an arm with bodies far from the given ones.
+
+    Those of any rigid body fit, and those of the given one do not, with or without a payload. One
+    link that is wrong, a mounting or a sensor does not do this on so many joints.
+    """
+    sample = Sample.of(observed)
+    fit = _BodyFit.of(sample)
+    given, free = _usual_misfit(sample), fit.misfit(slice(None))
+    for link, name in enumerate(sample.body.link_names):
+        own = slice(PER_LINK * link, PER_LINK * (link + 1))
+        if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
+            given = np.minimum(given, fit.misfit(own))
+    least = max(APART, APART_SIGMAS * observed.simulation.tolerances.inertia)
+    joints = np.flatnonzero((given > least) & (MUCH_BETTER * free < given))
+    if joints.size < MANY or found_in(sample):  # a mounting looks like negative masses
+        return ()
+    return tuple(joints.tolist())
+
+
 def _usual_misfit(sample: Sample) -> FloatArray:
     """Return what load, friction and payload leave of each joint's torque, (n,).
 
-    Median over median, which a push does not change. A payload that lifts is none.
+    A payload that lifts is none.
     """
-    n = sample.torque.shape[1]
-    moves = np.flatnonzero(sample.moving.sum(axis=0) >= LEAST_MOVING).tolist()
-    Y = Chain.of(sample.body).regressor(sample.motion)[:, :, -PER_LINK:]
-    bare = {j: sample.rest(j) for j in moves}
-    columns = {j: _beside_friction(sample, j, Y[j]) for j in moves}
-    size = {j: float(np.median(np.abs(_centred(sample, j)))) + _CONSTANT for j in moves}
-    A = np.concatenate([columns[j] / size[j] for j in moves])
-    payload = np.linalg.lstsq(A, np.concatenate([bare[j] / size[j] for j in moves]))[0]
-    result = np.zeros(n)
-    for j in moves:
-        left = [bare[j], bare[j] - columns[j] @ payload][: 1 + (payload[0] > 0)]
-        result[j] = min(float(np.median(np.abs(values))) for values in left) / size[j]
-    return result
+    fit, last = _BodyFit.of(sample), slice(-PER_LINK, None)
+    bare = fit.misfit(slice(0))
+    return np.minimum(bare, fit.misfit(last)) if fit.change(last)[0] > 0 else bare
+
+
+@dataclass(frozen=True)
+class _BodyFit:
+    """Torques that are left beside load and friction, as a change of bodies may explain them."""
+
+    n: int
+    joints: tuple[int, ...]  # that move
+    columns: tuple[FloatArray, ...]  # of each of those, (K_j, 10 n) beside any friction
+    left: tuple[FloatArray, ...]  # (K_j,) [N m]
+    size: tuple[float, ...]  # median of the torque [N m]
+
+    @classmethod
+    def of(cls, sample: Sample) -> _BodyFit:
+        moves = np.flatnonzero(sample.moving.sum(axis=0) >= LEAST_MOVING).tolist()
+        Y = Chain.of(sample.body).regressor(sample.motion)
+        return cls(
+            sample.torque.shape[1],
+            tuple(moves),
+            tuple(_beside_friction(sample, j, Y[j]) for j in moves),
+            tuple(sample.rest(j) for j in moves),
+            tuple(float(np.median(np.abs(_centred(sample, j)))) + _CONSTANT for j in moves),
+        )
+
+    def change(self, which: slice) -> FloatArray:
+        """Return the change of some body parameters that leaves least."""
+        scale = zip(self.columns, self.left, self.size, strict=True)
+        A, y = zip(*((columns[:, which] / s, left / s) for columns, left, s in scale), strict=True)
+        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=_DEPENDENT)[0]
+
+    def misfit(self, which: slice) -> FloatArray:
+        """Return what is left of each joint's torque with some body parameters changed, (n,).
+
+        Median over median, which a push does not change.
+        """
+        change, result = self.change(which), np.zeros(self.n)
+        every = zip(self.joints, self.columns, self.left, self.size, strict=True)
+        for joint, columns, left, size in every:
+            result[joint] = float(np.median(np.abs(left - columns[:, which] @ change))) / size
+        return result
 
 
 def _centred(sample: Sample, joint: int) -> FloatArray:

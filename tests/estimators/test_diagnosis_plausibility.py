@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.pipeline import improve, observe
-from estimators.diagnosis.plausibility import doubtful_encoders, notes_on
+from estimators.diagnosis.plausibility import doubtful_encoders, foreign_bodies, notes_on
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
@@ -245,6 +245,40 @@ def test_an_encoder_that_may_be_stuck_is_doubted_where_no_other_torque_shows_it(
 @pytest.mark.parametrize("joint", [1, 3, 7])
 def test_a_locked_joint_is_not_doubted(joint):
     assert doubtful_encoders(observe(GIVEN, [record(motion=locked(joint))], BANDWIDTH)) == ()
+
+
+def heavier(*links):
+    """Return the arm with links of half as much mass again, and other centres."""
+    known = GIVEN.model.inertials
+    changed = {
+        link: replace(
+            known[link],
+            mass=1.5 * known[link].mass,
+            com=tuple(x + 0.03 for x in known[link].com),
+        )
+        for link in links
+    }
+    return replace(GIVEN, inertials=changed)
+
+
+@pytest.mark.parametrize("given", [GIVEN, Simulation("iiwa14")], ids=["friction", "bare"])
+def test_an_arm_of_other_bodies_is_noted(given):
+    true = heavier("link2", "link3", "link4", "link5", "link6")
+    observed = observe(given, [record(true)], BANDWIDTH)
+    assert len(foreign_bodies(observed)) >= 4
+    (note,) = notes_on(observed)
+    assert "Is it another arm?" in note
+
+
+@pytest.mark.parametrize("link", range(1, 8))
+def test_one_wrong_body_does_not_make_another_arm(link):
+    assert foreign_bodies(observe(GIVEN, [record(heavier(f"link{link}"))], BANDWIDTH)) == ()
+
+
+@FAR_BEYOND
+def test_no_other_physics_makes_another_arm(hidden):
+    true = replace(GIVEN, effects=GIVEN.effects + hidden)
+    assert foreign_bodies(observe(GIVEN, [record(true)], BANDWIDTH)) == ()
 
 
 @FAR_BEYOND
