@@ -69,7 +69,7 @@ def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -
         columns: The table; the nuisance columns are in it.
         level: Plausible RMS of a missing torque on each joint, (n,) [N m].
     """
-    found = [*_revisions(observed, columns), *_bodies(observed, columns)]
+    found = [*_revisions(observed, columns, level), *_bodies(observed, columns)]
     revised = {candidate.place for candidate in found}
     competing = [
         hypothesis
@@ -138,8 +138,12 @@ def _entered(
     )
 
 
-def _revisions(observed: Observations, columns: Columns) -> Iterator[Candidate]:
-    """Yield every effect of the simulation, with its parameters free."""
+def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> Iterator[Candidate]:
+    """Yield every effect of the simulation, with its parameters free.
+
+    They may change by all that they are, or by what makes a plausible torque, if that is more: a
+    gain or an offset that is nearly zero in the simulation may be anything on the arm.
+    """
     for place, effect in enumerate(observed.simulation.effects):
         names = [
             known.name
@@ -154,13 +158,15 @@ def _revisions(observed: Observations, columns: Columns) -> Iterator[Candidate]:
         for column, (acts, rows) in enumerate(parts):
             for joint, row in zip(acts, rows, strict=True):
                 values[joints.index(joint), :, column] = row
+        relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
+        deviation = np.maximum(WRONG, 1.0 / np.maximum(relative.max(axis=0), _TINY))
         own: Any = effect
         named = (own.joint - 1,) if hasattr(effect, "joint") else ()
         yield Candidate(
             effect.name,
             named,
             "wrong_parameter",
-            Prior.free(columns.add(joints, values), np.full(len(names), WRONG)),
+            Prior.free(columns.add(joints, values), deviation),
             reviser(place, names),
             rarity=DEVIATING,
         )

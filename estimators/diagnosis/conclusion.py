@@ -45,13 +45,13 @@ def fit_of(bench: Bench, solution: Solution, proven: FloatArray, floor: FloatArr
         floor: Noise floor of each joint, (n,) [N m].
     """
     rows = bench.split.held_out
-    before, after = rmse(bench.residual, rows), rmse(proven, rows)
+    before, after = rmse(bench.observed.residual, rows), rmse(proven, rows)
     return Fit(
         tuple(before.tolist()),
         tuple(after.tolist()),
         tuple(floor.tolist()),
         reducible_removed(before, after, floor),
-        bootstrap(bench.residual, proven, floor, bench.observed, rows),
+        bootstrap(bench.observed.residual, proven, floor, bench.observed, rows),
         tuple(tolerances_alone(bench, solution).tolist()),
     )
 

@@ -75,7 +75,7 @@ def sign_width(observed: Observations, joint: int) -> float:
 
     All dry friction of a joint shares it: two widths at one joint look like a Stribeck effect.
     """
-    for effect in (observed.around or observed.simulation).effects:
+    for effect in observed.reference.effects:
         if isinstance(effect, (CoulombFriction, AsymmetricFriction)) and effect.joint == joint:
             return effect.v_eps
     return SIGN_WIDTH

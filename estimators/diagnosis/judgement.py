@@ -170,7 +170,7 @@ def abstained(
 def harms(bench: Bench, proven: FloatArray, rest: Leftover) -> bool:
     """Say whether held-out motion of some joint is foretold clearly worse than before."""
     rows = bench.split.held_out
-    before, after = rmse(bench.residual, rows), rmse(proven, rows)
+    before, after = rmse(bench.observed.residual, rows), rmse(proven, rows)
     return bool((after > before + MATERIAL * rest.floor).any())
 
 

@@ -21,7 +21,7 @@ from estimators.diagnosis.evidence import Prior, joined, posterior
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
-from estimators.diagnosis.responses import responses
+from estimators.diagnosis.responses import responses, seen_before
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effect import JOINT, TEXT
@@ -37,11 +37,12 @@ if TYPE_CHECKING:
 
 _STEP = 1e-3  # prior deviations, for derivatives
 _BLOCK = 2.0  # [s], over which scores are summed
-_CHOSEN = {"positions", "times", "width", "windows", "wrench", "ratio", "reference"}
+_CHOSEN = {"positions", "times", "windows", "wrench", "ratio", "reference"}
 _FREE_INERTIA = 0.4  # relative deviation of a body that is simply wrong
 _OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
 _ANGLE = 1.0  # [rad], prior deviation of a rest position
-_ROUNDS = 2  # of Gauss-Newton
+_ROUNDS = 5  # of Gauss-Newton, at most
+_ENOUGH = 1.0  # that a round has to take off the sum of squared whitened errors
 _SHORTER = (1.0, 0.5, 0.2)  # parts of a step that are tried
 
 
@@ -167,7 +168,7 @@ class Linearised:
             except ConfigError:  # a combination that no such part has
                 continue
             left = replace(self.observed, simulation=moved).residual
-            if _energy(left, noise, split) < products.energy:
+            if _energy(left, noise, split) < products.energy - _ENOUGH:
                 return moved
         return None
 
@@ -251,7 +252,7 @@ def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
     entries = entries_of(effect)
     signs = (1.0, -1.0)
     moved = [e.moved(effect, sign * _STEP * e.deviation) for e in entries for sign in signs]
-    parts = responses(moved, observed) if moved else []
+    parts = responses(moved, seen_before(effect, observed)) if moved else []
     joints = sorted({joint for part in parts for joint in part.joints})
     values = np.zeros((len(joints), len(observed.kept), len(entries)))
     for k, part in enumerate(parts):

@@ -28,6 +28,8 @@ from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from estimators.diagnosis.columns import Columns
     from estimators.diagnosis.improvement import Enter, Improvement
     from estimators.diagnosis.observations import Observations
@@ -63,6 +65,12 @@ class Nuisance:
     parameters: tuple[Tolerated, ...]  # one of each column
     prior: Prior
     groups: tuple[tuple[slice, Enter | None], ...]
+
+    @property
+    def entered(self) -> NDArray[np.bool_]:
+        """Mark the coefficients (c,) that a simulation has; those of sensors it has not."""
+        marks = [np.full(rows.stop - rows.start, enter is not None) for rows, enter in self.groups]
+        return np.concatenate(marks)
 
     def enter(self, improvement: Improvement, coefficients: FloatArray) -> None:
         """Enter fitted coefficients (c,)."""

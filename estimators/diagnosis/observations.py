@@ -154,18 +154,23 @@ class Observations:
         """Return the torque that a simulation says was measured, unfiltered, (T, n) [N m]."""
         return simulation.predict_stretches(self.motion, self.segments, self.bandwidth)
 
+    @property
+    def reference(self) -> Simulation:
+        """The simulation that columns are taken around."""
+        return self.around or self.simulation
+
     @cached_property
     def load(self) -> FloatArray:
-        """Nominal rigid-body torque of every sample, (T, n) [N m]."""
+        """Rigid-body torque of every sample, (T, n) [N m]."""
         motion = self.motion
-        return self.simulation.body.inverse_dynamics(
+        return self.reference.body.inverse_dynamics(
             motion.position, motion.velocity, motion.acceleration
         )
 
     def seen_by(self, effect: TorqueEffect | MotionEffect, rows: slice) -> JointMotion:
         """Return the motion and load of an effect's joint over some samples."""
         j = effect.joint - 1
-        own = ArmMotion(self.motion[rows], self.load[rows], self.simulation.body).of_joint(j)
+        own = ArmMotion(self.motion[rows], self.load[rows], self.reference.body).of_joint(j)
         if isinstance(effect, MotionEffect) and effect.needs_inertia:
             samples = np.arange(rows.start, rows.stop)
             own = replace(own, inertia=np.interp(samples, self.kept, self.inertia[j, j]))
@@ -174,7 +179,7 @@ class Observations:
     @cached_property
     def predicted(self) -> FloatArray:
         """What the simulation that columns are taken around says, unfiltered, (T, n) [N m]."""
-        return self.predict(self.around or self.simulation)
+        return self.predict(self.reference)
 
     @cached_property
     def simulated(self) -> FloatArray:
@@ -190,7 +195,7 @@ class Observations:
     @cached_property
     def stiffness(self) -> FloatArray:
         """Derivative of the rigid-body torque by each position, (n by, n of, K) [N m/rad]."""
-        body, slow = self.simulation.body, self.slow
+        body, slow = self.reference.body, self.slow
         result = np.empty((self.n, self.n, len(slow)))
         for j in range(self.n):
             step = np.zeros(self.n)
@@ -205,7 +210,7 @@ class Observations:
     @cached_property
     def inertia(self) -> FloatArray:
         """Mass matrix on the slow rows, (n by, n of, K) [kg m²]."""
-        body, position = self.simulation.body, self.slow.position
+        body, position = self.reference.body, self.slow.position
         return np.stack([body.inertia_of(position, j).T for j in range(self.n)])
 
     @cached_property

@@ -42,6 +42,7 @@ Progress: TypeAlias = Callable[[str, float], None]
 
 BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 _ROUNDS = 3  # of noise and search in turn
+_CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
 
 
 def quiet(_stage: str, _done: float) -> None:
@@ -57,7 +58,7 @@ class Bench:
     nuisance: Nuisance
     candidates: list[Candidate]
     split: Split
-    residual: FloatArray  # (K, n) [N m]
+    target: FloatArray  # (K, n) what the columns have to sum up to [N m]
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
     base: tuple[int, ...]  # candidates that the search starts with
 
@@ -65,7 +66,8 @@ class Bench:
     def of(cls, observed: Observations, progress: Progress) -> Bench:
         """Lay out everything that could explain the residual."""
         progress("columns of what is known within tolerances", 0.1)
-        observed = with_friction(observed)
+        if observed.around is None:
+            observed = with_friction(observed)
         residual = observed.residual
         split = Split.of(observed)
         columns = Columns(*residual.shape)
@@ -78,8 +80,18 @@ class Bench:
         return cls(observed, columns, nuisance, candidates, split, residual, level, base)
 
     def left(self, fitted: Posterior) -> FloatArray:
-        """Return what a fit leaves of the residual, (K, n) [N m]."""
-        return self.residual - self.columns.apply(fitted.index, fitted.mean)
+        """Return what a fit leaves, (K, n) [N m]."""
+        return self.target - self.columns.apply(fitted.index, fitted.mean)
+
+    def again(self, candidate: Candidate, place: int) -> int:
+        """Enter a candidate that has a place on another bench; return its place on this one."""
+        if candidate.hypothesis is None:
+            return place  # of the given simulation: the same on every bench
+        own = entered(candidate.hypothesis, self.observed, self.columns, self.level)
+        if own is None:
+            raise AssertionError("what was found acts on the torque")
+        self.candidates.append(replace(own, variants=candidate.variants))
+        return len(self.candidates) - 1
 
     def beyond_base(self, members: tuple[int, ...]) -> int:
         """Count the members of a set that the search did not start with."""
@@ -98,8 +110,8 @@ class Solution:
     gain: float
 
 
-def solve(bench: Bench, progress: Progress) -> Solution:
-    """Find the set of effects; noise and set are found in turn until both stay.
+def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None) -> Solution:
+    """Find the set of effects, or the best one near a set; noise and set in turn until both stay.
 
     The first noise is what a fit of everything at once leaves. Taken from a residual that still
     has an effect in it, the noise would explain that effect, and hide it.
@@ -111,12 +123,14 @@ def solve(bench: Bench, progress: Progress) -> Solution:
     for turn in range(_ROUNDS):
         progress("comparing explanations", 0.3 + 0.1 * turn)
         search = _search(bench, noise)
-        found = search.best()
+        found = search.best() if near is None else search.around(near)
         same = turn > 0 and set(found.members) == set(solution.members)
         posterior = search.evidence.posterior(search.prior(found.members))
         solution = Solution(found.members, search, noise, posterior, found.gain)
         if same:
             break
+        if turn == 0:
+            _scanned(bench, solution)  # of what the largest effects hid
         noise = Noise.of(bench.left(posterior), bench.split.fitted, bench.observed.segment)
     return solution
 
@@ -132,7 +146,7 @@ def _scanned(bench: Bench, solution: Solution) -> bool:
 
 
 def _noise_of_everything(bench: Bench) -> Noise:
-    white = Noise.independent(roughness(bench.residual, bench.observed.moving), bench.split.fitted)
+    white = Noise.independent(roughness(bench.target, bench.observed.moving), bench.split.fitted)
     evidence = _search(bench, white).evidence
     everything = joined(*(candidate.prior for candidate in bench.candidates))
     free = Prior.free(everything.index, everything.deviation)
@@ -151,7 +165,7 @@ def fitted(
 
 def _search(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
     rows = bench.observed.moving if everything else bench.split.fitted
-    products = Products.of(bench.columns, bench.residual, noise, rows)
+    products = Products.of(bench.columns, bench.target, noise, rows)
     return Search(bench.candidates, Evidence(products, bench.nuisance.prior), bench.base)
 
 
@@ -184,7 +198,7 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
             bench.columns,
             bench.nuisance.prior,
             others,
-            bench.residual,
+            bench.target,
             solution.noise,
             bench.split.fitted,
             bench.level,
@@ -199,6 +213,55 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
     if members == list(solution.members):
         return solution
     return fitted(bench, tuple(members), solution.noise)
+
+
+def settled(bench: Bench, solution: Solution, progress: Progress) -> tuple[Bench, Solution]:
+    """Prune and refine a set, and search again around it where the torque is not linear up to it.
+
+    A gain acts on the friction that was found beside it, too, and an offset of an encoder on the
+    load of a heavier link. Around the given simulation, what such a pair makes of one another looks
+    like one effect more, or hides one.
+    """
+    solution = pruned(bench, refined(bench, pruned(bench, solution), progress))
+    if len(solution.members) > 1 and _curved(bench, solution):
+        bench, near = relinearised(bench, solution, progress)
+        solution = solve(bench, progress, near)
+        solution = pruned(bench, refined(bench, pruned(bench, solution), progress))
+    return bench, solution
+
+
+def _curved(bench: Bench, solution: Solution) -> bool:
+    """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
+    observed, fit = bench.observed, solution.fitted
+    index = bench.nuisance.prior.index
+    sensors = np.where(bench.nuisance.entered, 0.0, fit.mean[: index.size])
+    linear = bench.left(fit) + bench.columns.apply(index, sensors)  # those are in no simulation
+    left = observed.measured - observed.filter(observed.predict(improve(bench, solution)))
+    off = rmse(left - linear, observed.moving) / rmse(linear, observed.moving)
+    return bool(off.max() > _CURVED)
+
+
+def relinearised(
+    bench: Bench, solution: Solution, progress: Progress
+) -> tuple[Bench, tuple[int, ...]]:
+    """Lay everything out again, with columns around the simulation of a solution.
+
+    They hold near it, so that a set without what it has would be judged wrongly: beside a friction
+    that is in, the gain of a sensor looks as that friction does.
+
+    Returns:
+        The bench, and the members of the solution on it.
+    """
+    improved = improve(bench, solution)
+    new = Bench.of(replace(bench.observed, around=improved), progress)
+    observed, mean = new.observed, solution.fitted.mean
+    index = new.nuisance.prior.index
+    torque = new.columns.apply(index, np.where(new.nuisance.entered, mean[: index.size], 0.0))
+    members = tuple(new.again(bench.candidates[member], member) for member in solution.members)
+    own = joined(*(new.candidates[member].prior for member in members)).index
+    torque += new.columns.apply(own, mean[index.size :])
+    left = observed.measured - observed.filter(observed.predict(improved))
+    return replace(new, target=left + torque), members
 
 
 def improve(bench: Bench, solution: Solution) -> Simulation:
@@ -279,8 +342,7 @@ def diagnose(
         observed = replace(observed, disturbed=covered(observed, pushed))
         bench = Bench.of(observed, progress)
         solution = solve(bench, progress)
-    solution = pruned(bench, solution)
-    solution = pruned(bench, refined(bench, solution, progress))
+    bench, solution = settled(bench, solution, progress)
     progress("proving on held-out motion", 0.8)
     proven = _proven(bench, solution)
     progress("looking for what is left", 0.9)
@@ -292,7 +354,7 @@ def diagnose(
         rest = leftover(observed, proven)
     harmful = harms(bench, proven, rest)
     if harmful:
-        solution, proven, named = fitted(bench, (), solution.noise), bench.residual, ()
+        solution, proven, named = fitted(bench, (), solution.noise), observed.residual, ()
         rest = leftover(observed, proven)
         _, unknown = abstained(bench, solution, rest)
     progress("fitting to all rows", 0.95)

@@ -7,6 +7,7 @@ gravity or acts on the sensor is taken to first order around the given simulatio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence  # noqa: TC003  # read by NamedTuple, singledispatch
+from dataclasses import replace
 from functools import partial, singledispatch
 from typing import NamedTuple
 
@@ -55,6 +56,18 @@ def responses(effects: Sequence[Effect], observed: Observations) -> list[Respons
     return [part.read(values) for part, values in zip(parts, own, strict=True)]
 
 
+def seen_before(effect: Effect, observed: Observations) -> Observations:
+    """Return the observations around a simulation without one of its effects on the sensors.
+
+    Such an effect acts on the torque that reaches it, not on what it makes of that.
+    """
+    if not isinstance(effect, SensorEffect):
+        return observed
+    around = observed.reference
+    others = tuple(item for item in around.effects if item.place != effect.place)
+    return replace(observed, around=replace(around, effects=others))
+
+
 @singledispatch
 def sharp(effect: Effect, observed: Observations) -> Sharp:  # noqa: ARG001  # dispatched on
     """Return what one effect adds before the filter."""
@@ -83,7 +96,7 @@ def _(effect: ArmEffect, observed: Observations) -> Sharp:
     values = [
         effect.advance(
             effect.initial_state(),
-            ArmMotion(observed.motion[rows], observed.load[rows], observed.simulation.body),
+            ArmMotion(observed.motion[rows], observed.load[rows], observed.reference.body),
         )[0]
         for rows in observed.segments
     ]
@@ -93,7 +106,7 @@ def _(effect: ArmEffect, observed: Observations) -> Sharp:
 @sharp.register
 def _(effect: BodyEffect, observed: Observations) -> Sharp:
     """Evaluate on the slow motion, which needs no filter."""
-    body, slow = observed.simulation.body, observed.slow
+    body, slow = observed.reference.body, observed.slow
     motion = slow.position, slow.velocity, slow.acceleration
     change = effect.body(body).inverse_dynamics(*motion) - body.inverse_dynamics(*motion)
     return ready(acting(change), observed)

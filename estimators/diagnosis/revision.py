@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.responses import response
+from estimators.diagnosis.responses import response, seen_before
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -60,9 +60,9 @@ def derivative(observed: Observations, place: int, name: str) -> tuple[tuple[int
         Joints (0-based) on which it acts, and the values (len(joints), K) [N m].
     """
     effect: Any = observed.simulation.effects[place]
-    value = getattr(effect, name)
-    ahead = response(replace(effect, **{name: value * (1 + _STEP)}), observed)
-    behind = response(replace(effect, **{name: value * (1 - _STEP)}), observed)
+    value, around = getattr(effect, name), seen_before(effect, observed)
+    ahead = response(replace(effect, **{name: value * (1 + _STEP)}), around)
+    behind = response(replace(effect, **{name: value * (1 - _STEP)}), around)
     if ahead.joints != behind.joints:
         raise AssertionError("an effect acts on the same joints whatever its size")
     return ahead.joints, (ahead.values - behind.values) / (2 * _STEP)

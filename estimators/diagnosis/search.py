@@ -63,7 +63,13 @@ class Search:
 
     def best(self) -> Explained:
         """Return the best set."""
-        best = self._needed(self.base)
+        return self._settled(self._grown_from(self._needed(self.base)))
+
+    def around(self, members: Iterable[int]) -> Explained:
+        """Return the best set near a given one: more may come in, and what is idle goes."""
+        return self._needed(self._grown_from(self._needed(tuple(members))).members)
+
+    def _grown_from(self, best: Explained) -> Explained:
         beam = [best.members]
         for _ in range(LARGEST):
             grown = self._grown(beam, WIDTH)
@@ -71,7 +77,7 @@ class Search:
                 break
             best = grown[0]
             beam = [item.members for item in grown]
-        return self._settled(best)
+        return best
 
     def _needed(self, members: tuple[int, ...]) -> Explained:
         """Take out of a set what the recordings do not speak for, one after the other."""

@@ -74,7 +74,7 @@ class _Questions:
     @classmethod
     def of(cls, bench: Bench, noise: Noise, joint: int, floor: float) -> _Questions:
         """Lay out the columns of all questions at a joint (0-based)."""
-        residual = bench.residual[:, joint : joint + 1]
+        residual = bench.target[:, joint : joint + 1]
         columns = Columns(residual.shape[0], 1)
         nuisance = _nuisance(bench, columns, joint)
         level = float(bench.level[joint])
@@ -116,7 +116,7 @@ class _Questions:
     def _error(self, prior: Prior) -> float:
         """Return the mean square on rows held out after a fit to the others [N² m²]."""
         fit: Posterior = posterior(self.products, self.nuisance, prior)
-        left = self.bench.residual[:, self.joint] - self.columns.apply(fit.index, fit.mean)[:, 0]
+        left = self.bench.target[:, self.joint] - self.columns.apply(fit.index, fit.mean)[:, 0]
         return float(np.mean(left[self.bench.split.held_out[:, self.joint]] ** 2))
 
 

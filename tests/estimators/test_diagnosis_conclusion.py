@@ -59,9 +59,7 @@ def test_the_chosen_set_is_told_even_where_many_have_more_evidence(bench, noise)
 
 def test_more_evidence_that_motion_held_out_denies_is_said_to(bench, noise):
     chosen = fitted(bench, (spring_of(bench),), noise)
-    denied = replace(
-        bench, residual=np.where(bench.split.held_out, -bench.residual, bench.residual)
-    )
+    denied = replace(bench, target=np.where(bench.split.held_out, -bench.target, bench.target))
     assert chosen.gain > 0
     found = explanations_of(denied, fitted(denied, (), noise), FLOOR)
     assert found[0].note == "does not hold on motion held out"

@@ -57,7 +57,7 @@ def answers(arm: Path, *effects: Effect) -> tuple[Answer, ...]:
 
 
 def _white(bench: Bench) -> np.ndarray:
-    return np.random.default_rng(0).standard_normal(bench.residual.shape)
+    return np.random.default_rng(0).standard_normal(bench.target.shape)
 
 
 def _record(true: Simulation, seed: int) -> Recording:

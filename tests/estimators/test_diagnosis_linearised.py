@@ -1,0 +1,151 @@
+"""A fit is taken to its end in all parameters at once, and gives their intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from wandering import wander
+
+from estimators.diagnosis.intervals import with_parameters
+from estimators.diagnosis.linearised import Linearised, entries_of, found_in, polished
+from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.revision import derivative
+from estimators.diagnosis.verdict import BeforeAfter, Finding, Where
+from limo_driver.physics import (
+    CoulombFriction,
+    JointElasticity,
+    PreslidingHysteresis,
+    Simulation,
+    StribeckFriction,
+    Tolerances,
+    TorqueGain,
+    TorqueRipple,
+)
+from limo_driver.recording import Recording
+
+RATE, NOISE = 100.0, 0.02  # [Hz], [N m]
+
+
+@pytest.fixture(scope="module")
+def given(arm):
+    friction = tuple(CoulombFriction(joint=j, tau_c=1.0) for j in (1, 2))
+    return Simulation(str(arm), friction, tolerances=Tolerances(inertia=0.005, friction=0.05))
+
+
+def observe(true, believed, seed=1, duration=60.0):
+    """Record an arm, and lay the recording beside what is believed of it."""
+    random = np.random.default_rng(seed)
+    t = np.arange(int(duration * RATE)) / RATE
+    motion = wander(t, np.array([0.4, -0.8]), random, (0.05, 0.3), (0.05, 0.4))
+    torque = true.predict(motion)
+    torque += NOISE * random.standard_normal(torque.shape)
+    recording = Recording.from_arrays(t, motion.position, torque, source=f"seed {seed}")
+    return Observations.of(believed, [recording], 10.0)
+
+
+def plus(simulation, *effects):
+    return replace(simulation, effects=(*simulation.effects, *effects))
+
+
+def finding(effect, joints, kind="missing"):
+    nothing = BeforeAfter((), ())
+    return Finding(effect, kind, joints, (), 0.9, {}, Where(), 0.5, nothing, "")
+
+
+def test_entries_are_the_numbers_that_are_estimated():
+    assert [e.name for e in entries_of(JointElasticity(joint=1, stiffness=1e4))] == ["stiffness"]
+    ripple = TorqueRipple(joint=1, cycles_per_rev=(7.0,), amplitude=(0.2,), phase=(0.0,))
+    assert [(e.name, e.at) for e in entries_of(ripple)] == [
+        ("cycles_per_rev", 0),
+        ("amplitude", 0),
+        ("phase", 0),  # an angle of zero is one of many
+    ]
+    slip = PreslidingHysteresis(joint=1, stiffness=(30.0, 0.0), width=(0.01, 0.05))
+    assert [(e.name, e.at) for e in entries_of(slip)] == [
+        ("stiffness", 0),
+        ("width", 0),
+        ("width", 1),
+    ]
+
+
+def test_an_entry_stays_inside_its_bounds():
+    effect = StribeckFriction(joint=1, tau_s=0.2, v_s=0.05, delta=2.0)
+    delta = next(e for e in entries_of(effect) if e.name == "delta")
+    assert delta.moved(effect, 9.0).delta == 4.0
+    assert delta.moved(effect, -9.0).delta == 0.5
+
+
+def test_what_was_added_is_the_last_of_its_kind_and_what_was_changed_the_first(given):
+    both = plus(given, CoulombFriction(joint=2, tau_c=0.3))
+    assert found_in(both, "coulomb_friction", (2,), missing=True) is both.effects[2]
+    assert found_in(both, "coulomb_friction", (2,), missing=False) is both.effects[1]
+    assert found_in(both, "backlash", (2,), missing=True) is None
+
+
+def test_a_gain_acts_on_the_torque_that_reaches_it_whatever_it_makes_of_it(given):
+    """A large gain in the simulation would otherwise be taken for a part of its own input."""
+    with_gain = plus(given, TorqueGain(joint=2, gain=-0.6))
+    observed = observe(with_gain, with_gain)
+    joints, values = derivative(observed, 2, "gain")
+    bare = observed.filter(observed.predict(given))
+    assert joints == (1,)
+    np.testing.assert_allclose(values[0], -0.6 * bare[:, 1], rtol=1e-6, atol=1e-9)
+
+
+def test_a_fit_goes_to_its_end_where_effects_act_on_one_another(given):
+    slip = PreslidingHysteresis(joint=2, stiffness=(30.0, 10.0), width=(0.01, 0.05))
+    true = plus(given, slip, TorqueGain(joint=2, gain=-0.4))
+    near = PreslidingHysteresis(joint=2, stiffness=(24.0, 8.0), width=(0.008, 0.06))
+    start = plus(given, near, TorqueGain(joint=2, gain=-0.3))
+    observed = observe(true, given)
+    places = [("presliding_hysteresis", (2,), True), ("torque_gain", (2,), True)]
+    found = polished(observed, start, observed.moving, places)
+    assert found.effects[3].gain == pytest.approx(-0.4, abs=0.01)
+    np.testing.assert_allclose(found.effects[2].stiffness, slip.stiffness, rtol=0.05)
+    np.testing.assert_allclose(found.effects[2].width, slip.width, rtol=0.05)
+    left = replace(observed, simulation=found).residual[observed.moving]
+    assert np.sqrt(np.mean(left**2)) < 1.05 * np.sqrt(
+        np.mean(replace(observed, simulation=true).residual[observed.moving] ** 2)
+    )
+
+
+def test_a_fit_that_is_at_its_end_stays(given):
+    observed = observe(given, given)
+    once = polished(observed, given, observed.moving, [])
+    around = Linearised.of(replace(observed, simulation=once), ())
+    assert around.step(observed.moving) is None
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say(given):
+    """Settings that the torque is not linear in have intervals, too."""
+    dip = StribeckFriction(joint=1, tau_s=0.4, v_s=0.05, delta=1.5)
+    true, held = plus(given, dip), []
+    for seed in range(10):
+        observed = observe(true, given, seed)
+        place = [("stribeck_friction", (1,), True)]
+        found = polished(observed, true, observed.moving, place)
+        beside = replace(observed, simulation=found)
+        (said,) = with_parameters([finding("stribeck_friction", (1,))], beside)
+        for name in ("tau_s", "v_s", "delta"):
+            low, high = said.parameters[name].ci95
+            assert low < said.parameters[name].value < high
+            held.append(low < getattr(dip, name) < high)
+    assert np.mean(held) >= 0.8  # of 95 %: fewer has a chance of one in a thousand
+
+
+def test_a_wrong_body_has_its_mass_with_an_interval(given):
+    body = given.model.inertials["lower"]
+    true = replace(given, inertials={"lower": replace(body, mass=1.3 * body.mass)})
+    observed = observe(true, true)
+    (said,) = with_parameters([finding("link_inertia", (2,), "wrong_parameter")], observed)
+    low, high = said.parameters["mass"].ci95
+    assert 0.8 < low < 1.3 < high < 1.8
+    assert len(said.parameters["inertia"].ci95) == 6
+
+
+def test_a_finding_without_an_effect_in_the_simulation_stays_as_it_is(given):
+    observed = observe(given, given)
+    some = [finding("external_contact", (1, 2)), finding("unknown", (2,))]
+    assert with_parameters(some, observed) == tuple(some)
