@@ -117,8 +117,8 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
         joints = ", ".join(str(j + 1) for j in foreign)
         warnings.append(
             f"The torques of joints {joints} are those of a rigid body, but several bodies of it "
-            f"are far from those of {observed.simulation.model.name}, payload or not. Is it another "
-            "arm? Then no finding holds, and limo identify makes a simulation of its own."
+            f"are far from those of {observed.simulation.model.name}, payload or not. Is it "
+            "another arm? Then no finding holds, and limo identify makes a simulation of its own."
         )
     motionless = still(observed)
     if not motionless:
