@@ -25,8 +25,8 @@ from estimators.diagnosis.verdict import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from estimators.diagnosis.bench import Bench, Solution
     from estimators.diagnosis.judgement import Leftover
-    from estimators.diagnosis.pipeline import Bench, Solution
     from estimators.diagnosis.verdict import Finding
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray

@@ -18,9 +18,9 @@ from limo_driver.physics import spoken
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from estimators.diagnosis.bench import Bench, Solution
     from estimators.diagnosis.candidates import Candidate
     from estimators.diagnosis.judgement import Leftover
-    from estimators.diagnosis.pipeline import Bench, Solution
     from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
 

@@ -15,11 +15,11 @@ from estimators.diagnosis.surrogate import foretold
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from estimators.diagnosis.bench import Bench, Solution
     from estimators.diagnosis.candidates import Candidate
     from estimators.diagnosis.diagnosis import Shift
     from estimators.diagnosis.evidence import Posterior
     from estimators.diagnosis.observations import Observations
-    from estimators.diagnosis.pipeline import Bench, Solution
     from limo_driver.types import FloatArray
 
 MATERIAL = 0.5  # [noise floors] that a finding has to take off the held-out error of some joint

@@ -20,8 +20,8 @@ from estimators.diagnosis.refinement import refine
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from estimators.diagnosis.bench import Bench, Solution
     from estimators.diagnosis.hypothesis import Hypothesis
-    from estimators.diagnosis.pipeline import Bench, Solution
     from estimators.diagnosis.refinement import Setting
 
 REFINABLE = 100.0  # [nat] that a refinement may make up for, where no law has a name

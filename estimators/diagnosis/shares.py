@@ -19,7 +19,7 @@ from estimators.diagnosis.proof import reducible_removed, rmse
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.pipeline import Bench, Solution
+    from estimators.diagnosis.bench import Bench, Solution
     from limo_driver.types import FloatArray
 
 

@@ -21,10 +21,10 @@ from estimators.diagnosis.responses import over_joint
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from estimators.diagnosis.bench import Bench, Solution
     from estimators.diagnosis.evidence import Posterior
     from estimators.diagnosis.noise import Noise
     from estimators.diagnosis.observations import Observations
-    from estimators.diagnosis.pipeline import Bench, Solution
     from limo_driver.types import FloatArray
 
 AFFECTED = 1.15  # times its noise floor, from which a joint's error is looked into

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.pipeline import improve, observe
+from estimators.diagnosis.bench import improve
+from estimators.diagnosis.pipeline import observe
 from estimators.diagnosis.plausibility import doubtful_encoders, foreign_bodies, notes_on
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimators.diagnosis.bench import Bench, fitted, quiet
 from estimators.diagnosis.noise import Noise
 from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.pipeline import Bench, fitted, quiet
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
 from limo_driver.physics import CoulombFriction, SpringLoad

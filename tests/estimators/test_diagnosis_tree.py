@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from estimators.diagnosis.bench import Bench, fitted, quiet
 from estimators.diagnosis.noise import Noise
 from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.pipeline import Bench, fitted, quiet
 from estimators.diagnosis.tree import tests_of as ask
 from limo_driver.physics import (
     CoulombFriction,

@@ -1,0 +1,128 @@
+"""Bench: what the stages of a diagnosis share, and a set of effects fitted on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from estimators.diagnosis.base_friction import base_of, with_friction
+from estimators.diagnosis.candidates import Candidate, candidates_of, entered
+from estimators.diagnosis.columns import Columns, Products
+from estimators.diagnosis.evidence import Evidence, Posterior
+from estimators.diagnosis.improvement import Improvement
+from estimators.diagnosis.noise import Noise, roughness
+from estimators.diagnosis.nuisance import Nuisance, nuisance_of
+from estimators.diagnosis.proof import Split, rmse
+from estimators.diagnosis.search import Search
+from limo_driver.errors import ConfigError, RecordingError
+
+if TYPE_CHECKING:
+    from estimators.diagnosis.observations import Observations
+    from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray
+
+Progress: TypeAlias = Callable[[str, float], None]
+
+
+def quiet(_stage: str, _done: float) -> None:
+    """Report no progress."""
+
+
+@dataclass
+class Bench:
+    """What the stages share: observations, columns and who competes."""
+
+    observed: Observations
+    columns: Columns
+    nuisance: Nuisance
+    candidates: list[Candidate]
+    split: Split
+    target: FloatArray  # (K, n) what the columns have to sum up to [N m]
+    level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
+    base: tuple[int, ...]  # candidates that the search starts with
+
+    @classmethod
+    def of(cls, observed: Observations, progress: Progress) -> Bench:
+        """Lay out everything that could explain the residual."""
+        progress("columns of what is known within tolerances", 0.1)
+        if observed.around is None:
+            observed = with_friction(observed)
+        residual = observed.residual
+        split = Split.of(observed)
+        columns = Columns(*residual.shape)
+        rough = roughness(residual, observed.moving)
+        nuisance = nuisance_of(observed, columns, rough)
+        progress("columns of every effect at every place", 0.2)
+        level = np.maximum(rmse(residual, observed.moving), 3 * rough)
+        candidates = candidates_of(observed, columns, level)
+        base = base_of(candidates, observed.simulation)
+        return cls(observed, columns, nuisance, candidates, split, residual, level, base)
+
+    def left(self, fitted: Posterior) -> FloatArray:
+        """Return what a fit leaves, (K, n) [N m]."""
+        return self.target - self.columns.apply(fitted.index, fitted.mean)
+
+    def again(self, candidate: Candidate, place: int) -> int:
+        """Enter a candidate that has a place on another bench; return its place on this one."""
+        if candidate.hypothesis is None:
+            return place  # of the given simulation: the same on every bench
+        own = entered(candidate.hypothesis, self.observed, self.columns, self.level)
+        if own is None:
+            raise AssertionError("what was found acts on the torque")
+        self.candidates.append(replace(own, variants=candidate.variants))
+        return len(self.candidates) - 1
+
+    def beyond_base(self, members: tuple[int, ...]) -> int:
+        """Count the members of a set that the search did not start with."""
+        base = {self.candidates[i].place for i in self.base}
+        return sum(self.candidates[i].place not in base for i in members)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The chosen set and its fit."""
+
+    members: tuple[int, ...]
+    search: Search
+    noise: Noise
+    fitted: Posterior
+    gain: float
+
+
+def fitted(
+    bench: Bench, members: tuple[int, ...], noise: Noise, *, everything: bool = False
+) -> Solution:
+    """Fit a given set under given noise, to the rows meant for it or to all."""
+    search = search_on(bench, noise, everything=everything)
+    posterior = search.evidence.posterior(search.prior(members))
+    return Solution(members, search, noise, posterior, search.gain(members))
+
+
+def search_on(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
+    """Return the search under given noise, on the rows meant for fits or on all."""
+    rows = bench.observed.moving if everything else bench.split.fitted
+    products = Products.of(bench.columns, bench.target, noise, rows)
+    return Search(bench.candidates, Evidence(products, bench.nuisance.prior), bench.base)
+
+
+def improve(bench: Bench, solution: Solution) -> Simulation:
+    """Write nuisance shifts and findings into the simulation."""
+    improvement = Improvement(bench.observed.simulation)
+    count = bench.nuisance.prior.index.size
+    bench.nuisance.enter(improvement, solution.fitted.mean[:count])
+    at = count
+    for i in solution.members:
+        candidate = bench.candidates[i]
+        size = candidate.prior.index.size
+        try:
+            candidate.enter(improvement, solution.fitted.mean[at : at + size])
+        except ConfigError as error:  # a value that no such part has
+            raise RecordingError(
+                f"the best explanation is out of range: {error}; is it another robot, or are the "
+                "torques of another motion?"
+            ) from None
+        at += size
+    return improvement.simulation()

@@ -1,0 +1,159 @@
+"""Solving: the set of effects that the recordings speak for, fitted, pruned and refined."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.diagnosis.bench import Bench, Progress, Solution, fitted, improve, search_on
+from estimators.diagnosis.candidates import entered
+from estimators.diagnosis.evidence import Prior, joined
+from estimators.diagnosis.judgement import MATERIAL, material
+from estimators.diagnosis.laws import likeliest
+from estimators.diagnosis.noise import Noise, roughness
+from estimators.diagnosis.proof import rmse
+from estimators.diagnosis.refinement import Setting, replaced
+from estimators.diagnosis.scans import ripples
+
+_ROUNDS = 3  # of noise and search in turn
+_CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
+
+
+def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None) -> Solution:
+    """Find the set of effects, or the best one near a set; noise and set in turn until both stay.
+
+    The first noise is what a fit of everything at once leaves. Taken from a residual that still
+    has an effect in it, the noise would explain that effect, and hide it.
+    """
+    noise = _noise_of_everything(bench)
+    solution = fitted(bench, bench.base, noise)
+    if _scanned(bench, solution):
+        solution = fitted(bench, bench.base, noise)
+    for turn in range(_ROUNDS):
+        progress("comparing explanations", 0.3 + 0.1 * turn)
+        search = search_on(bench, noise)
+        found = search.best() if near is None else search.around(near)
+        same = turn > 0 and set(found.members) == set(solution.members)
+        posterior = search.evidence.posterior(search.prior(found.members))
+        solution = Solution(found.members, search, noise, posterior, found.gain)
+        if same:
+            break
+        if turn == 0:
+            _scanned(bench, solution)  # of what the largest effects hid
+        noise = Noise.of(bench.left(posterior), bench.split.fitted, bench.observed.segment)
+    return solution
+
+
+def _scanned(bench: Bench, solution: Solution) -> bool:
+    """Add the candidates that have to be looked for in the residual; say whether there are any."""
+    before = len(bench.candidates)
+    for hypothesis in ripples(bench.observed, bench.left(solution.fitted)):
+        candidate = entered(hypothesis, bench.observed, bench.columns, bench.level)
+        if candidate is not None:
+            bench.candidates.append(candidate)
+    return len(bench.candidates) > before
+
+
+def _noise_of_everything(bench: Bench) -> Noise:
+    white = Noise.independent(roughness(bench.target, bench.observed.moving), bench.split.fitted)
+    evidence = search_on(bench, white).evidence
+    everything = joined(*(candidate.prior for candidate in bench.candidates))
+    free = Prior.free(everything.index, everything.deviation)
+    left = bench.left(evidence.posterior(free))
+    return Noise.of(left, bench.split.fitted, bench.observed.segment)
+
+
+def pruned(bench: Bench, solution: Solution) -> Solution:
+    """Take out members that matter little or harm: precise, perhaps, but not physics to name."""
+    while solution.members:
+        size = {member: material(bench, solution, member) for member in solution.members}
+        least = min(size, key=lambda member: size[member])
+        if size[least] >= MATERIAL:
+            break
+        rest = tuple(member for member in solution.members if member != least)
+        posterior = solution.search.evidence.posterior(solution.search.prior(rest))
+        solution = replace(
+            solution, members=rest, fitted=posterior, gain=solution.search.gain(rest)
+        )
+    return solution
+
+
+def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
+    """Refine what is not linear in every member, one after the other."""
+    members = list(solution.members)
+    for place, member in enumerate(members):
+        progress("refining parameters", 0.65 + 0.1 * place / len(members))
+        candidate = bench.candidates[member]
+        if candidate.hypothesis is None:
+            continue
+        others = solution.search.prior([m for m in members if m != member])
+        around = Setting(
+            bench.observed,
+            bench.columns,
+            bench.nuisance.prior,
+            others,
+            bench.target,
+            solution.noise,
+            bench.split.fitted,
+            bench.level,
+        )
+        best, laws = likeliest(bench, solution, member, around)
+        bench.candidates[member] = candidate = replace(candidate, laws=laws)
+        if best is not candidate.hypothesis:
+            new = replaced(candidate, best, around)
+            if new is not None:
+                bench.candidates.append(new)
+                members[place] = len(bench.candidates) - 1
+    if members == list(solution.members):
+        return solution
+    return fitted(bench, tuple(members), solution.noise)
+
+
+def settled(bench: Bench, solution: Solution, progress: Progress) -> tuple[Bench, Solution]:
+    """Prune and refine a set, and search again around it where the torque is not linear up to it.
+
+    A gain acts on the friction that was found beside it, too, and an offset of an encoder on the
+    load of a heavier link. Around the given simulation, what such a pair makes of one another looks
+    like one effect more, or hides one.
+    """
+    solution = pruned(bench, refined(bench, pruned(bench, solution), progress))
+    if len(solution.members) > 1 and _curved(bench, solution):
+        bench, near = relinearised(bench, solution, progress)
+        solution = solve(bench, progress, near)
+        solution = pruned(bench, refined(bench, pruned(bench, solution), progress))
+    return bench, solution
+
+
+def _curved(bench: Bench, solution: Solution) -> bool:
+    """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
+    observed, fit = bench.observed, solution.fitted
+    index = bench.nuisance.prior.index
+    sensors = np.where(bench.nuisance.entered, 0.0, fit.mean[: index.size])
+    linear = bench.left(fit) + bench.columns.apply(index, sensors)  # those are in no simulation
+    left = observed.measured - observed.filter(observed.predict(improve(bench, solution)))
+    off, rest = rmse(left - linear, observed.moving), rmse(linear, observed.moving)
+    return bool((off > _CURVED * rest).any())
+
+
+def relinearised(
+    bench: Bench, solution: Solution, progress: Progress
+) -> tuple[Bench, tuple[int, ...]]:
+    """Lay everything out again, with columns around the simulation of a solution.
+
+    They hold near it, so that a set without what it has would be judged wrongly: beside a friction
+    that is in, the gain of a sensor looks as that friction does.
+
+    Returns:
+        The bench, and the members of the solution on it.
+    """
+    improved = improve(bench, solution)
+    new = Bench.of(replace(bench.observed, around=improved), progress)
+    observed, mean = new.observed, solution.fitted.mean
+    index = new.nuisance.prior.index
+    torque = new.columns.apply(index, np.where(new.nuisance.entered, mean[: index.size], 0.0))
+    members = tuple(new.again(bench.candidates[member], member) for member in solution.members)
+    own = joined(*(new.candidates[member].prior for member in members)).index
+    torque += new.columns.apply(own, mean[index.size :])
+    left = observed.measured - observed.filter(observed.predict(improved))
+    return replace(new, target=left + torque), members
