@@ -20,6 +20,8 @@ from estimators.diagnosis.search import Search
 from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from estimators.diagnosis.observations import Observations
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
@@ -64,6 +66,11 @@ class Bench:
     def left(self, fitted: Posterior) -> FloatArray:
         """Return what a fit leaves, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
+
+    def undisturbed(self, rows: NDArray[np.bool_]) -> Bench:
+        """Return the same, where something pushed on some rows (K,): those count no more."""
+        observed = replace(self.observed, disturbed=rows)
+        return replace(self, observed=observed, split=Split.of(observed))
 
     def again(self, candidate: Candidate, place: int) -> int:
         """Enter a candidate that has a place on another bench; return its place on this one."""

@@ -21,7 +21,7 @@ from estimators.diagnosis.evidence import Prior, joined, posterior
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
-from estimators.diagnosis.responses import responses, seen_before
+from estimators.diagnosis.responses import difference, seen_before
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effect import JOINT, TEXT
@@ -42,7 +42,7 @@ _FREE_INERTIA = 0.4  # relative deviation of a body that is simply wrong
 _OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
 _ANGLE = 1.0  # [rad], prior deviation of a rest position
 _ROUNDS = 5  # of Gauss-Newton, at most
-_ENOUGH = 1.0  # that a round has to take off the sum of squared whitened errors
+_ENOUGH = 1e-3  # part of the sum of squared whitened errors that a round has to take off
 _SHORTER = (1.0, 0.5, 0.2)  # parts of a step that are tried
 
 
@@ -168,7 +168,7 @@ class Linearised:
             except ConfigError:  # a combination that no such part has
                 continue
             left = replace(self.observed, simulation=moved).residual
-            if _energy(left, noise, split) < products.energy - _ENOUGH:
+            if _energy(left, noise, split) < (1 - _ENOUGH) * products.energy:
                 return moved
         return None
 
@@ -250,15 +250,18 @@ def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float
 def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
     """Add what each number of an effect adds to the torque, to first order."""
     entries = entries_of(effect)
-    signs = (1.0, -1.0)
-    moved = [e.moved(effect, sign * _STEP * e.deviation) for e in entries for sign in signs]
-    parts = responses(moved, seen_before(effect, observed)) if moved else []
+    around = seen_before(effect, observed)
+    parts = [
+        difference(
+            e.moved(effect, _STEP * e.deviation), e.moved(effect, -_STEP * e.deviation), around
+        )
+        for e in entries
+    ]
     joints = sorted({joint for part in parts for joint in part.joints})
     values = np.zeros((len(joints), len(observed.kept), len(entries)))
     for k, part in enumerate(parts):
-        step = signs[k % 2] * entries[k // 2].span
         for joint, row in zip(part.joints, part.values, strict=True):
-            values[joints.index(joint), :, k // 2] += row / step
+            values[joints.index(joint), :, k] = row / entries[k].span
     return Prior.free(columns.add(joints, values), np.array([e.deviation for e in entries]))
 
 

@@ -18,7 +18,7 @@ from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.plausibility import check_plausible
 from estimators.diagnosis.pushes import covered, pushes
 from estimators.diagnosis.shares import left_by_tolerances
-from estimators.diagnosis.solving import settled, solve
+from estimators.diagnosis.solving import curved, settled, settled_around, solve
 from estimators.diagnosis.tree import tests_of
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
+SEVERAL = 3  # effects, of which one may stand for what two others make of one another
 BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 
 
@@ -86,15 +87,19 @@ def diagnose(
     found = pushes(observed, bench.left(solution.fitted), solution.noise)
     pushed = tuple(push for push in found if push.evidence > BEYOND_DOUBT)
     if pushed:  # events: nothing is fitted to the rows that they cover
-        observed = replace(observed, disturbed=covered(observed, pushed))
-        bench = Bench.of(observed, progress)
+        bench = bench.undisturbed(covered(observed, pushed))
+        observed = bench.observed
         solution = solve(bench, progress)
-    bench, solution = settled(bench, solution, progress)
+    solution = settled(bench, solution, progress)
     progress("proving on held-out motion", 0.8)
     proven = _proven(bench, solution)
-    progress("looking for what is left", 0.9)
     rest = leftover(observed, proven)
     named, unknown = abstained(bench, solution, rest)
+    if (unknown or len(solution.members) >= SEVERAL) and curved(bench, solution):
+        bench, solution = settled_around(bench, solution, progress)
+        proven = _proven(bench, solution)
+        rest = leftover(observed, proven)
+        named, unknown = abstained(bench, solution, rest)
     if named != solution.members and harms(bench, proven, rest):
         solution = fitted(bench, named, solution.noise)  # without what only stands in
         proven = _proven(bench, solution)

@@ -56,6 +56,17 @@ def responses(effects: Sequence[Effect], observed: Observations) -> list[Respons
     return [part.read(values) for part, values in zip(parts, own, strict=True)]
 
 
+def difference(ahead: Effect, behind: Effect, observed: Observations) -> Response:
+    """Return what one effect adds more than another of its kind; filtered once."""
+    more, less = sharp(ahead, observed), sharp(behind, observed)
+    if more.values.shape[1]:
+        return more.read(observed.filter(more.values - less.values))
+    a, b = more.read(more.values), less.read(less.values)  # filtered already
+    if a.joints != b.joints:
+        raise AssertionError("an effect acts on the same joints whatever its size")
+    return Response(a.joints, a.values - b.values)
+
+
 def seen_before(effect: Effect, observed: Observations) -> Observations:
     """Return the observations around a simulation without one of its effects on the sensors.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.responses import response, seen_before
+from estimators.diagnosis.responses import difference, seen_before
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -61,11 +61,9 @@ def derivative(observed: Observations, place: int, name: str) -> tuple[tuple[int
     """
     effect: Any = observed.simulation.effects[place]
     value, around = getattr(effect, name), seen_before(effect, observed)
-    ahead = response(replace(effect, **{name: value * (1 + _STEP)}), around)
-    behind = response(replace(effect, **{name: value * (1 - _STEP)}), around)
-    if ahead.joints != behind.joints:
-        raise AssertionError("an effect acts on the same joints whatever its size")
-    return ahead.joints, (ahead.values - behind.values) / (2 * _STEP)
+    ahead, behind = (replace(effect, **{name: value * (1 + sign * _STEP)}) for sign in (1, -1))
+    joints, values = difference(ahead, behind, around)
+    return joints, values / (2 * _STEP)
 
 
 def mover(link: int, scale: FloatArray) -> Enter:

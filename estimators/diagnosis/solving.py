@@ -110,22 +110,23 @@ def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
     return fitted(bench, tuple(members), solution.noise)
 
 
-def settled(bench: Bench, solution: Solution, progress: Progress) -> tuple[Bench, Solution]:
-    """Prune and refine a set, and search again around it where the torque is not linear up to it.
+def settled(bench: Bench, solution: Solution, progress: Progress) -> Solution:
+    """Prune and refine a set."""
+    return pruned(bench, refined(bench, pruned(bench, solution), progress))
+
+
+def settled_around(bench: Bench, solution: Solution, progress: Progress) -> tuple[Bench, Solution]:
+    """Search again around a set, and settle the one that is found there.
 
     A gain acts on the friction that was found beside it, too, and an offset of an encoder on the
     load of a heavier link. Around the given simulation, what such a pair makes of one another looks
     like one effect more, or hides one.
     """
-    solution = pruned(bench, refined(bench, pruned(bench, solution), progress))
-    if len(solution.members) > 1 and _curved(bench, solution):
-        bench, near = relinearised(bench, solution, progress)
-        solution = solve(bench, progress, near)
-        solution = pruned(bench, refined(bench, pruned(bench, solution), progress))
-    return bench, solution
+    bench, near = relinearised(bench, solution, progress)
+    return bench, settled(bench, solve(bench, progress, near), progress)
 
 
-def _curved(bench: Bench, solution: Solution) -> bool:
+def curved(bench: Bench, solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
     observed, fit = bench.observed, solution.fitted
     index = bench.nuisance.prior.index
