@@ -185,8 +185,8 @@ def judge(case: Path, out: str = "out") -> Judged:
     return Judged(case, truth, verdict, closure(case, out), closure(case, out, 0.0), seconds)
 
 
-def coverage(finding: dict[str, Any], effect: dict[str, Any]) -> list[bool]:
-    """Return, for each number that both sides have, whether its 95 % interval holds the true one.
+def misses(finding: dict[str, Any], effect: dict[str, Any]) -> list[float]:
+    """Return, for each number that both sides have, how far it is off in half-widths of its 95 %.
 
     The truth lists only parameters that mean the same in the plant's equation. A text among them
     says of which variant they are; a joint's number and the windows of pushes are no estimates.
@@ -198,14 +198,22 @@ def coverage(finding: dict[str, Any], effect: dict[str, Any]) -> list[bool]:
     texts = {name: value for name, value in true.items() if isinstance(value, str)}
     if any(said.get(name, {}).get("value") != value for name, value in texts.items()):
         return []
-    held: list[bool] = []
+    off: list[float] = []
     for name, value in true.items():
         interval = said.get(name, {}).get("ci95")
         if not interval or isinstance(value, (str, int)) or name == "windows":
             continue
         pairs, numbers = np.reshape(interval, (-1, 2)), np.atleast_1d(value)
-        held += [bool(a <= x <= b) for (a, b), x in zip(pairs, numbers, strict=False)]
-    return held
+        off += [
+            float((2 * x - a - b) / max(b - a, 1e-12))
+            for (a, b), x in zip(pairs, numbers, strict=False)
+        ]
+    return off
+
+
+def coverage(finding: dict[str, Any], effect: dict[str, Any]) -> list[bool]:
+    """Return whether the 95 % interval of each number holds the true one."""
+    return [abs(miss) <= 1.0 for miss in misses(finding, effect)]
 
 
 @dataclass(frozen=True)

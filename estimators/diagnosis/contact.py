@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.confidence import OF_CONTACT
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.pushes import covered, wrench_of
 from estimators.diagnosis.responses import response
@@ -65,7 +66,7 @@ def contact_of(
             kind="missing",
             joints=tuple(range(1, observed.n + 1)),
             equivalent=(),
-            confidence=0.95,
+            confidence=OF_CONTACT,
             parameters={
                 "windows": Interval(tuple(windows), "s"),
                 "wrench": Interval(tuple(wrenches), "N, N m", tuple(intervals)),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.confidence import confidence_of
-from estimators.diagnosis.judgement import FORETOLD, contribution, equivalents, identical, margin
+from estimators.diagnosis.confidence import OF_UNKNOWN, Signs, confidence_of
+from estimators.diagnosis.judgement import contribution, equivalents, identical, margin
 from estimators.diagnosis.laws import sentence_of
 from estimators.diagnosis.region import where_of
 from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
@@ -46,6 +47,12 @@ def findings_of(
         joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
         lead = margin(bench, solution, member, same)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
+        signs = Signs(
+            lead=lead,
+            material=float(np.sqrt(max(gained[joint], 0.0)) / leftover.floor[joint]),
+            foretold=float(leftover.foretold[joint] / leftover.floor[joint]),
+            rivals=len({c.effect for c in same}),
+        )
         found.append(
             Finding(
                 effect=candidate.effect,
@@ -58,12 +65,7 @@ def findings_of(
                         if effect != candidate.effect
                     )
                 ),
-                confidence=confidence_of(
-                    lead=lead,
-                    material=float(np.sqrt(max(gained[joint], 0.0)) / leftover.floor[joint]),
-                    foretold=float(leftover.foretold[joint] / leftover.floor[joint]),
-                    rivals=len({c.effect for c in same}),
-                ),
+                confidence=confidence_of(signs),
                 parameters={},  # `with_parameters` reads them off the improved simulation
                 where=_where(bench, solution, member, joint),
                 share=shares[member],
@@ -77,6 +79,7 @@ def findings_of(
                     lead,
                 )
                 + sentence_of(candidate.laws),
+                signs=asdict(signs),
             )
         )
     return tuple(sorted(found, key=lambda item: -item.share))
@@ -140,8 +143,6 @@ def unknown_of(
     if not joints:
         return ()
     worst = max(joints, key=lambda j: rest.foretold[j] / rest.floor[j])
-    ratio = float(rest.foretold[worst] / rest.floor[worst])
-    confidence = 1.0 - 0.5 * float(np.exp(-(ratio - FORETOLD) / FORETOLD))
     text = (
         f"At joint {worst + 1} a rest of {rest.foretold[worst]:.3f} N m RMS could be foretold from "
         f"the motion (noise floor {rest.floor[worst]:.3f} N m), and no known effect foretells it."
@@ -163,7 +164,7 @@ def unknown_of(
             kind="missing",
             joints=tuple(j + 1 for j in joints),
             equivalent=(),
-            confidence=min(confidence, 0.99),
+            confidence=OF_UNKNOWN,
             parameters={},
             where=where_of(bench.observed, rest.series[:, worst], worst),
             share=share,

@@ -54,6 +54,7 @@ class Finding:
     share: float  # of the error that tolerances leave: what it takes; of `unknown`: what stays
     heldout_rmse: BeforeAfter
     evidence: str  # one sentence
+    signs: Mapping[str, float] = field(default_factory=dict)  # what the confidence is made of
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from diagnosis_closure import Closure
-from diagnosis_judged import Judged, coverage
+from diagnosis_judged import Judged, coverage, misses
 
 
 def effect(name="stribeck_friction", joints=(2,), **more):
@@ -165,6 +165,13 @@ def test_intervals_are_held_to_the_same_parameter():
     said = {"tau_s": {"ci95": [0.9, 1.1]}, "v_s": {"ci95": [0.03, 0.04]}}
     assert coverage(finding(parameters=said), true) == [True, False]
     assert coverage(finding("backlash", parameters=said), true) == []
+
+
+def test_a_value_is_off_in_halves_of_its_interval():
+    true = effect(parameters={"tau_s": 1.0, "v_s": 0.02})
+    said = {"tau_s": {"ci95": [0.7, 1.1]}, "v_s": {"ci95": [0.03, 0.05]}}
+    assert misses(finding(parameters=said), true) == pytest.approx([0.5, -2.0])
+    assert misses(finding(parameters={"tau_s": {"ci95": None}}), true) == []
 
 
 def test_intervals_of_lists_count_entry_by_entry_and_of_another_variant_not_at_all():

@@ -1,0 +1,62 @@
+"""Fit what a diagnosis says of its own certainty to concealed cases on which it may be tuned.
+
+`python benchmarks/diagnosis_calibration.py FOLDER...` reads finished cases, prints the weights that
+`estimators/diagnosis/confidence.py` needs and by how much intervals have to be wider. Never give it
+cases whose figures are to be reported.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # read by typer
+from typing import Annotated
+
+import numpy as np
+import typer
+from diagnosis_judged import UNKNOWN, judge, misses, names
+from diagnosis_score import calibration_error
+from scipy.optimize import minimize
+
+PULL = 0.3  # of weights towards zero; there are few wrong names to learn from
+SIGNS = ("lead", "material", "foretold", "rivals")
+
+
+def fit(folders: Annotated[list[Path], typer.Argument(help="Folders of diagnosed cases.")]) -> None:
+    """Print weights of the confidence and the factor of the intervals."""
+    cases = [
+        judge(path.parent) for f in folders for path in sorted(f.glob("*/out"))
+        if (path / "result.json").exists()
+    ]  # fmt: skip
+    said = [(f, any(names(f, e) for e in c.effects)) for c in cases for f in c.findings]
+    named = [(f["signs"], right) for f, right in said if "lead" in f["signs"]]
+    X = np.array([features(signs) for signs, _ in named])
+    y = np.array([right for _, right in named], float)
+    weights = logistic(X, y)
+    confidence = 1 / (1 + np.exp(-X @ weights))
+    print(f"{len(named)} names, {y.mean():.1%} right; weights of 1 and {', '.join(SIGNS)}:")
+    print(np.round(weights, 2).tolist())
+    print(f"calibration error {calibration_error(list(zip(confidence, y, strict=True))):.3f}")
+    for effect in (UNKNOWN, "external_contact"):
+        right = [r for f, r in said if f["effect"] == effect]
+        print(f"{effect}: {sum(right)} of {len(right)} right")
+    z = np.abs([m for c in cases for f in c.findings for e in c.effects for m in misses(f, e)])
+    print(f"{z.size} values; 95 % are within {np.quantile(z, 0.95):.2f} half-intervals")
+
+
+def features(signs: dict[str, float]) -> list[float]:
+    """Return what is weighed, a 1 first."""
+    lead, material = np.log1p(max(signs["lead"], 0.0)), np.log(max(signs["material"], 1e-3))
+    return [1.0, lead, material, signs["foretold"], signs["rivals"]]
+
+
+def logistic(X: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return weights (p,) of features (N, p); all but the first are pulled towards zero."""
+
+    def cost(w: np.ndarray) -> float:
+        score = X @ w
+        return float(np.sum(np.logaddexp(0, score) - y * score) + PULL * np.sum(w[1:] ** 2))
+
+    return minimize(cost, np.zeros(X.shape[1])).x
+
+
+if __name__ == "__main__":
+    typer.run(fit)
