@@ -17,7 +17,7 @@ from diagnosis_score import calibration_error
 from scipy.optimize import minimize
 
 PULL = 0.3  # of weights towards zero; there are few wrong names to learn from
-SIGNS = ("lead", "material", "foretold", "rivals")
+SIGNS = ("lead", "material")
 
 
 def fit(folders: Annotated[list[Path], typer.Argument(help="Folders of diagnosed cases.")]) -> None:
@@ -45,7 +45,7 @@ def fit(folders: Annotated[list[Path], typer.Argument(help="Folders of diagnosed
 def features(signs: dict[str, float]) -> list[float]:
     """Return what is weighed, a 1 first."""
     lead, material = np.log1p(max(signs["lead"], 0.0)), np.log(max(signs["material"], 1e-3))
-    return [1.0, lead, material, signs["foretold"], signs["rivals"]]
+    return [1.0, lead, material]
 
 
 def logistic(X: np.ndarray, y: np.ndarray) -> np.ndarray:

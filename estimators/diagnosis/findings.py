@@ -50,8 +50,6 @@ def findings_of(
         signs = Signs(
             lead=lead,
             material=float(np.sqrt(max(gained[joint], 0.0)) / leftover.floor[joint]),
-            foretold=float(leftover.foretold[joint] / leftover.floor[joint]),
-            rivals=len({c.effect for c in same}),
         )
         found.append(
             Finding(

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _Z95 = 1.96
-_WIDER = 1.0  # times what noise alone makes
 _MOMENTS = [4, 5, 7, 6, 8, 9]  # xx, xy, xz, yy, yz, zz among the parameters of a link
 
 
@@ -97,7 +96,7 @@ def _of_body(body: Inertial, spread: FloatArray) -> dict[str, Interval]:
 
 
 def _interval(value: float, spread: float, within: tuple[float, float]) -> tuple[float, float]:
-    half = _Z95 * _WIDER * float(spread)
+    half = _Z95 * float(spread)
     return max(value - half, within[0]), min(value + half, within[1])
 
 
