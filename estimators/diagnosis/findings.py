@@ -13,7 +13,7 @@ from estimators.diagnosis.laws import sentence_of
 from estimators.diagnosis.region import where_of
 from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
-from estimators.diagnosis.wording import SIGNATURES
+from estimators.diagnosis.wording import SIGNATURES, times
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -88,18 +88,13 @@ def _sentence(
 ) -> str:
     return (
         f"At joint {joint + 1} {SIGNATURES[candidate.effect]}; on motion held out, it brings the "
-        f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and the "
-        f"recordings speak for it {_how(lead)} the next explanation."
+        f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
+        + (
+            f"makes the recordings {times(lead)} likelier than the next explanation does."
+            if lead > 0
+            else "the next explanation does as well."
+        )
     )
-
-
-def _how(lead: float) -> str:
-    """Say a lead of evidence [nat] as odds."""
-    if lead <= 0:
-        return "no more than for"
-    power = lead / np.log(10.0)
-    odds = f"{np.exp(lead):.0f} times" if power < 3 else f"10^{min(power, 99):.0f} times"  # noqa: PLR2004
-    return odds + " more than for" if power < 99 else "beyond doubt against"  # noqa: PLR2004
 
 
 def amplitudes(bench: Bench, solution: Solution, member: int) -> tuple[FloatArray, FloatArray]:

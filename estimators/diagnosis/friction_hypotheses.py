@@ -23,7 +23,7 @@ from limo_driver.physics import (
 from limo_driver.physics.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from estimators.diagnosis.observations import Observations
     from limo_driver.physics import Effect
@@ -210,16 +210,13 @@ def lugre(joint: int, width: float, rise: float, v_s: float) -> Hypothesis:
     effect = PreslidingHysteresis(
         joint=joint, law="lugre", sigma_0=1.0 / width, tau_c=1.0, tau_s=rise, v_s=v_s
     )
-    return Hypothesis(
-        effect.name,
-        (joint - 1,),
-        (effect,),
-        _carrying(effect, "sigma_0", "tau_c", "tau_s"),
-        positive=True,
-        settings=(width, rise, v_s),
-        family=partial(lugre, joint),
-        law="LuGre",
-        bounds=((1e-4, 0.1), (1e-3, 1.0), (2e-3, 0.1)),
+    return _law(
+        effect,
+        ("sigma_0", "tau_c", "tau_s"),
+        "LuGre",
+        partial(lugre, joint),
+        (width, rise, v_s),
+        ((1e-4, 0.1), (1e-3, 1.0), (2e-3, 0.1)),
     )
 
 
@@ -233,16 +230,13 @@ def bouc_wen(joint: int, width: float, beta_ratio: float, exponent: float) -> Hy
         beta_ratio=beta_ratio,
         exponent=exponent,
     )
-    return Hypothesis(
-        effect.name,
-        (joint - 1,),
-        (effect,),
-        _carrying(effect, "sigma_0", "tau_c"),
-        positive=True,
-        settings=(width, beta_ratio, exponent),
-        family=partial(bouc_wen, joint),
-        law="Bouc-Wen",
-        bounds=((1e-4, 0.1), (0.5, 1.0), (0.5, 3.0)),
+    return _law(
+        effect,
+        ("sigma_0", "tau_c"),
+        "Bouc-Wen",
+        partial(bouc_wen, joint),
+        (width, beta_ratio, exponent),
+        ((1e-4, 0.1), (0.5, 1.0), (0.5, 3.0)),
     )
 
 
@@ -254,16 +248,35 @@ def dahl(joint: int, width: float, exponent: float) -> Hypothesis:
     effect = PreslidingHysteresis(
         joint=joint, law="dahl", sigma_0=1.0 / width, tau_c=1.0, exponent=exponent
     )
+    return _law(
+        effect,
+        ("sigma_0", "tau_c"),
+        "Dahl",
+        partial(dahl, joint),
+        (width, exponent),
+        ((1e-4, 0.1), (0.3, 4.0)),
+    )
+
+
+def _law(
+    unit: PreslidingHysteresis,
+    growing: tuple[str, ...],
+    law: str,
+    family: Callable[..., Hypothesis],
+    settings: tuple[float, ...],
+    bounds: tuple[tuple[float, float], ...],
+) -> Hypothesis:
+    """Return a law of hysteresis of unit size, whose torques grow with one coefficient."""
     return Hypothesis(
-        effect.name,
-        (joint - 1,),
-        (effect,),
-        _carrying(effect, "sigma_0", "tau_c"),
+        unit.name,
+        (unit.joint - 1,),
+        (unit,),
+        _carrying(unit, *growing),
         positive=True,
-        settings=(width, exponent),
-        family=partial(dahl, joint),
-        law="Dahl",
-        bounds=((1e-4, 0.1), (0.3, 4.0)),
+        settings=settings,
+        family=family,
+        law=law,
+        bounds=bounds,
     )
 
 

@@ -43,6 +43,7 @@ STIFF = 1e8  # [N m/rad]
 UNIT_DELAY = 1e-3  # [s]
 LATE = (4e-3, 0.012, 0.03)  # [s], since within a sample all delays look alike
 DELAYS = (2e-4, 0.1)  # [s]
+DELAYED, LAGGING = "a pure delay", "a first-order lag"
 UNIT_ANGLE = 1e-3  # [rad]
 LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's spokes
 _SOFTEST = 1e-3  # [N m/rad]
@@ -75,32 +76,19 @@ def rivals(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
     elif hypothesis.effect == JointElasticity.name:
         yield cubic_elasticity(joint)
     elif hypothesis.effect == TimeDelay.name:
-        yield from (late(joint, delay) for delay in LATE)
-        yield lagging(joint, LATE[0])
+        yield from (slowed(joint, "delay", DELAYED, time) for time in LATE)
+        yield slowed(joint, "lag", LAGGING, LATE[0])
 
 
-def late(joint: int, delay: float) -> Hypothesis:
-    """Return a pure delay of a torque; how it acts on what is fast depends on its length."""
+def slowed(joint: int, name: str, law: str, time: float) -> Hypothesis:
+    """Return a torque that comes late; how that acts on what is fast depends on the time."""
     return single(
-        TimeDelay(joint=joint, delay=delay),
-        "delay",
+        TimeDelay(joint=joint, **{name: time}),
+        name,
         positive=True,
-        settings=(delay,),
-        family=partial(late, joint),
-        law="a pure delay",
-        bounds=(DELAYS,),
-    )
-
-
-def lagging(joint: int, lag: float) -> Hypothesis:
-    """Return a first-order lag of a torque, which also smooths it."""
-    return single(
-        TimeDelay(joint=joint, lag=lag),
-        "lag",
-        positive=True,
-        settings=(lag,),
-        family=partial(lagging, joint),
-        law="a first-order lag",
+        settings=(time,),
+        family=partial(slowed, joint, name, law),
+        law=law,
         bounds=(DELAYS,),
     )
 
@@ -151,7 +139,7 @@ def _sensing(observed: Observations, j: int) -> Iterator[Hypothesis]:
     yield single(TorqueOffset(joint=joint, offset=1.0), "offset")
     yield single(TorqueGain(joint=joint, gain=0.01), "gain")
     delay = TimeDelay(joint=joint, delay=UNIT_DELAY)
-    yield single(delay, "delay", positive=True, law="a pure delay")
+    yield single(delay, "delay", positive=True, law=DELAYED)
     for k in range(observed.n):
         if k != j:
             yield single(TorqueCrosstalk(joint=joint, source=k + 1, gain=0.01), "gain")

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.hypotheses import rivals
+from estimators.diagnosis.judgement import TELLABLE
 from estimators.diagnosis.refinement import refine
+from estimators.diagnosis.wording import times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.refinement import Setting
 
 REFINABLE = 100.0  # [nat] that a refinement may make up for, where no law has a name
-TELLABLE = 4.0  # [nat]; laws nearer than this cannot be told apart
 
 
 @dataclass(frozen=True)
@@ -87,5 +88,4 @@ def sentence_of(laws: Sequence[LawEvidence]) -> str:
     if lead < TELLABLE:
         alike = [law.law for law in laws if best.log_evidence - law.log_evidence < TELLABLE]
         return f" Which law it follows ({', '.join(alike)}) these recordings cannot tell."
-    times = f"{np.exp(lead):.0f}" if lead < np.log(1000) else f"10^{lead / np.log(10):.0f}"
-    return f" Its law is {best.law}, {times} times likelier than {laws[1].law}."
+    return f" Its law is {best.law}, {times(lead)} likelier than {laws[1].law}."

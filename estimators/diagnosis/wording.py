@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.recording import Recording
+
+_COUNTED, _MOST = 3, 99  # powers of ten: up to where odds are counted, and beyond which nobody does
 
 SIGNATURES: dict[str, str] = {
     "link_inertia": "several joints err together, smoothly with the pose and without history",
@@ -47,3 +50,11 @@ def names_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
         name if name and files.count(name) == 1 else f"recording {k}"
         for k, name in enumerate(files, start=1)
     )
+
+
+def times(lead: float) -> str:
+    """Say evidence [nat] as odds; beyond 10^99 nobody counts."""
+    power = lead / math.log(10.0)
+    if power < _COUNTED:
+        return f"{math.exp(lead):.0f} times"
+    return f"10^{min(power, _MOST):.0f} times"

@@ -257,10 +257,12 @@ def _errors(verdict: Verdict) -> Table:
     from rich.table import Table
 
     table = Table("joint", title="held-out RMSE [N m]", title_justify="left")
-    for heading in ("given", "improved", "noise floor"):
-        table.add_column(heading, justify="right")
     fit = verdict.fit
-    rows = zip(fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor, strict=True)
-    for j, values in enumerate(rows, start=1):
+    columns = {"given": fit.heldout_rmse_before, "tolerances alone": fit.heldout_rmse_tolerances,
+               "improved": fit.heldout_rmse_after, "noise floor": fit.noise_floor}  # fmt: skip
+    told = {heading: values for heading, values in columns.items() if values}
+    for heading in told:
+        table.add_column(heading, justify="right")
+    for j, values in enumerate(zip(*told.values(), strict=True), start=1):
         table.add_row(str(j), *(f"{value:.4f}" for value in values))
     return table
