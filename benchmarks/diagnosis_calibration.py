@@ -16,8 +16,9 @@ from diagnosis_judged import UNKNOWN, judge, misses, names
 from diagnosis_score import calibration_error
 from scipy.optimize import minimize
 
+from estimators.diagnosis.confidence import Signs, features
+
 PULL = 0.3  # of weights towards zero; there are few wrong names to learn from
-SIGNS = ("lead", "material")
 
 
 def fit(folders: Annotated[list[Path], typer.Argument(help="Folders of diagnosed cases.")]) -> None:
@@ -27,25 +28,22 @@ def fit(folders: Annotated[list[Path], typer.Argument(help="Folders of diagnosed
         if (path / "result.json").exists()
     ]  # fmt: skip
     said = [(f, any(names(f, e) for e in c.effects)) for c in cases for f in c.findings]
-    named = [(f["signs"], right) for f, right in said if "lead" in f["signs"]]
+    named = [(Signs(**f["signs"]), right) for f, right in said if f.get("signs")]
+    if not named:
+        raise SystemExit("none of these cases has a finding with signs; diagnose them again")
     X = np.array([features(signs) for signs, _ in named])
     y = np.array([right for _, right in named], float)
     weights = logistic(X, y)
     confidence = 1 / (1 + np.exp(-X @ weights))
-    print(f"{len(named)} names, {y.mean():.1%} right; weights of 1 and {', '.join(SIGNS)}:")
+    print(f"{len(named)} names, {y.mean():.1%} right; weights of 1, lead and size:")
     print(np.round(weights, 2).tolist())
     print(f"calibration error {calibration_error(list(zip(confidence, y, strict=True))):.3f}")
     for effect in (UNKNOWN, "external_contact"):
         right = [r for f, r in said if f["effect"] == effect]
         print(f"{effect}: {sum(right)} of {len(right)} right")
     z = np.abs([m for c in cases for f in c.findings for e in c.effects for m in misses(f, e)])
-    print(f"{z.size} values; 95 % are within {np.quantile(z, 0.95):.2f} half-intervals")
-
-
-def features(signs: dict[str, float]) -> list[float]:
-    """Return what is weighed, a 1 first."""
-    lead, material = np.log1p(max(signs["lead"], 0.0)), np.log(max(signs["material"], 1e-3))
-    return [1.0, lead, material]
+    if z.size:
+        print(f"{z.size} values; 95 % are within {np.quantile(z, 0.95):.2f} half-intervals")
 
 
 def logistic(X: np.ndarray, y: np.ndarray) -> np.ndarray:

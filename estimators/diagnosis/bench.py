@@ -45,6 +45,7 @@ class Bench:
     target: FloatArray  # (K, n) what the columns have to sum up to [N m]
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
     base: tuple[int, ...]  # candidates that the search starts with
+    first: Bench | None = None  # around the given simulation, where this one is around another
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> Bench:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -160,8 +160,7 @@ def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> I
                 values[joints.index(joint), :, column] = row
         relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
         deviation = np.maximum(WRONG, 1.0 / np.maximum(relative.max(axis=0), _TINY))
-        own: Any = effect
-        named = (own.joint - 1,) if hasattr(effect, "joint") else ()
+        named = tuple(joint - 1 for joint in effect.joints)
         yield Candidate(
             effect.name,
             named,

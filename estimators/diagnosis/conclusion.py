@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,7 +106,8 @@ def conclude(
         next_motion=None,
         fit=fit_of(bench, solution, proven, rest.floor),
         rows=rows_of(bench.observed.recordings),
-        notes=notes_on(bench.observed),
+        # of all rows, and beside the given simulation, as the recordings came in
+        notes=notes_on(replace(bench.observed, around=None, disturbed=None)),
     )
 
 

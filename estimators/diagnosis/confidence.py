@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-_BIAS, _LEAD, _MATERIAL = 0.7, 0.25, 1.6
+_WEIGHTS = (0.7, 0.25, 1.6)  # of 1, lead and size
 _HIGHEST = 0.99
 OF_UNKNOWN = 0.75  # part of the cases in which what nothing explained was unknown physics there
 OF_CONTACT = 0.95  # and in which what looked like a push was one
@@ -21,14 +21,15 @@ class Signs:
     """What the confidence of a name is made of."""
 
     lead: float  # evidence over the next explanation [nat]
-    material: float  # held-out error that it removes [noise floors]
+    material: float  # error that it removes [noise floors]
+
+
+def features(signs: Signs) -> tuple[float, float, float]:
+    """Return what is weighed; the first is 1."""
+    return 1.0, math.log1p(max(signs.lead, 0.0)), math.log(max(signs.material, 1e-3))
 
 
 def confidence_of(signs: Signs) -> float:
     """Return the probability that a finding names the right effect at the right joint."""
-    score = (
-        _BIAS
-        + _LEAD * math.log1p(max(signs.lead, 0.0))
-        + _MATERIAL * math.log(max(signs.material, 1e-3))
-    )
+    score = sum(weight * value for weight, value in zip(_WEIGHTS, features(signs), strict=True))
     return min(_HIGHEST, 1.0 / (1.0 + math.exp(-score)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.confidence import OF_UNKNOWN, Signs, confidence_of
-from estimators.diagnosis.judgement import contribution, equivalents, identical, margin
+from estimators.diagnosis.judgement import contribution, equivalents, identical, margin, material
 from estimators.diagnosis.laws import sentence_of
 from estimators.diagnosis.region import where_of
 from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
@@ -49,7 +49,7 @@ def findings_of(
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
             lead=lead,
-            material=float(np.sqrt(max(gained[joint], 0.0)) / leftover.floor[joint]),
+            material=material(bench, solution, member),
         )
         found.append(
             Finding(

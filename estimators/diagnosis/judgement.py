@@ -1,4 +1,4 @@
-"""Judgement: from the fitted set to findings, with equivalents, abstention and confidence."""
+"""Judgement: from the fitted set to findings, with equivalents and abstention."""
 
 from __future__ import annotations
 
@@ -169,9 +169,13 @@ def abstained(
 
 def harms(bench: Bench, proven: FloatArray, rest: Leftover) -> bool:
     """Say whether held-out motion of some joint is foretold clearly worse than before."""
+    return worse(bench, proven, bench.observed.residual, rest)
+
+
+def worse(bench: Bench, proven: FloatArray, other: FloatArray, rest: Leftover) -> bool:
+    """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
     rows = bench.split.held_out
-    before, after = rmse(bench.observed.residual, rows), rmse(proven, rows)
-    return bool((after > before + MATERIAL * rest.floor).any())
+    return bool((rmse(proven, rows) > rmse(other, rows) + MATERIAL * rest.floor).any())
 
 
 def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: int) -> Iterator[str]:

@@ -21,7 +21,7 @@ from estimators.diagnosis.evidence import Prior, joined, posterior
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
-from estimators.diagnosis.responses import difference, seen_before
+from estimators.diagnosis.responses import difference
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effect import JOINT, TEXT
@@ -40,6 +40,7 @@ _BLOCK = 2.0  # [s], over which scores are summed
 _CHOSEN = {"positions", "times", "windows", "wrench", "ratio", "reference"}
 _FREE_INERTIA = 0.4  # relative deviation of a body that is simply wrong
 _OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
+_ADDING_LISTS = {"offset", "excess", "amplitude"}
 _ANGLE = 1.0  # [rad], prior deviation of a rest position
 _ROUNDS = 5  # of Gauss-Newton, at most
 _ENOUGH = 1e-3  # part of the sum of squared whitened errors that a round has to take off
@@ -56,20 +57,22 @@ class Entry:
     deviation: float  # before any data
     within: tuple[float, float]
 
-    @property
-    def span(self) -> float:
-        """How far two steps for a derivative, one either way, lie apart inside the bounds."""
-        ahead, behind = (self.value + sign * _STEP * self.deviation for sign in (1, -1))
-        return float(np.clip(ahead, *self.within) - np.clip(behind, *self.within))
 
-    def moved(self, effect: Any, by: float) -> Effect:  # noqa: ANN401  # of any class
-        """Return the effect with this number moved, inside its bounds."""
-        value = float(np.clip(self.value + by, *self.within))
-        if self.at is None:
-            return replace(effect, **{self.name: value})
-        values = list(getattr(effect, self.name))
-        values[self.at] = value
-        return replace(effect, **{self.name: tuple(values)})
+def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:  # noqa: ANN401
+    """Return an effect of any class with some of its numbers moved together, inside their bounds.
+
+    Raises:
+        ConfigError: No such part exists; a body may be impossible where each number is not.
+    """
+    values: dict[str, Any] = {}
+    for entry, change in zip(entries, by, strict=True):
+        value = float(np.clip(entry.value + change, *entry.within))
+        if entry.at is None:
+            values[entry.name] = value
+        else:
+            values.setdefault(entry.name, list(getattr(effect, entry.name)))[entry.at] = value
+    whole = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    return replace(effect, **whole)
 
 
 def entries_of(effect: Effect) -> tuple[Entry, ...]:
@@ -78,7 +81,7 @@ def entries_of(effect: Effect) -> tuple[Entry, ...]:
         Entry(known.name, at, value, deviation, (known.lower, known.upper))
         for known in effect.parameters()
         for at, value in numbers_of(effect, known)
-        if (deviation := _deviation(known, value))
+        if (deviation := _deviation(effect, known, value))
     )
 
 
@@ -93,10 +96,12 @@ def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, floa
         yield None, float(value)
 
 
-def _deviation(known: Parameter, value: float) -> float:
+def _deviation(effect: Effect, known: Parameter, value: float) -> float:
     """Return how far a number may be off before any data, in its unit."""
     if known.is_list and known.name in _OF_LISTS:
         return _OF_LISTS[known.name]
+    if known.name in _ADDING_LISTS and known.is_list:  # one of them may well be near zero
+        return max(map(abs, getattr(effect, known.name)))
     return _ANGLE if known.name == "rest" else abs(value)
 
 
@@ -127,12 +132,16 @@ class Linearised:
     found: tuple[Effect, ...]  # of it, whose numbers only data determine
     columns: Columns
     nuisance: Nuisance
-    known: Prior  # of the nuisance
+    known: Prior  # of the nuisance, around what the given simulation states
     own: tuple[Prior, ...]  # of the numbers of each effect found
 
     @classmethod
     def of(
-        cls, observed: Observations, found: Sequence[Effect], bodies: Sequence[int] = ()
+        cls,
+        observed: Observations,
+        found: Sequence[Effect],
+        bodies: Sequence[int] = (),
+        stated: Simulation | None = None,
     ) -> Linearised:
         """Lay out the columns.
 
@@ -140,6 +149,7 @@ class Linearised:
             observed: The recordings beside the simulation.
             found: Effects of that simulation.
             bodies: Links (0-based) of which nothing is known before the data.
+            stated: The simulation whose values are known to its tolerances, if not this one.
         """
         given = observed.simulation
         rest = tuple(item for item in given.effects if not any(item is f for f in found))
@@ -148,6 +158,7 @@ class Linearised:
             replace(observed, simulation=replace(given, effects=rest), around=given),
             columns,
             roughness(observed.residual, observed.moving),
+            stated or given,
         )
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
@@ -160,15 +171,19 @@ class Linearised:
         """Return the simulation that fits the rows of a split (K, n) better; None if none does."""
         residual = self.observed.residual
         noise = Noise.of(residual, split, self.observed.segment)
-        products = Products.of(self.columns, residual, noise, split)
+        start = self.nuisance.start  # tolerances count from what is stated, not from where we are
+        off = residual + self.columns.apply(self.known.index, start)
+        products = Products.of(self.columns, off, noise, split)
         mean = posterior(products, self.known, joined(*self.own)).mean
+        mean[: start.size] -= start
+        before = _energy(residual, noise, split)
         for part in _SHORTER:
             try:
                 moved = self._moved(part * mean)
             except ConfigError:  # a combination that no such part has
                 continue
             left = replace(self.observed, simulation=moved).residual
-            if _energy(left, noise, split) < (1 - _ENOUGH) * products.energy:
+            if _energy(left, noise, split) < (1 - _ENOUGH) * before:
                 return moved
         return None
 
@@ -178,11 +193,11 @@ class Linearised:
         improvement = Improvement(replace(given, effects=others))
         self.nuisance.enter(improvement, coefficients[:count])
         changed = improvement.simulation()
-        found, at = list(self.found), count
-        for place, effect in enumerate(self.found):
-            for entry in entries_of(effect):
-                found[place] = entry.moved(found[place], float(coefficients[at]))
-                at += 1
+        found, at = [], count
+        for effect in self.found:
+            entries = entries_of(effect)
+            found.append(_possible(effect, entries, coefficients[at : at + len(entries)]))
+            at += len(entries)
         rest, own = iter(changed.effects), dict(zip(map(id, self.found), found, strict=True))
         return replace(
             changed,
@@ -226,16 +241,18 @@ def polished(
     that moved far from it, and effects that act on one another, need more steps.
 
     Args:
-        observed: The recordings.
+        observed: The recordings beside the given simulation, whose tolerances hold.
         simulation: The simulation to start from.
         split: Rows to fit to, (K, n).
         places: Of what was found: effect, joints (1-based), and whether it was missing.
     """
+    bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
     for _ in range(_ROUNDS):
         own = [found_in(simulation, effect, on, missing=missing) for effect, on, missing in places]
         around = replace(observed, simulation=simulation, around=None)
         found = {id(effect): effect for effect in own if effect is not None}
-        better = Linearised.of(around, tuple(found.values())).step(split)
+        some = tuple(found.values())
+        better = Linearised.of(around, some, bodies, observed.simulation).step(split)
         if better is None:
             break
         simulation = better
@@ -250,19 +267,38 @@ def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float
 def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
     """Add what each number of an effect adds to the torque, to first order."""
     entries = entries_of(effect)
-    around = seen_before(effect, observed)
-    parts = [
-        difference(
-            e.moved(effect, _STEP * e.deviation), e.moved(effect, -_STEP * e.deviation), around
-        )
-        for e in entries
-    ]
+    sides = [_sides(effect, entry) for entry in entries]
+    parts = [difference(ahead, behind, observed) for ahead, behind, _ in sides]
     joints = sorted({joint for part in parts for joint in part.joints})
     values = np.zeros((len(joints), len(observed.kept), len(entries)))
-    for k, part in enumerate(parts):
+    for k, (part, (_, _, span)) in enumerate(zip(parts, sides, strict=True)):
         for joint, row in zip(part.joints, part.values, strict=True):
-            values[joints.index(joint), :, k] = row / entries[k].span
+            values[joints.index(joint), :, k] = row / span
     return Prior.free(columns.add(joints, values), np.array([e.deviation for e in entries]))
+
+
+def _possible(effect: Effect, entries: Sequence[Entry], by: FloatArray) -> Effect:
+    """Move the numbers of an effect; where that makes an impossible body, its moments stay."""
+    try:
+        return moved(effect, entries, by.tolist())
+    except ConfigError:
+        kept = [k for k, entry in enumerate(entries) if entry.name != "inertia"]
+        return moved(effect, [entries[k] for k in kept], by[kept].tolist())
+
+
+def _sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
+    """Return an effect with one number a step larger and smaller, and how far those lie apart.
+
+    Where a step leaves what can exist, the effect itself stands for it.
+    """
+    sides, reached = [effect, effect], [entry.value, entry.value]
+    for side, step in enumerate((_STEP * entry.deviation, -_STEP * entry.deviation)):
+        try:
+            sides[side] = moved(effect, [entry], [step])
+        except ConfigError:
+            continue
+        reached[side] = float(np.clip(entry.value + step, *entry.within))
+    return sides[0], sides[1], (reached[0] - reached[1]) or np.inf
 
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:

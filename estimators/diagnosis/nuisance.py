@@ -24,7 +24,7 @@ from estimators.diagnosis.revision import (
     relative_inertia,
     reviser,
 )
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.columns import Columns
     from estimators.diagnosis.improvement import Enter, Improvement
     from estimators.diagnosis.observations import Observations
-    from limo_driver.physics import Parameter
+    from limo_driver.physics import Parameter, Simulation
     from limo_driver.types import FloatArray
 
 SENSOR_LAG = 3e-4  # [s], 1 sigma: of a torque sensor's own filter against the encoder's
@@ -65,6 +65,7 @@ class Nuisance:
     parameters: tuple[Tolerated, ...]  # one of each column
     prior: Prior
     groups: tuple[tuple[slice, Enter | None], ...]
+    start: FloatArray  # (c,) coefficients that the simulation at hand has against the stated one
 
     @property
     def entered(self) -> NDArray[np.bool_]:
@@ -79,17 +80,24 @@ class Nuisance:
                 enter(improvement, coefficients[rows])
 
 
-def nuisance_of(observed: Observations, columns: Columns, floor: FloatArray) -> Nuisance:
+def nuisance_of(
+    observed: Observations,
+    columns: Columns,
+    floor: FloatArray,
+    stated: Simulation | None = None,
+) -> Nuisance:
     """Add the nuisance columns to the table.
 
     Args:
         observed: Recordings and simulation.
         columns: The table.
         floor: Rough noise floor of each joint (n,) [N m].
+        stated: The simulation whose values are known to its tolerances, if not the observed one.
     """
+    stated = stated or observed.simulation
     parts = [
-        *_inertias(observed, columns),
-        *_parameters(observed, columns),
+        *_inertias(observed, columns, stated),
+        *_parameters(observed, columns, stated),
         *_sensors(observed, columns, floor),
     ]
     sizes = np.cumsum([0, *(part.prior.index.size for part in parts)])
@@ -100,6 +108,7 @@ def nuisance_of(observed: Observations, columns: Columns, floor: FloatArray) -> 
             (slice(start, stop), part.enter)
             for part, start, stop in zip(parts, sizes[:-1], sizes[1:], strict=True)
         ),
+        np.concatenate([np.zeros(0), *(part.start for part in parts)]),
     )
 
 
@@ -108,13 +117,16 @@ class _Part:
     parameters: tuple[Tolerated, ...]
     prior: Prior
     enter: Enter | None
+    start: FloatArray
 
 
-def _inertias(observed: Observations, columns: Columns) -> list[_Part]:
+def _inertias(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
     Y, model = observed.regressor, observed.simulation.model
     parts: list[_Part] = []
     for link, name in enumerate(model.link_names):
-        scale = relative_inertia(model.inertials[name])
+        known = stated.model.inertials[name]
+        scale = relative_inertia(known)
+        off = parameters_of(model.inertials[name]) - parameters_of(known)
         own = Y[: link + 1, :, PER_LINK * link : PER_LINK * (link + 1)] @ scale
         index = columns.add(range(link + 1), own)
         deviation = np.full(PER_LINK, observed.simulation.tolerances.inertia)
@@ -125,6 +137,7 @@ def _inertias(observed: Observations, columns: Columns) -> list[_Part]:
                 ),
                 Prior.free(index, deviation),
                 mover(link, scale),
+                np.asarray(np.linalg.lstsq(scale, off, rcond=None)[0], dtype=float),
             )
         )
     return parts
@@ -133,9 +146,10 @@ def _inertias(observed: Observations, columns: Columns) -> list[_Part]:
 _INERTIAL_NAMES = ("mass", *(f"com {axis}" for axis in "xyz"), *(f"inertia {i}" for i in range(6)))
 
 
-def _parameters(observed: Observations, columns: Columns) -> list[_Part]:
+def _parameters(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
     parts: list[_Part] = []
     for place, effect in enumerate(observed.simulation.effects):
+        known_as = next((item for item in stated.effects if item.place == effect.place), effect)
         for known in effect.parameters():
             value: Any = getattr(effect, known.name)
             if not can_scale(known) or not value:
@@ -143,14 +157,48 @@ def _parameters(observed: Observations, columns: Columns) -> list[_Part]:
             joints, values = derivative(observed, place, known.name)
             own = observed.simulation.tolerances.friction
             tolerance = WIDTH_TOLERANCE if known.name in WIDTHS else own
+            ratio = value / (getattr(known_as, known.name) or value)
             parts.append(
                 _Part(
                     (_tolerated(effect, known),),
-                    Prior.free(columns.add(joints, values[:, :, None]), np.array([tolerance])),
-                    reviser(place, (known.name,)),
+                    # of what is stated: a tenth more of that is another part of this value
+                    *_of_stated(columns, joints, values, known.name, tolerance, ratio, place),
                 )
             )
     return parts
+
+
+def _of_stated(
+    columns: Columns,
+    joints: tuple[int, ...],
+    values: FloatArray,
+    name: str,
+    tolerance: float,
+    ratio: float,
+    place: int,
+) -> tuple[Prior, Enter, FloatArray]:
+    """Return prior, entry and start of a parameter in parts of the value that is stated.
+
+    Args:
+        columns: The table.
+        joints: On which it acts.
+        values: What a relative change of 1 of the value at hand adds, (len(joints), K).
+        name: Of the parameter.
+        tolerance: In parts of the stated value; of a width, of its logarithm.
+        ratio: Value at hand over the stated one.
+        place: Of the effect in the simulation.
+    """
+    if name in WIDTHS:
+        scale, start = 1.0, float(np.log(ratio))
+    else:
+        scale, start = 1.0 / ratio, ratio - 1.0
+    index = columns.add(joints, scale * values[:, :, None])
+    enter = reviser(place, (name,))
+    return (
+        Prior.free(index, np.array([tolerance])),
+        lambda improvement, c: enter(improvement, scale * c),
+        np.array([start]),
+    )
 
 
 def _tolerated(effect: Any, known: Parameter) -> Tolerated:  # noqa: ANN401  # of any class
@@ -175,9 +223,11 @@ def _sensors(observed: Observations, columns: Columns, floor: FloatArray) -> lis
         index = columns.add(lag.joints, lag.values[:, :, None])
         deviation = np.array([SENSOR_LAG / UNIT_DELAY])
         parameter = Tolerated(f"lag of sensor {j + 1}", "s", 0.0, UNIT_DELAY)
-        parts.append(_Part((parameter,), Prior.free(index, deviation), None))
+        parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
         offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)
         index = columns.add(offset.joints, offset.values[:, :, None])
         parameter = Tolerated(f"offset of sensor {j + 1}", "N m", 0.0, 1.0)
-        parts.append(_Part((parameter,), Prior.free(index, 0.3 * floor[j : j + 1]), None))
+        parts.append(
+            _Part((parameter,), Prior.free(index, 0.3 * floor[j : j + 1]), None, np.zeros(1))
+        )
     return parts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,7 @@ from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.intervals import with_parameters
-from estimators.diagnosis.judgement import abstained, harms, leftover, remarks
+from estimators.diagnosis.judgement import Leftover, abstained, harms, leftover, remarks, worse
 from estimators.diagnosis.linearised import polished
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.plausibility import check_plausible
@@ -92,32 +92,22 @@ def diagnose(
         solution = solve(bench, progress)
     solution = settled(bench, solution, progress)
     progress("proving on held-out motion", 0.8)
-    proven = _proven(bench, solution)
-    rest = leftover(observed, proven)
-    named, unknown = abstained(bench, solution, rest)
-    if (unknown or len(solution.members) >= SEVERAL) and curved(bench, solution):
-        bench, solution = settled_around(bench, solution, progress)
-        proven = _proven(bench, solution)
-        rest = leftover(observed, proven)
-        named, unknown = abstained(bench, solution, rest)
-    if named != solution.members and harms(bench, proven, rest):
-        solution = fitted(bench, named, solution.noise)  # without what only stands in
-        proven = _proven(bench, solution)
-        rest = leftover(observed, proven)
-    harmful = harms(bench, proven, rest)
-    if harmful:
-        solution, proven, named = fitted(bench, (), solution.noise), observed.residual, ()
-        rest = leftover(observed, proven)
-        _, unknown = abstained(bench, solution, rest)
+    judged = _Judged.of(bench, solution)
+    if (judged.unknown or len(solution.members) >= SEVERAL) and curved(bench, solution):
+        again = _Judged.of(*settled_around(bench, solution, progress))
+        if not worse(bench, again.proven, judged.proven, judged.rest):
+            judged = again
+    judged, harmful = judged.harmless()
+    bench, solution, rest = judged.bench, judged.solution, judged.rest
     progress("fitting to all rows", 0.95)
     final = fitted(bench, solution.members, solution.noise, everything=True)
     improved = simulation
     if not harmful:
         improved = polished(observed, improve(bench, final), observed.moving, _found(bench, final))
     after = observed.filter(observed.predict(improved))
-    strange = len(unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
-    contact = contact_of(pushed, observed, proven, rest) if pushed and not strange else ()
-    verdict = conclude(bench, solution, rest, named, unknown, proven, contact)
+    strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
+    contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
+    verdict = conclude(bench, solution, rest, judged.named, judged.unknown, judged.proven, contact)
     shifts = shifts_of(bench, final)
     said = remarks(
         shifts,
@@ -144,6 +134,43 @@ def diagnose(
         shifts=shifts,
         bandwidth=bandwidth,
     )
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """A set with its proof, what is left, and which of it is named."""
+
+    bench: Bench
+    solution: Solution
+    proven: FloatArray  # (K, n) residual of a simulation that was fitted to no row held out [N m]
+    rest: Leftover
+    named: tuple[int, ...]
+    unknown: tuple[int, ...]  # joints, 0-based
+
+    @classmethod
+    def of(cls, bench: Bench, solution: Solution) -> _Judged:
+        """Prove and judge a set."""
+        proven = _proven(bench, solution)
+        rest = leftover(bench.observed, proven)
+        return cls(bench, solution, proven, rest, *abstained(bench, solution, rest))
+
+    def harmless(self) -> tuple[_Judged, bool]:
+        """Return this if it does not harm, or without what only stands in, or without anything.
+
+        Returns:
+            What is left, and whether that is nothing since all of it harms.
+        """
+        bench, judged = self.bench, self
+        if not harms(bench, judged.proven, judged.rest):
+            return judged, False
+        if judged.named != judged.solution.members:
+            judged = _Judged.of(bench, fitted(bench, judged.named, judged.solution.noise))
+            if not harms(bench, judged.proven, judged.rest):
+                return judged, False
+        given, nothing = bench.observed.residual, fitted(bench, (), judged.solution.noise)
+        rest = leftover(bench.observed, given)
+        _, unknown = abstained(bench, nothing, rest)
+        return _Judged(bench, nothing, given, rest, (), unknown), True
 
 
 def _traces(bench: Bench, solution: Solution, after: FloatArray) -> Traces:

@@ -67,18 +67,6 @@ def difference(ahead: Effect, behind: Effect, observed: Observations) -> Respons
     return Response(a.joints, a.values - b.values)
 
 
-def seen_before(effect: Effect, observed: Observations) -> Observations:
-    """Return the observations around a simulation without one of its effects on the sensors.
-
-    Such an effect acts on the torque that reaches it, not on what it makes of that.
-    """
-    if not isinstance(effect, SensorEffect):
-        return observed
-    around = observed.reference
-    others = tuple(item for item in around.effects if item.place != effect.place)
-    return replace(observed, around=replace(around, effects=others))
-
-
 @singledispatch
 def sharp(effect: Effect, observed: Observations) -> Sharp:  # noqa: ARG001  # dispatched on
     """Return what one effect adds before the filter."""
@@ -92,7 +80,7 @@ def _(effect: TorqueEffect, observed: Observations) -> Sharp:
 
 @sharp.register
 def _(effect: SensorEffect, observed: Observations) -> Sharp:
-    torque = observed.predicted
+    torque = _reaching(effect, observed)
     values = [
         effect.advance(
             effect.initial_state(), SensedTorque(observed.motion.time[rows], torque[rows])
@@ -100,6 +88,18 @@ def _(effect: SensorEffect, observed: Observations) -> Sharp:
         for rows in observed.segments
     ]
     return _own(effect, np.concatenate(values))
+
+
+def _reaching(effect: SensorEffect, observed: Observations) -> FloatArray:
+    """Return the torque (T, n) [N m] that reaches an effect, without what the same one makes of it.
+
+    The columns may be around a simulation that has it already.
+    """
+    around = observed.reference
+    others = tuple(item for item in around.effects if item.place != effect.place)
+    if len(others) == len(around.effects):
+        return observed.predicted
+    return observed.predict(replace(around, effects=others))
 
 
 @sharp.register

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.responses import difference, seen_before
+from estimators.diagnosis.responses import difference
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -60,9 +60,9 @@ def derivative(observed: Observations, place: int, name: str) -> tuple[tuple[int
         Joints (0-based) on which it acts, and the values (len(joints), K) [N m].
     """
     effect: Any = observed.simulation.effects[place]
-    value, around = getattr(effect, name), seen_before(effect, observed)
+    value = getattr(effect, name)
     ahead, behind = (replace(effect, **{name: value * (1 + sign * _STEP)}) for sign in (1, -1))
-    joints, values = difference(ahead, behind, around)
+    joints, values = difference(ahead, behind, observed)
     return joints, values / (2 * _STEP)
 
 

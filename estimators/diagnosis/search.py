@@ -71,7 +71,7 @@ class Search:
 
     def _grown_from(self, best: Explained) -> Explained:
         beam = [best.members]
-        for _ in range(LARGEST):
+        for _ in range(LARGEST + len(self.base) - len(best.members)):
             grown = self._grown(beam, WIDTH)
             if not grown or grown[0].gain <= best.gain:
                 break

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.bench import fitted
 from estimators.diagnosis.judgement import contribution
 from estimators.diagnosis.proof import reducible_removed, rmse
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 def left_by_tolerances(bench: Bench, solution: Solution) -> FloatArray:
     """Return what is left with values moved inside their tolerances and no effect, (K, n)."""
+    if bench.first is not None:  # columns around what was found say nothing of a set without it
+        return left_by_tolerances(bench.first, fitted(bench.first, (), solution.noise))
     search = solution.search
     return bench.left(search.evidence.posterior(search.prior(())))
 

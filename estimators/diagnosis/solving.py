@@ -28,8 +28,7 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     """
     noise = _noise_of_everything(bench)
     solution = fitted(bench, bench.base, noise)
-    if _scanned(bench, solution):
-        solution = fitted(bench, bench.base, noise)
+    _scan(bench, solution)
     for turn in range(_ROUNDS):
         progress("comparing explanations", 0.3 + 0.1 * turn)
         search = search_on(bench, noise)
@@ -40,19 +39,17 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
         if same:
             break
         if turn == 0:
-            _scanned(bench, solution)  # of what the largest effects hid
+            _scan(bench, solution)  # of what the largest effects hid
         noise = Noise.of(bench.left(posterior), bench.split.fitted, bench.observed.segment)
     return solution
 
 
-def _scanned(bench: Bench, solution: Solution) -> bool:
-    """Add the candidates that have to be looked for in the residual; say whether there are any."""
-    before = len(bench.candidates)
+def _scan(bench: Bench, solution: Solution) -> None:
+    """Add the candidates that have to be looked for in the residual."""
     for hypothesis in ripples(bench.observed, bench.left(solution.fitted)):
         candidate = entered(hypothesis, bench.observed, bench.columns, bench.level)
         if candidate is not None:
             bench.candidates.append(candidate)
-    return len(bench.candidates) > before
 
 
 def _noise_of_everything(bench: Bench) -> Noise:
@@ -157,4 +154,4 @@ def relinearised(
     own = joined(*(new.candidates[member].prior for member in members)).index
     torque += new.columns.apply(own, mean[index.size :])
     left = observed.measured - observed.filter(observed.predict(improved))
-    return replace(new, target=left + torque), members
+    return replace(new, target=left + torque, first=bench.first or bench), members
