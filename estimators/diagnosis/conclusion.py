@@ -12,7 +12,7 @@ from estimators.diagnosis.findings import findings_of, unknown_of
 from estimators.diagnosis.judgement import MATERIAL
 from estimators.diagnosis.plausibility import notes_on
 from estimators.diagnosis.proof import bootstrap, reducible_removed, rmse
-from estimators.diagnosis.shares import left_at, tolerances_alone
+from estimators.diagnosis.shares import left_at
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     Fit,
@@ -36,13 +36,13 @@ _PRICE = 10.0  # [nat] that an effect has to bring
 _HIDDEN = 10.0  # [noise floors]
 
 
-def fit_of(bench: Bench, solution: Solution, proven: FloatArray, floor: FloatArray) -> Fit:
+def fit_of(bench: Bench, proven: FloatArray, alone: FloatArray, floor: FloatArray) -> Fit:
     """Return the proof on held-out rows.
 
     Args:
         bench: What was compared.
-        solution: The set, fitted to the rows meant for it.
         proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
+        alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         floor: Noise floor of each joint, (n,) [N m].
     """
     rows = bench.split.held_out
@@ -53,7 +53,7 @@ def fit_of(bench: Bench, solution: Solution, proven: FloatArray, floor: FloatArr
         tuple(floor.tolist()),
         reducible_removed(before, after, floor),
         bootstrap(bench.observed.residual, proven, floor, bench.observed, rows),
-        tuple(tolerances_alone(bench, solution).tolist()),
+        tuple(alone.tolist()),
     )
 
 
@@ -73,6 +73,7 @@ def conclude(
     named: Sequence[int],
     unknown: tuple[int, ...],
     proven: FloatArray,
+    tolerances: FloatArray,
     contact: tuple[Finding, ...] = (),
 ) -> Verdict:
     """Put the verdict together.
@@ -84,19 +85,21 @@ def conclude(
         named: Members of the set that are findings; the others only stand in for the unknown.
         unknown: Joints (0-based) on which something unknown acts.
         proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
+        tolerances: Residual (K, n) with values moved inside their tolerances and no effect [N m].
         contact: Pushes that were found.
     """
+    alone = rmse(tolerances, bench.split.held_out)
     after = rmse(proven, bench.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
-    found = (*contact, *findings_of(bench, solution, named, rest, after))
-    findings = (*found, *unknown_of(bench, solution, stand_ins, rest, unknown, after))
+    found = (*contact, *findings_of(bench, solution, named, rest, alone, after))
+    findings = (*found, *unknown_of(bench, stand_ins, rest, unknown, alone, after))
     if not findings:
         summary = "consistent"
     elif not unknown:
         summary = "explained"
     else:
         summary = "partly_explained" if found else "unexplained"
-    _, share = left_at(unknown, tolerances_alone(bench, solution), after, rest.floor)
+    _, share = left_at(unknown, alone, after, rest.floor)
     where = next((item.where for item in findings if item.effect == UNKNOWN), Where())
     return Verdict(
         verdict=summary,
@@ -104,7 +107,7 @@ def conclude(
         unexplained=Unexplained(tuple(j + 1 for j in unknown), share, where),
         not_observable=not_observable(bench, solution, rest),
         next_motion=None,
-        fit=fit_of(bench, solution, proven, rest.floor),
+        fit=fit_of(bench, proven, alone, rest.floor),
         rows=rows_of(bench.observed.recordings),
         # of all rows, and beside the given simulation, as the recordings came in
         notes=notes_on(replace(bench.observed, around=None, disturbed=None)),

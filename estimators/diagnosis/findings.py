@@ -11,7 +11,7 @@ from estimators.diagnosis.confidence import OF_UNKNOWN, Signs, confidence_of
 from estimators.diagnosis.judgement import contribution, equivalents, identical, margin, material
 from estimators.diagnosis.laws import sentence_of
 from estimators.diagnosis.region import where_of
-from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
+from estimators.diagnosis.shares import left_at, shares_of
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
 from estimators.diagnosis.wording import SIGNATURES, times
 from limo_driver.physics import spoken
@@ -33,10 +33,20 @@ def findings_of(
     solution: Solution,
     named: Sequence[int],
     leftover: Leftover,
+    alone: FloatArray,
     after: FloatArray,
 ) -> tuple[Finding, ...]:
-    """Return the findings of named members, the largest share first."""
-    shares = shares_of(bench, solution, after, leftover.floor)
+    """Return the findings of named members, the largest share first.
+
+    Args:
+        bench: What was compared.
+        solution: The set, fitted to the rows meant for it.
+        named: Members of the set.
+        leftover: What is left on each joint.
+        alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
+        after: That of the improved simulation.
+    """
+    shares = shares_of(bench, solution, alone, after, leftover.floor)
     found: list[Finding] = []
     for member in named:
         candidate = bench.candidates[member]
@@ -117,21 +127,21 @@ def _where(bench: Bench, solution: Solution, member: int, joint: int) -> Where:
 
 def unknown_of(
     bench: Bench,
-    solution: Solution,
     stand_ins: Sequence[int],
     rest: Leftover,
     joints: tuple[int, ...],
+    alone: FloatArray,
     after: FloatArray,
 ) -> tuple[Finding, ...]:
     """Return the finding of what nothing explains, if there is something.
 
     Args:
         bench: What was compared.
-        solution: The set, fitted to the rows meant for it.
         stand_ins: Members that improve the prediction, and explain too little to be named.
         rest: What is left on each joint.
         joints: Where something unknown acts, 0-based.
-        after: Held-out RMSE of the improved simulation, (n,) [N m].
+        alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
+        after: That of the improved simulation.
     """
     if not joints:
         return ()
@@ -150,7 +160,7 @@ def unknown_of(
             "simulation; they are no names for it."
         )
     values = tuple(after.tolist())
-    share, _ = left_at(joints, tolerances_alone(bench, solution), after, rest.floor)
+    share, _ = left_at(joints, alone, after, rest.floor)
     return (
         Finding(
             effect=UNKNOWN,

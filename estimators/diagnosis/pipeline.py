@@ -107,7 +107,17 @@ def diagnose(
     after = observed.filter(observed.predict(improved))
     strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
-    verdict = conclude(bench, solution, rest, judged.named, judged.unknown, judged.proven, contact)
+    tolerances = left_by_tolerances(bench, solution)
+    verdict = conclude(
+        bench,
+        solution,
+        rest,
+        judged.named,
+        judged.unknown,
+        judged.proven,
+        tolerances,
+        contact,
+    )
     shifts = shifts_of(bench, final)
     said = remarks(
         shifts,
@@ -128,7 +138,7 @@ def diagnose(
         before=simulation,
         after=improved,
         recordings=tuple(recordings),
-        traces=_traces(bench, solution, after),
+        traces=_traces(bench, tolerances, after),
         explanations=explanations_of(bench, solution, rest.floor),
         tests=tests_of(bench, solution),
         shifts=shifts,
@@ -169,11 +179,10 @@ class _Judged:
                 return judged, False
         given, nothing = bench.observed.residual, fitted(bench, (), judged.solution.noise)
         rest = leftover(bench.observed, given)
-        _, unknown = abstained(bench, nothing, rest)
-        return _Judged(bench, nothing, given, rest, (), unknown), True
+        return _Judged(bench, nothing, given, rest, *abstained(bench, nothing, rest)), True
 
 
-def _traces(bench: Bench, solution: Solution, after: FloatArray) -> Traces:
+def _traces(bench: Bench, tolerances: FloatArray, after: FloatArray) -> Traces:
     observed = bench.observed
     slow, kept = observed.slow, observed.kept
     return Traces(
@@ -185,7 +194,7 @@ def _traces(bench: Bench, solution: Solution, after: FloatArray) -> Traces:
         since_reversal=observed.since_reversal[kept],
         measured=observed.measured,
         before=observed.simulated,
-        tolerances=observed.measured - left_by_tolerances(bench, solution),
+        tolerances=observed.measured - tolerances,
         after=after,
         held_out=np.asarray(bench.split.held_out.any(axis=1)),
         moving=replace(observed, disturbed=None).moving,

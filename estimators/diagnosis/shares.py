@@ -15,7 +15,7 @@ import numpy as np
 
 from estimators.diagnosis.bench import fitted
 from estimators.diagnosis.judgement import contribution
-from estimators.diagnosis.proof import reducible_removed, rmse
+from estimators.diagnosis.proof import reducible_removed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,23 +32,19 @@ def left_by_tolerances(bench: Bench, solution: Solution) -> FloatArray:
     return bench.left(search.evidence.posterior(search.prior(())))
 
 
-def tolerances_alone(bench: Bench, solution: Solution) -> FloatArray:
-    """Return the held-out RMSE with values moved inside their tolerances and no effect, (n,)."""
-    return rmse(left_by_tolerances(bench, solution), bench.split.held_out)
-
-
 def shares_of(
-    bench: Bench, solution: Solution, after: FloatArray, floor: FloatArray
+    bench: Bench, solution: Solution, alone: FloatArray, after: FloatArray, floor: FloatArray
 ) -> dict[int, float]:
     """Return the share that goes with each member of the set.
 
     Args:
         bench: What was compared.
         solution: The set, fitted to the rows meant for it.
-        after: Held-out RMSE of the improved simulation, (n,) [N m].
+        alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
+        after: That of the improved simulation.
         floor: Noise floor, (n,) [N m].
     """
-    taken = max(reducible_removed(tolerances_alone(bench, solution), after, floor), 0.0)
+    taken = max(reducible_removed(alone, after, floor), 0.0)
     lost = {
         member: max(float(contribution(bench, solution, member).sum()), 0.0)
         for member in solution.members

@@ -11,7 +11,7 @@ from estimators.diagnosis.bench import Bench, fitted, quiet
 from estimators.diagnosis.noise import Noise
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.proof import rmse
-from estimators.diagnosis.shares import left_at, shares_of, tolerances_alone
+from estimators.diagnosis.shares import left_at, left_by_tolerances, shares_of
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recording import Recording
 
@@ -43,17 +43,18 @@ def test_values_inside_tolerances_take_their_part_before_any_share(bench):
     (spring,) = members_of(bench, ("spring_load", (1,)))
     solution = solved(bench, (spring,))
     before = rmse(bench.observed.residual, bench.split.held_out)
-    alone = tolerances_alone(bench, solution)
+    alone = rmse(left_by_tolerances(bench, solution), bench.split.held_out)
     after = rmse(bench.left(solution.fitted), bench.split.held_out)
     assert alone[0] < 0.1 * before[0]  # the friction of joint 1 is inside its tolerance
-    assert shares_of(bench, solution, after, FLOOR)[spring] == pytest.approx(1.0, abs=0.03)
+    assert shares_of(bench, solution, alone, after, FLOOR)[spring] == pytest.approx(1.0, abs=0.03)
 
 
 def test_shares_of_effects_that_overlap_add_up_to_what_the_set_takes(bench):
     members = members_of(bench, ("spring_load", (1,)), ("torque_offset", (1,)))
     solution = solved(bench, members)
+    alone = rmse(left_by_tolerances(bench, solution), bench.split.held_out)
     after = rmse(bench.left(solution.fitted), bench.split.held_out)
-    shares = shares_of(bench, solution, after, FLOOR)
+    shares = shares_of(bench, solution, alone, after, FLOOR)
     assert set(shares) == set(members)
     assert min(shares.values()) >= 0
     assert 0.9 < sum(shares.values()) <= 1.0
