@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 ORDER = 4  # of the Butterworth filter; run twice, hence 8
 HIGHEST_BANDWIDTH = 0.4  # of the sampling rate; nearer to 0.5 the filter has no room to fall
+SAFE_BANDWIDTH = 0.9 * HIGHEST_BANDWIDTH  # the rate of an uneven recording is a mean
 LEAST_PERIODS = 0.5  # [1/bandwidth] that a recording has to last
 EDGE = 0.5  # [1/bandwidth] from an end of a stretch within which derivatives are less sure
 _PADDING = 6.0  # [1/bandwidth]; the filter has forgotten 1 - 5e-7 of what was before

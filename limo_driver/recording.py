@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.data_gate import Columns, LeftOut, contiguous, inspect
-from limo_driver.differentiation import EDGE, HIGHEST_BANDWIDTH, differentiate, smooth
+from limo_driver.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["LeftOut", "Recording"]
 
-_ROOM = 0.9  # below the highest bandwidth, since the rate of an uneven recording is a mean
 SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
 
 
@@ -205,7 +204,7 @@ class Recording:
             RecordingError: The bandwidth is too high for the sampling rate.
         """
         smooth_motion = self.motion(bandwidth)
-        sharper = min(SHARPER * bandwidth, _ROOM * HIGHEST_BANDWIDTH * self.slowest_rate)
+        sharper = min(SHARPER * bandwidth, SAFE_BANDWIDTH * self.slowest_rate)
         if sharper <= bandwidth:
             return smooth_motion
         sharp = differentiate(self.time, self.position, sharper, self.segments)

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.diagnosis import hypotheses
 from estimators.diagnosis.evidence import Prior
 from estimators.diagnosis.improvement import payload_of
-from estimators.diagnosis.responses import responses
+from estimators.diagnosis.responses import responses, stacked
 from estimators.diagnosis.revision import (
     WIDTHS,
     can_scale,
@@ -104,11 +104,7 @@ def entered(
 def _entered(
     hypothesis: Hypothesis, found: Sequence[Response], columns: Columns, level: FloatArray
 ) -> Candidate | None:
-    joints = tuple(sorted({joint for item in found for joint in item.joints}))
-    values = np.zeros((len(joints), columns.rows, len(found)))
-    for column, item in enumerate(found):
-        for row, joint in zip(item.values, item.joints, strict=True):
-            values[joints.index(joint), :, column] = row
+    joints, values = stacked(found, columns.rows)
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
     strength = relative.max(axis=0)
     if strength.min() < _TINY:
@@ -153,11 +149,7 @@ def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> I
         if not names:
             continue
         parts = [derivative(observed, place, name) for name in names]
-        joints = tuple(sorted({joint for part in parts for joint in part[0]}))
-        values = np.zeros((len(joints), len(observed.kept), len(parts)))
-        for column, (acts, rows) in enumerate(parts):
-            for joint, row in zip(acts, rows, strict=True):
-                values[joints.index(joint), :, column] = row
+        joints, values = stacked(parts, columns.rows)
         relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
         deviation = np.maximum(WRONG, 1.0 / np.maximum(relative.max(axis=0), _TINY))
         named = tuple(joint - 1 for joint in effect.joints)

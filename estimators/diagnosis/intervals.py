@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.linearised import Linearised, entries_of, found_in, numbers_of
 from estimators.diagnosis.revision import relative_inertia
-from estimators.diagnosis.verdict import UNKNOWN, Finding, Interval
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -59,13 +59,13 @@ def _is_body(finding: Finding) -> bool:
 
 
 def _effect(finding: Finding, simulation: Simulation) -> Effect | None:
-    if finding.effect in {"external_contact", UNKNOWN}:
+    if finding.effect in {CONTACT, UNKNOWN}:
         return None
     missing = finding.kind == "missing"
     return found_in(simulation, finding.effect, finding.joints, missing=missing)
 
 
-def _of_effect(effect: Any, spread: FloatArray) -> dict[str, Interval]:  # noqa: ANN401
+def _of_effect(effect: Any, spread: FloatArray) -> dict[str, Interval]:  # noqa: ANN401  # of any class
     """Return the parameters of an effect, given the deviations of its entries."""
     entries = zip(entries_of(effect), spread.tolist(), strict=True)
     deviation = {(entry.name, entry.at): s for entry, s in entries}

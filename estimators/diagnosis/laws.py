@@ -81,7 +81,7 @@ def _best_of_each(bench: Bench, solution: Solution, member: int) -> list[Hypothe
 
 def sentence_of(laws: Sequence[LawEvidence]) -> str:
     """Say which law it is, and how much likelier than the next; nothing where there is but one."""
-    if len(laws) < 2:  # noqa: PLR2004
+    if not laws[1:]:
         return ""
     best = laws[0]
     lead = best.log_evidence - laws[1].log_evidence

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.candidates import WRONG_INERTIA
 from estimators.diagnosis.columns import Columns, Products
 from estimators.diagnosis.evidence import Prior, joined, posterior
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.nuisance import Nuisance, nuisance_of
-from estimators.diagnosis.responses import difference
+from estimators.diagnosis.responses import difference, stacked
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effect import JOINT, TEXT
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 _STEP = 1e-3  # prior deviations, for derivatives
 _BLOCK = 2.0  # [s], over which scores are summed
 _CHOSEN = {"positions", "times", "windows", "wrench", "ratio", "reference"}
-_FREE_INERTIA = 0.4  # relative deviation of a body that is simply wrong
 _OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
 _ADDING_LISTS = {"offset", "excess", "amplitude"}
 _ANGLE = 1.0  # [rad], prior deviation of a rest position
@@ -58,8 +58,8 @@ class Entry:
     within: tuple[float, float]
 
 
-def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:  # noqa: ANN401
-    """Return an effect of any class with some of its numbers moved together, inside their bounds.
+def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:  # noqa: ANN401  # of any class
+    """Return an effect with some of its numbers moved together, inside their bounds.
 
     Raises:
         ConfigError: No such part exists; a body may be impossible where each number is not.
@@ -85,7 +85,7 @@ def entries_of(effect: Effect) -> tuple[Entry, ...]:
     )
 
 
-def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, float]]:  # noqa: ANN401
+def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, float]]:  # noqa: ANN401  # of any class
     """Yield place in a list and value of the numbers of a parameter that are not chosen."""
     value = getattr(effect, known.name)
     if value is None or known.unit in {TEXT, JOINT} or known.name in _CHOSEN:
@@ -152,7 +152,7 @@ class Linearised:
             stated: The simulation whose values are known to its tolerances, if not this one.
         """
         given = observed.simulation
-        rest = tuple(item for item in given.effects if not any(item is f for f in found))
+        rest = _without(given.effects, found)
         columns = Columns(len(observed.kept), observed.n)
         nuisance = nuisance_of(
             replace(observed, simulation=replace(given, effects=rest), around=given),
@@ -162,7 +162,7 @@ class Linearised:
         )
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
-            deviation[PER_LINK * link : PER_LINK * (link + 1)] = _FREE_INERTIA
+            deviation[PER_LINK * link : PER_LINK * (link + 1)] = WRONG_INERTIA
         own = tuple(_entered(effect, observed, columns) for effect in found)
         known = Prior.free(nuisance.prior.index, deviation)
         return cls(observed, tuple(found), columns, nuisance, known, own)
@@ -179,17 +179,17 @@ class Linearised:
         before = _energy(residual, noise, split)
         for part in _SHORTER:
             try:
-                moved = self._moved(part * mean)
+                trial = self._moved(part * mean)
             except ConfigError:  # a combination that no such part has
                 continue
-            left = replace(self.observed, simulation=moved).residual
+            left = replace(self.observed, simulation=trial).residual
             if _energy(left, noise, split) < (1 - _ENOUGH) * before:
-                return moved
+                return trial
         return None
 
     def _moved(self, coefficients: FloatArray) -> Simulation:
         given, count = self.observed.simulation, self.known.index.size
-        others = tuple(item for item in given.effects if not any(item is f for f in self.found))
+        others = _without(given.effects, self.found)
         improvement = Improvement(replace(given, effects=others))
         self.nuisance.enter(improvement, coefficients[:count])
         changed = improvement.simulation()
@@ -259,6 +259,11 @@ def polished(
     return simulation
 
 
+def _without(effects: Sequence[Effect], some: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return the effects but some of them: the very same, since two may be alike."""
+    return tuple(effect for effect in effects if not any(effect is other for other in some))
+
+
 def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float:
     white = (noise.whiten(residual[:, j], j)[use[:, j]] for j in range(residual.shape[1]))
     return float(sum(values @ values for values in white))
@@ -269,11 +274,8 @@ def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
     entries = entries_of(effect)
     sides = [_sides(effect, entry) for entry in entries]
     parts = [difference(ahead, behind, observed) for ahead, behind, _ in sides]
-    joints = sorted({joint for part in parts for joint in part.joints})
-    values = np.zeros((len(joints), len(observed.kept), len(entries)))
-    for k, (part, (_, _, span)) in enumerate(zip(parts, sides, strict=True)):
-        for joint, row in zip(part.joints, part.values, strict=True):
-            values[joints.index(joint), :, k] = row / span
+    joints, values = stacked(parts, columns.rows)
+    values /= np.array([span for _, _, span in sides])
     return Prior.free(columns.add(joints, values), np.array([e.deviation for e in entries]))
 
 

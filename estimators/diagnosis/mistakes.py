@@ -85,7 +85,7 @@ class Sample:
         use = self.moving[:, joint]
         v = self.motion.velocity[use, joint]
         left = self.torque[use, joint] - self.load[use, joint]
-        friction = _dry_and_viscous(v)
+        friction = dry_and_viscous(v)
         friction -= friction.mean(axis=0)
         left -= left.mean()
         size, _ = nnls(friction, left)
@@ -97,7 +97,7 @@ class Sample:
         result = np.zeros_like(self.torque)
         for joint in np.flatnonzero(self.moving.any(axis=0)).tolist():
             use = self.moving[:, joint]
-            friction = _dry_and_viscous(self.motion.velocity[use, joint])
+            friction = dry_and_viscous(self.motion.velocity[use, joint])
             size, _ = nnls(friction, self.torque[use, joint] - self.load[use, joint])
             result[use, joint] = friction @ size
         return result
@@ -136,7 +136,8 @@ def constant_joints(observed: Observations) -> tuple[int, ...]:
     return tuple(np.flatnonzero(~varies).tolist())
 
 
-def _dry_and_viscous(v: FloatArray) -> FloatArray:
+def dry_and_viscous(v: FloatArray) -> FloatArray:
+    """Return what friction of either kind is in proportion to, (K, 2), at speeds (K,) [rad/s]."""
     return np.stack([np.sign(v), v / max(float(np.abs(v).max()), _TINY)], axis=1)
 
 

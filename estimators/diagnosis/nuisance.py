@@ -157,12 +157,14 @@ def _parameters(observed: Observations, columns: Columns, stated: Simulation) ->
             joints, values = derivative(observed, place, known.name)
             own = observed.simulation.tolerances.friction
             tolerance = WIDTH_TOLERANCE if known.name in WIDTHS else own
-            ratio = value / (getattr(known_as, known.name) or value)
+            named = getattr(known_as, known.name) or value
             parts.append(
                 _Part(
-                    (_tolerated(effect, known),),
+                    (_tolerated(effect, known, float(named)),),
                     # of what is stated: a tenth more of that is another part of this value
-                    *_of_stated(columns, joints, values, known.name, tolerance, ratio, place),
+                    *_of_stated(
+                        columns, joints, values, known.name, tolerance, value / named, place
+                    ),
                 )
             )
     return parts
@@ -201,10 +203,9 @@ def _of_stated(
     )
 
 
-def _tolerated(effect: Any, known: Parameter) -> Tolerated:  # noqa: ANN401  # of any class
+def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noqa: ANN401  # of any class
     joint = getattr(effect, "joint", None)
     where = "" if joint is None else f" of joint {joint}"
-    value = float(getattr(effect, known.name))
     return Tolerated(
         f"{known.name}{where} ({spoken(effect.name)})",
         known.unit,

@@ -278,7 +278,7 @@ class _Part:
                 else np.stack([np.interp(time, recording.time, x) for x in warmth.T], axis=1),
             )
 
-        edges = on_grid(recording.edges(bandwidth).astype(float)) > 0.5  # noqa: PLR2004
+        edges = on_grid(recording.edges(bandwidth).astype(float)) > 0.5  # noqa: PLR2004  # nearer to an edge than not
         return cls(
             moved(recording.sharp_motion(bandwidth)),
             moved(recording.motion(bandwidth)),

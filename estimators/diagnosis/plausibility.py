@@ -17,6 +17,7 @@ from estimators.diagnosis.mistakes import (
     Mistake,
     Sample,
     constant_joints,
+    dry_and_viscous,
     mistakes,
     stuck,
 )
@@ -229,7 +230,7 @@ def _explains(before: Sample, after: Sample) -> bool:
 def _check_arm(observed: Observations, sample: Sample) -> None:
     """Refuse torques that are not the load of this arm, with or without a payload."""
     expected = np.std(sample.load, axis=0) > EXPECTED * np.std(sample.torque, axis=0)
-    foreign = np.flatnonzero((_usual_misfit(sample) > FOREIGN) & expected)
+    foreign = np.flatnonzero((_usual_misfit(_BodyFit.of(sample)) > FOREIGN) & expected)
     if foreign.size > 1:
         joints = ", ".join(str(j + 1) for j in foreign)
         raise _refused(
@@ -248,7 +249,7 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
     """
     sample = Sample.of(observed)
     fit = _BodyFit.of(sample)
-    given, free = _usual_misfit(sample), fit.misfit(slice(None))
+    given, free = _usual_misfit(fit), fit.misfit(slice(None))
     for link, name in enumerate(sample.body.link_names):
         own = slice(PER_LINK * link, PER_LINK * (link + 1))
         if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
@@ -260,12 +261,12 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
     return tuple(joints.tolist())
 
 
-def _usual_misfit(sample: Sample) -> FloatArray:
+def _usual_misfit(fit: _BodyFit) -> FloatArray:
     """Return what load, friction and payload leave of each joint's torque, (n,).
 
     A payload that lifts is none.
     """
-    fit, last = _BodyFit.of(sample), slice(-PER_LINK, None)
+    last = slice(-PER_LINK, None)
     bare = fit.misfit(slice(0))
     return np.minimum(bare, fit.misfit(last)) if fit.change(last)[0] > 0 else bare
 
@@ -319,5 +320,5 @@ def _beside_friction(sample: Sample, joint: int, columns: FloatArray) -> FloatAr
     """Return what no friction of a joint explains of columns (K, p), on its moving rows."""
     use = sample.moving[:, joint]
     v = sample.motion.velocity[use, joint]
-    friction = np.stack([np.ones(v.size), np.sign(v), v], axis=1)
+    friction = np.column_stack([np.ones(v.size), dry_and_viscous(v)])
     return columns[use] - friction @ np.linalg.lstsq(friction, columns[use])[0]

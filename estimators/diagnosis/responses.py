@@ -56,6 +56,16 @@ def responses(effects: Sequence[Effect], observed: Observations) -> list[Respons
     return [part.read(values) for part, values in zip(parts, own, strict=True)]
 
 
+def stacked(found: Sequence[Response], rows: int) -> tuple[tuple[int, ...], FloatArray]:
+    """Return the joints on which any of c responses acts, and their values there, (J, rows, c)."""
+    joints = tuple(sorted({joint for item in found for joint in item.joints}))
+    values = np.zeros((len(joints), rows, len(found)))
+    for column, item in enumerate(found):
+        for row, joint in zip(item.values, item.joints, strict=True):
+            values[joints.index(joint), :, column] = row
+    return joints, values
+
+
 def difference(ahead: Effect, behind: Effect, observed: Observations) -> Response:
     """Return what one effect adds more than another of its kind; filtered once."""
     more, less = sharp(ahead, observed), sharp(behind, observed)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.responses import difference
+from estimators.diagnosis.responses import Response, difference
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -53,17 +53,13 @@ def reviser(place: int, names: Sequence[str]) -> Enter:
     return enter
 
 
-def derivative(observed: Observations, place: int, name: str) -> tuple[tuple[int, ...], FloatArray]:
-    """Return what a relative change of 1 of an effect's parameter adds, to first order.
-
-    Returns:
-        Joints (0-based) on which it acts, and the values (len(joints), K) [N m].
-    """
+def derivative(observed: Observations, place: int, name: str) -> Response:
+    """Return what a relative change of 1 of an effect's parameter adds, to first order."""
     effect: Any = observed.simulation.effects[place]
     value = getattr(effect, name)
     ahead, behind = (replace(effect, **{name: value * (1 + sign * _STEP)}) for sign in (1, -1))
     joints, values = difference(ahead, behind, observed)
-    return joints, values / (2 * _STEP)
+    return Response(joints, values / (2 * _STEP))
 
 
 def mover(link: int, scale: FloatArray) -> Enter:

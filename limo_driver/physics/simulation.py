@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.differentiation import HIGHEST_BANDWIDTH, differentiate
+from limo_driver.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics.effect import (
@@ -264,7 +264,7 @@ class _Terms:
 def displaced(time: FloatArray, displacement: FloatArray, bandwidth: float) -> Derivatives:
     """Differentiate displacements (T, k) of links, within what the sampling allows."""
     rate = (time.size - 1) / float(time[-1] - time[0])
-    highest = 0.9 * HIGHEST_BANDWIDTH * rate  # the rate of uneven samples is a mean
+    highest = SAFE_BANDWIDTH * rate
     return differentiate(time, displacement, min(bandwidth, highest), [slice(0, time.size)])
 
 

@@ -71,8 +71,8 @@ def unfinished(tmp_path, monkeypatch):
             writer.append(JointState(columns["time"][k], position, 0 * position, torque, k))
             deadline = time.monotonic() + 5.0
             while k % 120 == 119 and log.stat().st_size == size and time.monotonic() < deadline:
-                time.sleep(0.005)
-        time.sleep(0.1)
+                time.sleep(0.005)  # the writer's thread decides when a batch goes to disk
+        time.sleep(0.1)  # and so for the last one
         return log.read_bytes()
 
 
