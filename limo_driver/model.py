@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +26,7 @@ ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
 JERK_PER_VELOCITY = 50.0  # [1/s^2]
 TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
 _ROUNDING = 1e-9  # of the largest second moment
+_MANY = 1000  # samples, from which on another thread is worth waking
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,6 @@ class RobotModel:
             self.pin_model.gravity.linear = np.array(gravity, dtype=float)
         self.limits = _limits(self.pin_model)
         self._data = self.pin_model.createData()
-        self._pool = pin.ModelPool(self.pin_model, 1)
         self._flange = _last_frame(self.pin_model, self.n)
 
     @classmethod
@@ -208,7 +209,15 @@ class RobotModel:
         """Return one column (0-based) of the mass matrices of T positions, (T, n) [kg m²]."""
         still, unit = np.zeros_like(position), np.zeros_like(position)
         unit[:, j] = 1.0
-        return self.inverse_dynamics(position, still, unit) - self.gravity_torque(position)
+        return self._weightless.inverse_dynamics(position, still, unit)
+
+    @cached_property
+    def _weightless(self) -> RobotModel:
+        return self.with_gravity((0.0, 0.0, 0.0))
+
+    @cached_property
+    def _pool(self) -> Any:  # noqa: ANN401  # pinocchio has no types
+        return pin.ModelPool(self.pin_model, _threads())
 
     def gravity_torque(self, position: FloatArray) -> FloatArray:
         """Return the torque that holds the arm still, (T, n) [N m]."""
@@ -245,7 +254,8 @@ class RobotModel:
             )
         columns = [np.asfortranarray(value.T) for value in (position, velocity, acceleration)]
         # of one joint, pinocchio returns a row
-        return np.array(pin.rneaInParallel(1, self._pool, *columns).T).reshape(shape)
+        threads = _threads() if shape[0] > _MANY else 1
+        return np.array(pin.rneaInParallel(threads, self._pool, *columns).T).reshape(shape)
 
     def capsules(self) -> tuple[Capsule, ...]:
         """Return the collision capsules of the URDF; other shapes get their bounding sphere.
@@ -287,6 +297,12 @@ class RobotModel:
                 inertial.mass, np.array(inertial.com), inertial.tensor()
             )
             self.inertials[link] = inertial
+
+
+def _threads() -> int:
+    """Return how many threads a computation may use, as OpenMP decides it."""
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    return int(asked) if asked.isdigit() and int(asked) else len(os.sched_getaffinity(0))
 
 
 def _revolute_chain(full: pin.Model, urdf: Path) -> tuple[pin.Model, tuple[str, ...]]:

@@ -7,7 +7,6 @@ and viscous friction at those joints, and keeps them where the recordings speak 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,7 +82,7 @@ def with_friction(observed: Observations) -> Observations:
     improvement = Improvement(observed.simulation)
     for member, size in zip(members, fitted.mean[nuisance.index.size :], strict=True):
         candidates[member].enter(improvement, np.array([size]))
-    return replace(observed, around=improvement.simulation())
+    return observed.beside(observed.simulation, around=improvement.simulation())
 
 
 def _competing(observed: Observations, columns: Columns, bare: Sequence[int]) -> list[Candidate]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -46,6 +46,7 @@ class Bench:
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
     base: tuple[int, ...]  # candidates that the search starts with
     first: Bench | None = None  # around the given simulation, where this one is around another
+    _sums: dict[bool, tuple[Noise, Products]] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> Bench:
@@ -68,9 +69,17 @@ class Bench:
         """Return what a fit leaves, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
 
+    def products(self, noise: Noise, *, everything: bool) -> Products:
+        """Return sums over the rows meant for fits, or over all; what was summed once is kept."""
+        of, known = self._sums.get(everything, (noise, None))
+        rows = self.observed.moving if everything else self.split.fitted
+        known = Products.of(self.columns, self.target, noise, rows, known if of is noise else None)
+        self._sums[everything] = noise, known
+        return known
+
     def undisturbed(self, rows: NDArray[np.bool_]) -> Bench:
         """Return the same, where something pushed on some rows (K,): those count no more."""
-        observed = replace(self.observed, disturbed=rows)
+        observed = self.observed.undisturbed(rows)
         return replace(self, observed=observed, split=Split.of(observed))
 
     def again(self, candidate: Candidate, place: int) -> int:
@@ -111,8 +120,7 @@ def fitted(
 
 def search_on(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
     """Return the search under given noise, on the rows meant for fits or on all."""
-    rows = bench.observed.moving if everything else bench.split.fitted
-    products = Products.of(bench.columns, bench.target, noise, rows)
+    products = bench.products(noise, everything=everything)
     return Search(bench.candidates, Evidence(products, bench.nuisance.prior), bench.base)
 
 

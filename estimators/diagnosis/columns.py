@@ -76,17 +76,38 @@ class Products:
 
     @classmethod
     def of(
-        cls, columns: Columns, residual: FloatArray, noise: Noise, use: NDArray[np.bool_]
+        cls,
+        columns: Columns,
+        residual: FloatArray,
+        noise: Noise,
+        use: NDArray[np.bool_],
+        known: Products | None = None,
     ) -> Products:
-        """Sum over the rows in `use`, (K, n), with each joint's errors whitened."""
+        """Sum over the rows in `use`, (K, n), with each joint's errors whitened.
+
+        Args:
+            columns: The table.
+            residual: (K, n) [N m].
+            noise: Of each joint.
+            use: Rows that count, (K, n).
+            known: The same sums over the columns that the table had before.
+        """
+        old = 0 if known is None else known.product.size
+        if known is not None and old == columns.count:
+            return known
         gram, product = np.zeros((columns.count, columns.count)), np.zeros(columns.count)
+        if known is not None:
+            gram[:old, :old] = known.gram
         energy = 0.0
         for joint in range(columns.joints):
             values, at = columns.of_joint(joint)
             rows = use[:, joint]
             A = noise.whiten(values, joint)[rows]
             y = noise.whiten(residual[:, joint], joint)[rows]
-            gram[np.ix_(at, at)] += A.T @ A
+            first = int(np.searchsorted(at, old))  # column that is new; they are in order
+            new = A.T @ A[:, first:]
+            gram[np.ix_(at, at[first:])] += new
+            gram[np.ix_(at[first:], at[:first])] += new[:first].T
             product[at] += A.T @ y
             energy += float(y @ y)
         return cls(gram, product, energy)

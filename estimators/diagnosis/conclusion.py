@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,7 +109,7 @@ def conclude(
         fit=fit_of(bench, proven, alone, rest.floor),
         rows=rows_of(bench.observed.recordings),
         # of all rows, and beside the given simulation, as the recordings came in
-        notes=notes_on(replace(bench.observed, around=None, disturbed=None)),
+        notes=notes_on(bench.observed.undisturbed(None).beside(bench.observed.simulation)),
     )
 
 

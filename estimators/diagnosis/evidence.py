@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -103,11 +104,11 @@ class Evidence:
     def _factor(self, prior: Prior) -> _Factor:
         while True:
             at, a = prior.index, prior.deviation
-            M = a[:, None] * self.gram[np.ix_(at, at)] * a
+            M = a[:, None] * self.gram[at[:, None], at] * a
             M.flat[:: at.size + 1] += 1.0 + _RIDGE
             lower = np.linalg.cholesky(M)
-            z = solve_triangular(lower, a * self.product[at], lower=True, check_finite=False)
-            mean = solve_triangular(lower, z, lower=True, trans=1, check_finite=False)
+            z = _solved(lower, a * self.product[at])
+            mean = _solved(lower, z, trans=1)
             wrong = prior.positive & (mean < 0)
             if not wrong.any():
                 return _Factor(prior, lower, z)
@@ -118,43 +119,47 @@ class Evidence:
 
         The set is factorised once, and what each of the others adds is a Schur complement.
         """
-        known = self._factor(base)
-        result = np.empty(len(more))
+        return self._gains(self._factor(base), base, more)
+
+    def _gains(self, known: _Factor, base: Prior, more: Sequence[Prior]) -> FloatArray:
+        result = np.full(len(more), known.gain)
         size = np.array([prior.index.size for prior in more])
-        for count in np.unique(size):
+        for count in np.unique(size[size > 0]):
             places = np.flatnonzero(size == count)
-            gain, valid = self._added(known, [more[k] for k in places.tolist()])
-            result[places] = gain
-            for k in places[~valid].tolist():  # a sign is wrong: columns have to be left out
-                result[k] = self.gain(joined(base, more[k]))
+            some = [more[k] for k in places.tolist()]
+            result[places], wrong, others = self._added(known, some)
+            for k in np.flatnonzero(others).tolist():  # columns of the set have to be left out
+                result[places[k]] = self.gain(joined(base, some[k]))
+            own = np.flatnonzero(wrong.any(axis=1) & ~others)
+            if own.size:
+                fewer = [some[k].of(~wrong[k]) for k in own.tolist()]
+                result[places[own]] = self._gains(known, base, fewer)
         return result
 
-    def _added(self, known: _Factor, more: Sequence[Prior]) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return the evidence with each of several priors of one size, and where it holds."""
+    def _added(
+        self, known: _Factor, more: Sequence[Prior]
+    ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return what holds with each of p priors of c columns.
+
+        Returns:
+            The evidence (p,), which of their columns have the wrong sign (p, c), and whether
+            columns of the set have it (p,).
+        """
         at, a = known.prior.index, known.prior.deviation
         index = np.stack([prior.index for prior in more])  # (p, c)
         scale = np.stack([prior.deviation for prior in more])
         positive = np.stack([prior.positive for prior in more])
         across = a[:, None, None] * self.gram[at[:, None, None], index] * scale  # (b, p, c)
-        W = solve_triangular(
-            known.lower, across.reshape(at.size, index.size), lower=True, check_finite=False
-        ).reshape(across.shape)
+        W = _solved(known.lower, across.reshape(at.size, index.size)).reshape(across.shape)
         own = scale[:, :, None] * self.gram[index[:, :, None], index[:, None, :]]
         unit = (1.0 + _RIDGE) * np.eye(index.shape[1])
         S = own * scale[:, None, :] - np.einsum("bpc,bpd->pcd", W, W) + unit
         r = scale * self.product[index] - np.einsum("bpc,b->pc", W, known.z)
         mean = np.linalg.solve(S, r[:, :, None])[:, :, 0]
         gain = known.gain + 0.5 * np.sum(r * mean, axis=1) - 0.5 * np.linalg.slogdet(S)[1]
-        before = solve_triangular(
-            known.lower,
-            known.z[:, None] - np.einsum("bpc,pc->bp", W, mean),
-            lower=True,
-            trans=1,
-            check_finite=False,
-        )
-        wrong = (positive & (mean < 0)).any(axis=1)
-        wrong |= (known.prior.positive[:, None] & (before < 0)).any(axis=0)
-        return gain, ~wrong
+        before = _solved(known.lower, known.z[:, None] - np.einsum("bpc,pc->bp", W, mean), trans=1)
+        wrong = positive & (mean < 0)
+        return gain, wrong, np.any(known.prior.positive[:, None] & (before < 0), axis=0)
 
     def posterior(self, prior: Prior) -> Posterior:
         """Return the coefficients of nuisance and set together."""
@@ -187,6 +192,14 @@ def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:
     covariance = np.zeros((s.size, s.size))
     covariance[np.ix_(free, free)] = cho_solve(factor, np.eye(int(free.sum())))
     return Posterior(both.index, s * x, s[:, None] * covariance * s)
+
+
+def _solved(lower: FloatArray, right: FloatArray, trans: int = 0) -> FloatArray:
+    """Solve L x = right, or its transpose; LAPACK itself, since small systems come in thousands."""
+    if not right.size:
+        return right
+    # its own order of memory is the transpose
+    return np.asarray(dtrtrs(lower.T, right, lower=0, trans=1 - trans)[0]).reshape(right.shape)
 
 
 def joined(*priors: Prior) -> Prior:

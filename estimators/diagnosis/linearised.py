@@ -154,21 +154,22 @@ class Linearised:
         given = observed.simulation
         rest = _without(given.effects, found)
         columns = Columns(len(observed.kept), observed.n)
-        nuisance = nuisance_of(
-            replace(observed, simulation=replace(given, effects=rest), around=given),
-            columns,
-            roughness(observed.residual, observed.moving),
-            stated or given,
-        )
+        floor = roughness(observed.residual, observed.moving)
+        lacking = observed.beside(replace(given, effects=rest), around=given)
+        nuisance = nuisance_of(lacking, columns, floor, stated or given)
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
             deviation[PER_LINK * link : PER_LINK * (link + 1)] = WRONG_INERTIA
-        own = tuple(_entered(effect, observed, columns) for effect in found)
+        own = tuple(_entered(effect, lacking, columns) for effect in found)
         known = Prior.free(nuisance.prior.index, deviation)
         return cls(observed, tuple(found), columns, nuisance, known, own)
 
-    def step(self, split: NDArray[np.bool_]) -> Simulation | None:
-        """Return the simulation that fits the rows of a split (K, n) better; None if none does."""
+    def step(self, split: NDArray[np.bool_]) -> Observations | None:
+        """Find a simulation that fits the rows of a split (K, n) better.
+
+        Returns:
+            The recordings beside it; None if there is none.
+        """
         residual = self.observed.residual
         noise = Noise.of(residual, split, self.observed.segment)
         start = self.nuisance.start  # tolerances count from what is stated, not from where we are
@@ -179,11 +180,10 @@ class Linearised:
         before = _energy(residual, noise, split)
         for part in _SHORTER:
             try:
-                trial = self._moved(part * mean)
+                trial = self.observed.beside(self._moved(part * mean))
             except ConfigError:  # a combination that no such part has
                 continue
-            left = replace(self.observed, simulation=trial).residual
-            if _energy(left, noise, split) < (1 - _ENOUGH) * before:
+            if _energy(trial.residual, noise, split) < (1 - _ENOUGH) * before:
                 return trial
         return None
 
@@ -234,7 +234,7 @@ def polished(
     simulation: Simulation,
     split: NDArray[np.bool_],
     places: Sequence[tuple[str, Sequence[int], bool]],
-) -> Simulation:
+) -> Observations:
     """Fit all parameters once more, linearised where they are now.
 
     The first fit is linear around the given simulation; widths of signs, bodies and stiffnesses
@@ -245,18 +245,24 @@ def polished(
         simulation: The simulation to start from.
         split: Rows to fit to, (K, n).
         places: Of what was found: effect, joints (1-based), and whether it was missing.
+
+    Returns:
+        The recordings beside the fitted simulation.
     """
+    around = observed.beside(simulation)
     bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
     for _ in range(_ROUNDS):
-        own = [found_in(simulation, effect, on, missing=missing) for effect, on, missing in places]
-        around = replace(observed, simulation=simulation, around=None)
+        own = [
+            found_in(around.simulation, effect, on, missing=missing)
+            for effect, on, missing in places
+        ]
         found = {id(effect): effect for effect in own if effect is not None}
         some = tuple(found.values())
         better = Linearised.of(around, some, bodies, observed.simulation).step(split)
         if better is None:
             break
-        simulation = better
-    return simulation
+        around = better
+    return around
 
 
 def _without(effects: Sequence[Effect], some: Sequence[Effect]) -> tuple[Effect, ...]:

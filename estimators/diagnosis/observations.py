@@ -39,6 +39,8 @@ REST = 0.0015  # [rad/s], slower is at rest
 NEAR_REST = 0.1  # [s] before and after, within which the filter has spread what happens at rest
 _EVEN = 1e-4  # [sample periods], deviation from an even grid that does not matter
 _DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
+_OF_MOTION = ("chain", "regressor", "recording", "segment", "since_reversal")
+_OF_REFERENCE = ("load", "predicted", "stiffness", "inertia")
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,25 @@ class Observations:
             kept=self.kept[rows] - first,
             measured=self.measured[rows],
         )
+
+    def beside(self, simulation: Simulation, around: Simulation | None = None) -> Observations:
+        """Return the same recordings beside another simulation of the robot.
+
+        What does not depend on the change is not computed again.
+        """
+        other = replace(self, simulation=simulation, around=around)
+        same = other.reference is self.reference
+        return self._sharing(other, (*_OF_MOTION, "moving", *(_OF_REFERENCE if same else ())))
+
+    def undisturbed(self, rows: NDArray[np.bool_] | None) -> Observations:
+        """Return the same, where something pushed on some rows (K,), or on none."""
+        other = replace(self, disturbed=rows)
+        return self._sharing(other, (*_OF_MOTION, *_OF_REFERENCE, "simulated"))
+
+    def _sharing(self, other: Observations, names: Sequence[str]) -> Observations:
+        known = vars(self)
+        vars(other).update({name: known[name] for name in names if name in known})
+        return other
 
     @property
     def n(self) -> int:

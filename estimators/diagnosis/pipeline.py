@@ -44,11 +44,8 @@ def _found(bench: Bench, solution: Solution) -> list[tuple[str, tuple[int, ...],
 
 def _proven(bench: Bench, solution: Solution) -> FloatArray:
     """Return the residual (K, n) of a simulation that was fitted to no row held out [N m]."""
-    observed = bench.observed
-    trial = polished(
-        observed, improve(bench, solution), bench.split.fitted, _found(bench, solution)
-    )
-    return observed.measured - observed.filter(observed.predict(trial))
+    start, places = improve(bench, solution), _found(bench, solution)
+    return polished(bench.observed, start, bench.split.fitted, places).residual
 
 
 def observe(
@@ -101,10 +98,9 @@ def diagnose(
     bench, solution, rest = judged.bench, judged.solution, judged.rest
     progress("fitting to all rows", 0.95)
     final = fitted(bench, solution.members, solution.noise, everything=True)
-    improved = simulation
+    improved = observed.beside(simulation)
     if not harmful:
         improved = polished(observed, improve(bench, final), observed.moving, _found(bench, final))
-    after = observed.filter(observed.predict(improved))
     strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
     tolerances = left_by_tolerances(bench, solution)
@@ -127,18 +123,16 @@ def diagnose(
     )
     verdict = replace(
         verdict,
-        findings=with_parameters(
-            verdict.findings, replace(observed, simulation=improved, around=None)
-        ),
+        findings=with_parameters(verdict.findings, improved),
         notes=(*verdict.notes, *said),
     )
     progress("done", 1.0)
     return Diagnosis(
         verdict=verdict,
         before=simulation,
-        after=improved,
+        after=improved.simulation,
         recordings=tuple(recordings),
-        traces=_traces(bench, tolerances, after),
+        traces=_traces(bench, tolerances, improved.simulated),
         explanations=explanations_of(bench, solution, rest.floor),
         tests=tests_of(bench, solution),
         shifts=shifts,
@@ -197,5 +191,5 @@ def _traces(bench: Bench, tolerances: FloatArray, after: FloatArray) -> Traces:
         tolerances=observed.measured - tolerances,
         after=after,
         held_out=np.asarray(bench.split.held_out.any(axis=1)),
-        moving=replace(observed, disturbed=None).moving,
+        moving=observed.undisturbed(None).moving,
     )

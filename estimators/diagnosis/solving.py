@@ -125,12 +125,12 @@ def settled_around(bench: Bench, solution: Solution, progress: Progress) -> tupl
 
 def curved(bench: Bench, solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
-    observed, fit = bench.observed, solution.fitted
-    index = bench.nuisance.prior.index
+    fit, index = solution.fitted, bench.nuisance.prior.index
     sensors = np.where(bench.nuisance.entered, 0.0, fit.mean[: index.size])
     linear = bench.left(fit) + bench.columns.apply(index, sensors)  # those are in no simulation
-    left = observed.measured - observed.filter(observed.predict(improve(bench, solution)))
-    off, rest = rmse(left - linear, observed.moving), rmse(linear, observed.moving)
+    improved = bench.observed.beside(improve(bench, solution))
+    moving = bench.observed.moving
+    off, rest = rmse(improved.residual - linear, moving), rmse(linear, moving)
     return bool((off > _CURVED * rest).any())
 
 
@@ -146,12 +146,12 @@ def relinearised(
         The bench, and the members of the solution on it.
     """
     improved = improve(bench, solution)
-    new = Bench.of(replace(bench.observed, around=improved), progress)
+    new = Bench.of(bench.observed.beside(bench.observed.simulation, around=improved), progress)
     observed, mean = new.observed, solution.fitted.mean
     index = new.nuisance.prior.index
     torque = new.columns.apply(index, np.where(new.nuisance.entered, mean[: index.size], 0.0))
     members = tuple(new.again(bench.candidates[member], member) for member in solution.members)
     own = joined(*(new.candidates[member].prior for member in members)).index
     torque += new.columns.apply(own, mean[index.size :])
-    left = observed.measured - observed.filter(observed.predict(improved))
+    left = observed.measured - observed.filter(observed.predicted)
     return replace(new, target=left + torque, first=bench.first or bench), members

@@ -103,20 +103,20 @@ def test_a_fit_goes_to_its_end_where_effects_act_on_one_another(given):
     observed = observe(true, given)
     places = [("presliding_hysteresis", (2,), True), ("torque_gain", (2,), True)]
     found = polished(observed, start, observed.moving, places)
-    assert found.effects[3].gain == pytest.approx(-0.4, abs=0.01)
-    np.testing.assert_allclose(found.effects[2].stiffness, slip.stiffness, rtol=0.05)
-    np.testing.assert_allclose(found.effects[2].width, slip.width, rtol=0.05)
-    left = replace(observed, simulation=found).residual[observed.moving]
+    fitted = found.simulation.effects
+    assert fitted[3].gain == pytest.approx(-0.4, abs=0.01)
+    np.testing.assert_allclose(fitted[2].stiffness, slip.stiffness, rtol=0.05)
+    np.testing.assert_allclose(fitted[2].width, slip.width, rtol=0.05)
+    left = found.residual[observed.moving]
     assert np.sqrt(np.mean(left**2)) < 1.05 * np.sqrt(
-        np.mean(replace(observed, simulation=true).residual[observed.moving] ** 2)
+        np.mean(observed.beside(true).residual[observed.moving] ** 2)
     )
 
 
 def test_a_fit_that_is_at_its_end_stays(given):
     observed = observe(given, given)
     once = polished(observed, given, observed.moving, [])
-    around = Linearised.of(replace(observed, simulation=once), ())
-    assert around.step(observed.moving) is None
+    assert Linearised.of(once, ()).step(observed.moving) is None
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_bodies_that_no_single_moment_can_leave_are_fitted(given, inertia):
     start = plus(given, replace(load, mass=0.2))
     observed = observe(plus(given, load), given)
     found = polished(observed, start, observed.moving, [("payload", (1, 2), True)])
-    assert found.effects[2].mass == pytest.approx(0.3, abs=0.05)
+    assert found.simulation.effects[2].mass == pytest.approx(0.3, abs=0.05)
 
 
 def test_a_fit_stays_inside_the_tolerances_of_what_is_stated(given):
@@ -140,7 +140,7 @@ def test_a_fit_stays_inside_the_tolerances_of_what_is_stated(given):
     true = replace(given, effects=(replace(given.effects[0], tau_c=1.6), given.effects[1]))
     observed = observe(true, given)
     found = polished(observed, given, observed.moving, [])
-    assert found.effects[0].tau_c == pytest.approx(1.15, abs=1e-6)
+    assert found.simulation.effects[0].tau_c == pytest.approx(1.15, abs=1e-6)
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say(given):
@@ -152,8 +152,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(given):
         place = [("stribeck_friction", (1,), True)]
         off = plus(given, replace(dip, tau_s=0.32, v_s=0.06))
         found = polished(observed, off, observed.moving, place)
-        beside = replace(observed, simulation=found)
-        (said,) = with_parameters([finding("stribeck_friction", (1,))], beside)
+        (said,) = with_parameters([finding("stribeck_friction", (1,))], found)
         for name in ("tau_s", "v_s", "delta"):
             low, high = said.parameters[name].ci95
             assert low < said.parameters[name].value < high
