@@ -102,8 +102,8 @@ class Products:
         for joint in range(columns.joints):
             values, at = columns.of_joint(joint)
             rows = use[:, joint]
-            A = noise.whiten(values, joint)[rows]
-            y = noise.whiten(residual[:, joint], joint)[rows]
+            A = noise.whiten(values, joint, rows)
+            y = noise.whiten(residual[:, joint], joint, rows)
             first = int(np.searchsorted(at, old))  # column that is new; they are in order
             new = A.T @ A[:, first:]
             gram[np.ix_(at, at[first:])] += new

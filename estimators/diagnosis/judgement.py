@@ -15,6 +15,8 @@ from estimators.diagnosis.surrogate import foretold
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from estimators.diagnosis.bench import Bench, Solution
     from estimators.diagnosis.candidates import Candidate
     from estimators.diagnosis.diagnosis import Shift
@@ -73,10 +75,12 @@ def without(solution: Solution, member: int) -> Posterior:
 
 def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
     """Return how much held-out mean square a member takes off each joint, (n,) [N² m²]."""
-    rows = bench.split.held_out
-    with_it = rmse(bench.left(solution.fitted), rows)
-    without_it = rmse(bench.left(without(solution, member)), rows)
-    return without_it**2 - with_it**2
+    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
+    return _taken_off(left, bare, bench.split.held_out)
+
+
+def _taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+    return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
 def material(bench: Bench, solution: Solution, member: int) -> float:
@@ -87,8 +91,8 @@ def material(bench: Bench, solution: Solution, member: int) -> float:
     """
     rest, moving = without(solution, member), bench.observed.moving
     left, bare = bench.left(solution.fitted), bench.left(rest)
-    gained = rmse(bare, moving) ** 2 - rmse(left, moving) ** 2
-    harmless = contribution(bench, solution, member) >= 0
+    gained = _taken_off(left, bare, moving)
+    harmless = _taken_off(left, bare, bench.split.held_out) >= 0
     relative = np.where(harmless, gained, 0.0) / np.maximum(rmse(left, moving) ** 2, 1e-12)
     return float(np.sqrt(max(relative.max(), 0.0)))
 

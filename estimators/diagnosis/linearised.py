@@ -220,8 +220,8 @@ class Linearised:
         for joint in range(observed.n):
             values, at = self.columns.of_joint(joint)
             rows = use[:, joint]
-            A = noise.whiten(values, joint)[rows] * s[at]
-            y = noise.whiten(residual[:, joint], joint)[rows]
+            A = noise.whiten(values, joint, rows) * s[at]
+            y = noise.whiten(residual[:, joint], joint, rows)
             gram[np.ix_(at, at)] += A.T @ A
             np.add.at(scores, np.ix_(block[rows], at), A * y[:, None])
         inverse = np.linalg.inv(gram + np.eye(size))
@@ -271,7 +271,7 @@ def _without(effects: Sequence[Effect], some: Sequence[Effect]) -> tuple[Effect,
 
 
 def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float:
-    white = (noise.whiten(residual[:, j], j)[use[:, j]] for j in range(residual.shape[1]))
+    white = (noise.whiten(residual[:, j], j, use[:, j]) for j in range(residual.shape[1]))
     return float(sum(values @ values for values in white))
 
 

@@ -49,16 +49,25 @@ class Noise:
         white = np.repeat(deviation[:, None], ORDER + 1, axis=1)
         return cls(np.zeros((n, ORDER + 1, ORDER)), white, np.zeros(use.shape, dtype=np.int64))
 
-    def whiten(self, values: FloatArray, joint: int) -> FloatArray:
-        """Whiten one joint's errors or columns, (K, ...), to unit variance."""
-        result = np.empty_like(values)
-        known = self.known[:, joint]
+    def whiten(
+        self, values: FloatArray, joint: int, use: NDArray[np.bool_] | None = None
+    ) -> FloatArray:
+        """Whiten one joint's errors or columns, (K, ...), to unit variance.
+
+        Returns:
+            All rows, or those in `use` (K,).
+        """
+        wanted = np.arange(values.shape[0]) if use is None else np.flatnonzero(use)
+        known = self.known[wanted, joint]
+        result = np.empty((wanted.size, *values.shape[1:]))
         for order in range(ORDER + 1):
-            rows = np.flatnonzero(known == order)
-            part = values[rows].copy()
+            here = known == order
+            rows = wanted[here]
+            part = values[rows]
             for lag in range(1, order + 1):
                 part -= self.weight[joint, order, lag - 1] * values[rows - lag]
-            result[rows] = part / self.white[joint, order]
+            part /= self.white[joint, order]
+            result[here] = part
         return result
 
 

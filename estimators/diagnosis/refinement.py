@@ -106,8 +106,8 @@ class _Local:
             values, at = around.columns.of_joint(joint)
             mine = [k for k, column in enumerate(at) if int(column) in place]
             rows = around.use[:, joint]
-            A = around.noise.whiten(values[:, mine], joint)[rows]
-            y = around.noise.whiten(around.residual[:, joint], joint)[rows]
+            A = around.noise.whiten(values[:, mine], joint, rows)
+            y = around.noise.whiten(around.residual[:, joint], joint, rows)
             to = np.array([place[int(at[k])] for k in mine], dtype=np.int64)
             self._gram[np.ix_(to, to)] += A.T @ A
             self._product[to] += A.T @ y
@@ -128,7 +128,7 @@ class _Local:
             values, at = table.of_joint(joint)
             if not at.size:
                 continue
-            B = self.around.noise.whiten(values, joint)[self.around.use[:, joint]]
+            B = self.around.noise.whiten(values, joint, self.around.use[:, joint])
             gram[np.ix_(to, size + at)] += A.T @ B
             gram[np.ix_(size + at, size + at)] += B.T @ B
             product[size + at] += B.T @ y
