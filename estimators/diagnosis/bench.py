@@ -45,6 +45,7 @@ class Bench:
     target: FloatArray  # (K, n) what the columns have to sum up to [N m]
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
     base: tuple[int, ...]  # candidates that the search starts with
+    held: FloatArray | None = None  # coefficients of the nuisance that stay at a limit, NaN else
     first: Bench | None = None  # around the given simulation, where this one is around another
     _sums: dict[bool, tuple[Noise, Products]] = field(default_factory=dict, init=False)
 
@@ -121,7 +122,8 @@ def fitted(
 def search_on(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
     """Return the search under given noise, on the rows meant for fits or on all."""
     products = bench.products(noise, everything=everything)
-    return Search(bench.candidates, Evidence(products, bench.nuisance.prior), bench.base)
+    evidence = Evidence(products, bench.nuisance.prior, bench.held)
+    return Search(bench.candidates, evidence, bench.base)
 
 
 def improve(bench: Bench, solution: Solution) -> Simulation:

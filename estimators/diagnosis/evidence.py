@@ -80,19 +80,25 @@ class Evidence:
     Args:
         products: Sums over the rows that count.
         nuisance: Columns that are in every set, with their tolerances.
+        held: Coefficients (c,) of the nuisance that stay where they are; NaN where they are free.
     """
 
-    def __init__(self, products: Products, nuisance: Prior) -> None:
+    def __init__(self, products: Products, nuisance: Prior, held: FloatArray | None = None) -> None:
         self.products, self.nuisance = products, nuisance
-        at, s = nuisance.index, nuisance.deviation
-        G = products.gram
+        free = np.ones(nuisance.index.size, dtype=bool) if held is None else np.isnan(held)
+        at, s = nuisance.index[free], nuisance.deviation[free]
+        G, product, energy = products.gram, products.product, products.energy
+        if held is not None and not free.all():
+            fixed, x = nuisance.index[~free], held[~free]
+            energy += float(x @ (G[np.ix_(fixed, fixed)] @ x - 2 * product[fixed]))
+            product = product - G[:, fixed] @ x
         inner = s[:, None] * G[np.ix_(at, at)] * s + np.eye(at.size)
         self._lower = np.linalg.cholesky(inner)
         half = solve_triangular(self._lower, s[:, None] * G[at], lower=True)
         self.gram = G - half.T @ half
-        b = solve_triangular(self._lower, s * products.product[at], lower=True)
-        self.product = products.product - half.T @ b
-        self.energy = products.energy - float(b @ b)
+        b = solve_triangular(self._lower, s * product[at], lower=True)
+        self.product = product - half.T @ b
+        self.energy = energy - float(b @ b)
 
     def gain(self, prior: Prior) -> float:
         """Return the log evidence of a set of columns against none.
@@ -164,6 +170,12 @@ class Evidence:
     def posterior(self, prior: Prior) -> Posterior:
         """Return the coefficients of nuisance and set together."""
         return posterior(self.products, self.nuisance, prior)
+
+    def at_limit(self, fitted: Posterior) -> FloatArray:
+        """Return the coefficients of the nuisance (c,) that a fit has at their limit; NaN else."""
+        limit = REACH * self.nuisance.deviation
+        mean = fitted.mean[: limit.size]
+        return np.where(np.abs(mean) >= (1 - _RIDGE) * limit, mean, np.nan)
 
 
 def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:

@@ -32,6 +32,7 @@ _LOADS = ("payload", "link_inertia")
 _UNEVEN = ("asymmetric_friction", "torque_offset")
 _WORTH_A_WORD = 1.5  # [sigma] that a value moved inside its tolerance
 DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
+PRECISE = 0.99  # part beyond which the rest is what no law of friction gets right, and no physics
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,11 @@ class Leftover:
     floor: FloatArray  # (n,) RMS of what no black box can foretell [N m]
     foretold: FloatArray  # (n,) RMS of what one can [N m]
     series: FloatArray  # (K, n) what one foretells; the whole rest where that is smooth [N m]
+
+    @property
+    def foretellable(self) -> NDArray[np.bool_]:
+        """Mark the joints (n,) on which a black box foretells clearly more than noise."""
+        return self.foretold > FORETOLD * self.floor
 
 
 def leftover(observed: Observations, left: FloatArray) -> Leftover:
@@ -156,12 +162,12 @@ def abstained(
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
     """
-    unknown = np.flatnonzero(rest.foretold > FORETOLD * rest.floor)
     search = solution.search
     none = search.evidence.posterior(search.prior(()))
     rows = bench.split.held_out
     taken_off = rmse(bench.left(none), rows) ** 2 - rmse(bench.left(solution.fitted), rows) ** 2
     explained = taken_off / np.maximum(taken_off + rest.foretold**2, 1e-12)
+    unknown = np.flatnonzero(rest.foretellable & (explained < PRECISE))
     doubtful = {int(j) for j in unknown if explained[j] < DOMINANT}
     stay = tuple(
         member

@@ -90,7 +90,8 @@ def diagnose(
     solution = settled(bench, solution, progress)
     progress("proving on held-out motion", 0.8)
     judged = _Judged.of(bench, solution)
-    if (judged.unknown or len(solution.members) >= SEVERAL) and curved(bench, solution):
+    several = len(solution.members) >= SEVERAL
+    if (several or judged.rest.foretellable.any()) and curved(bench, solution):
         again = _Judged.of(*settled_around(bench, solution, progress))
         if not worse(bench, again.proven, judged.proven, judged.rest):
             judged = again

@@ -36,7 +36,10 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
         same = turn > 0 and set(found.members) == set(solution.members)
         posterior = search.evidence.posterior(search.prior(found.members))
         solution = Solution(found.members, search, noise, posterior, found.gain)
-        if same:
+        limits = search.evidence.at_limit(posterior)
+        if bench.held is None and not np.isnan(limits).all():
+            bench.held = limits
+        elif same:
             break
         if turn == 0:
             _scan(bench, solution)  # of what the largest effects hid

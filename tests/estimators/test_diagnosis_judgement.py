@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.diagnosis import Shift
-from estimators.diagnosis.judgement import Leftover, harms, identical, leftover, remarks
+from estimators.diagnosis.judgement import (
+    Leftover,
+    abstained,
+    harms,
+    identical,
+    leftover,
+    remarks,
+)
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.search import LARGEST
 
@@ -40,6 +47,20 @@ def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
 )
 def test_what_no_recording_tells_apart_is_named_together(effect, joint, same):
     assert identical(bench_of(effect, (joint,)), 0) == same
+
+
+def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_beside_little():
+    """Both joints keep the same rest; at the first one, effects explain 99.6 % of the error."""
+    bare, fitted = np.tile([1.0, 0.2], (100, 1)), np.full((100, 2), 0.06)
+    bench = bench_of()
+    bench.left = {"nothing": bare, "all": fitted}.get
+    evidence = SimpleNamespace(posterior=lambda _prior: "nothing")
+    search = SimpleNamespace(evidence=evidence, prior=lambda members: members)
+    solution = SimpleNamespace(search=search, fitted="all", members=())
+    rest = Leftover(FLOOR, np.full(2, 0.06), fitted)
+    assert abstained(bench, solution, rest) == ((), (1,))
+    quiet = Leftover(FLOOR, np.full(2, 0.04), fitted)
+    assert abstained(bench, solution, quiet) == ((), ())
 
 
 def test_what_could_be_foretold_is_kept_as_a_series(rigid, training_recording):
