@@ -160,6 +160,7 @@ def print_time(
     folder.mkdir(parents=True, exist_ok=True)
     case.answer(motion, folder / "recording_1.parquet")
     (folder / "sim.yaml").write_text(yaml.safe_dump(case.nominal, sort_keys=False))
+    os.environ.setdefault("OMP_NUM_THREADS", str(len(os.sched_getaffinity(0))))
     status, seconds, message = _diagnose(folder, folder / "out", TIME_LIMIT)
     used = getrusage(RUSAGE_CHILDREN)
     print(f"{len(motion) / 1000:.0f} s of 7 joints at 250 Hz: {seconds:.1f} s (bar 60 s)")

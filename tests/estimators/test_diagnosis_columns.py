@@ -75,3 +75,18 @@ def test_products_are_those_of_the_used_rows_in_units_of_the_noise():
     np.testing.assert_allclose(products.gram, A.T @ A, atol=1e-10)
     np.testing.assert_allclose(products.product, A.T @ y, atol=1e-10)
     np.testing.assert_allclose(products.energy, y @ y)
+
+
+def test_sums_go_on_with_columns_that_came_later():
+    columns, _, _ = table()
+    residual = np.random.default_rng(2).standard_normal((ROWS, 3))
+    noise = Noise.of(residual, USE, np.zeros(ROWS, dtype=np.int64))
+    before = Products.of(columns, residual, noise, USE)
+    assert Products.of(columns, residual, noise, USE, before) is before
+    columns.add((1, 2), FIRST)
+    columns.add((0,), SECOND)
+    gone_on = Products.of(columns, residual, noise, USE, before)
+    anew = Products.of(columns, residual, noise, USE)
+    np.testing.assert_allclose(gone_on.gram, anew.gram, atol=1e-12)
+    np.testing.assert_allclose(gone_on.product, anew.product, atol=1e-12)
+    assert gone_on.energy == anew.energy

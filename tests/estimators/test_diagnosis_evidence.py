@@ -100,3 +100,31 @@ def test_the_price_of_a_column_that_says_nothing_grows_with_its_prior():
     gains = [evidence.gain(Prior.free(np.array([4]), np.array([a]))) for a in (0.1, 1.0, 10.0)]
     assert gains[0] > gains[1] > gains[2]
     assert gains[1] - gains[2] == pytest.approx(np.log(10.0), abs=0.05)
+
+
+def test_gains_of_many_are_those_of_each_with_signs_that_bind_on_either_side():
+    y = COLUMNS @ np.array([0.0, 0.0, -3.0, 2.0, -1.0, 3.0]) + RANDOM.standard_normal(ROWS)
+    evidence = Evidence(products_of(y), NUISANCE)
+
+    def positive(*index):
+        return Prior(np.array(index), np.full(len(index), 2.0), np.ones(len(index), dtype=bool))
+
+    more = [positive(2), positive(4), positive(2, 4), positive(2, 5), SET.of(SET.index == 5)]
+    for base in (positive(3), positive(3, 2), SET):
+        expected = [evidence.gain(joined(base, prior)) for prior in more]
+        np.testing.assert_allclose(evidence.gains(base, more), expected, rtol=1e-9)
+
+
+def test_with_values_held_at_their_limit_the_rest_is_worth_what_they_leave():
+    """Column 3 resembles a nuisance that would have to move five times its reach."""
+    y = 5 * REACH * 0.3 * COLUMNS[:, 0] + 0.1 * RANDOM.standard_normal(ROWS)
+    free = Evidence(products_of(y), NUISANCE)
+    limits = free.at_limit(free.posterior(SET.of(np.zeros(2, dtype=bool))))
+    assert limits[0] == pytest.approx(REACH * 0.3)
+    assert np.isnan(limits[1])
+    held = Evidence(products_of(y), NUISANCE, limits)
+    left = y - limits[0] * COLUMNS[:, 0]
+    other = NUISANCE.of(np.array([False, True]))
+    expected = density(left, other, SET) - density(left, other)
+    assert held.gain(SET) == pytest.approx(expected, rel=1e-6)
+    assert held.gain(SET) > free.gain(SET) + 10

@@ -141,3 +141,28 @@ def test_rows_of_the_mass_matrix_are_symmetric_and_positive(observed):
     M = observed.inertia.transpose(2, 0, 1)  # (K, n, n)
     np.testing.assert_allclose(M, M.transpose(0, 2, 1), atol=1e-9)
     assert np.linalg.eigvalsh(M).min() > 0
+
+
+def test_what_is_kept_beside_another_simulation_is_what_it_would_be_anew(
+    rigid, true_arm, training_recording
+):
+    observed = Observations.of(rigid, [training_recording], BANDWIDTH)
+    names = ("residual", "load", "predicted", "stiffness", "inertia", "moving", "since_reversal")
+    for name in names:
+        getattr(observed, name)
+    pushed = np.arange(observed.kept.size) < 50
+    for near, anew in (
+        (observed.beside(true_arm), Observations.of(true_arm, [training_recording], BANDWIDTH)),
+        (
+            observed.beside(true_arm, around=rigid),
+            replace(Observations.of(true_arm, [training_recording], BANDWIDTH), around=rigid),
+        ),
+        (
+            observed.undisturbed(pushed),
+            replace(Observations.of(rigid, [training_recording], BANDWIDTH), disturbed=pushed),
+        ),
+    ):
+        for name in names:
+            np.testing.assert_array_equal(getattr(near, name), getattr(anew, name), err_msg=name)
+    assert not observed.undisturbed(pushed).moving[:50].any()
+    assert observed.undisturbed(pushed).undisturbed(None).moving[:50].any()

@@ -55,6 +55,8 @@ def test_mass_matrix_agrees_with_mujoco(model, mujoco_model, poses):
         M = np.zeros((model.n, model.n))
         mujoco.mj_fullM(mujoco_model, data, M)
         np.testing.assert_allclose(model.mass_matrix(q), M, atol=AGREE)
+        column = model.inertia_of(q[None], 1)[0]
+        np.testing.assert_allclose(column, M[1], atol=AGREE)
 
 
 def test_gravity_torque_agrees_with_mujoco(model, mujoco_model, poses):
@@ -123,3 +125,12 @@ def test_an_arm_of_one_joint_has_torques_of_one_joint(tmp_path):
     torque = pendulum.inverse_dynamics(q, rest, rest)
     np.testing.assert_allclose(torque, -2 * 9.81 * 0.5 * np.sin(q), atol=1e-9)
     np.testing.assert_allclose(pendulum.inertia_of(q, 0), 0.1 + 2 * 0.5**2)
+
+
+def test_many_samples_have_the_torques_that_each_has_on_its_own(model, monkeypatch):
+    motion = np.random.default_rng(3).uniform(-1, 1, (3, 3000, model.n))
+    alone = np.concatenate([model.inverse_dynamics(*row[:, None]) for row in motion.swapaxes(0, 1)])
+    for threads in ("1", "2", "", "all of them"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        fresh = RobotModel.load("iiwa14")
+        np.testing.assert_allclose(fresh.inverse_dynamics(*motion), alone, atol=1e-12)
