@@ -20,6 +20,7 @@ from estimators.rigid_body.regressor import Chain
 from limo_driver.differentiation import smooth
 from limo_driver.errors import RecordingError
 from limo_driver.physics.effect import ArmMotion, MotionEffect
+from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 ROWS_PER_BANDWIDTH = 2.5  # [rows/(s Hz)]; 2 would be the least that keeps all information
 SAMPLES_PER_BANDWIDTH = 20.0  # [samples/(s Hz)]; more would say nothing that passes the filters
 LEAST_ROWS = 200  # of all recordings together, on the slow grid
-REST = 0.0015  # [rad/s], slower is at rest
+REST = 1.5 * SIGN_WIDTH  # [rad/s]; slower, dry friction is what the smoothing of its sign makes it
 NEAR_REST = 0.1  # [s] before and after, within which the filter has spread what happens at rest
 _EVEN = 1e-4  # [sample periods], deviation from an even grid that does not matter
 _DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
