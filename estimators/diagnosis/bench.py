@@ -81,7 +81,7 @@ class Bench:
     def undisturbed(self, rows: NDArray[np.bool_]) -> Bench:
         """Return the same, where something pushed on some rows (K,): those count no more."""
         observed = self.observed.undisturbed(rows)
-        return replace(self, observed=observed, split=Split.of(observed))
+        return replace(self, observed=observed, split=Split.of(observed), held=None)
 
     def again(self, candidate: Candidate, place: int) -> int:
         """Enter a candidate that has a place on another bench; return its place on this one."""

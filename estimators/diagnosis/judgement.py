@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from estimators.diagnosis.observations import Observations
     from limo_driver.types import FloatArray
 
-MATERIAL = 0.5  # [noise floors] that a finding has to take off the held-out error of some joint
+MATERIAL = 0.5  # [errors left] that a finding has to take off the error of some joint
 TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
 FORETOLD = 0.45  # [noise floors] of foretellable rest that counts as unknown physics
 SMOOTHER, SMOOTH = 1.4, 1.9  # times the other joints', and least, ratio of a rest to its roughness
+_SEEN = 0.5  # of an effect's mean square, that rows held out have to have to judge it
 _SLIGHT = 0.1  # of what is gained over all rows, that may be lost on those held out
 _LOADS = ("payload", "link_inertia")
 _UNEVEN = ("asymmetric_friction", "torque_offset")
@@ -91,17 +92,22 @@ def _taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> F
 
 
 def material(bench: Bench, solution: Solution, member: int) -> float:
-    """Return how much error a member takes off the joint where it does most [noise floors].
+    """Return how much error a member takes off the joint where it does most [errors left].
 
-    Counted over all rows, since what fades within the first minute, or happens but now and then,
-    may miss the rows held out; but nothing where it makes those clearly worse.
+    Counted on rows held out. What fades within the first minute, or happens but now and then, may
+    miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
     """
-    rest, moving = without(solution, member), bench.observed.moving
-    left, bare = bench.left(solution.fitted), bench.left(rest)
-    gained = _taken_off(left, bare, moving)
-    harmless = _taken_off(left, bare, bench.split.held_out) >= -_SLIGHT * gained
-    relative = np.where(harmless, gained, 0.0) / np.maximum(rmse(left, moving) ** 2, 1e-12)
-    return float(np.sqrt(max(relative.max(), 0.0)))
+    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
+    moving, held_out = bench.observed.moving, bench.split.held_out
+    gained, proven = _taken_off(left, bare, moving), _taken_off(left, bare, held_out)
+    misses = rmse(bare - left, held_out) ** 2 < _SEEN * rmse(bare - left, moving) ** 2
+    part = np.where(misses & (proven >= -_SLIGHT * gained), gained / _square(left, moving), 0.0)
+    part = np.where(misses, part, proven / _square(left, held_out))
+    return float(np.sqrt(max(part.max(), 0.0)))
+
+
+def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+    return np.maximum(rmse(left, rows) ** 2, 1e-12)
 
 
 def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidate, ...]:

@@ -14,6 +14,7 @@ from estimators.diagnosis.diagnosis import Diagnosis, Traces
 from estimators.diagnosis.intervals import with_parameters
 from estimators.diagnosis.judgement import Leftover, abstained, harms, leftover, remarks, worse
 from estimators.diagnosis.linearised import polished
+from estimators.diagnosis.noise import Noise
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.plausibility import check_plausible
 from estimators.diagnosis.pushes import covered, pushes
@@ -98,7 +99,8 @@ def diagnose(
     judged, harmful = judged.harmless()
     bench, solution, rest = judged.bench, judged.solution, judged.rest
     progress("fitting to all rows", 0.95)
-    final = fitted(bench, solution.members, solution.noise, everything=True)
+    noise = Noise.of(bench.left(solution.fitted), observed.moving, observed.segment)
+    final = fitted(bench, solution.members, noise, everything=True)
     improved = observed.beside(simulation)
     if not harmful:
         improved = polished(observed, improve(bench, final), observed.moving, _found(bench, final))

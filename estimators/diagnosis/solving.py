@@ -30,6 +30,7 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     outvote; fitted values stay inside them. So once more with those held that a fit has at their
     limit: what they would have explained beyond it may be an effect, or a value that is wrong.
     """
+    bench.held = None
     noise = _noise_of_everything(bench)
     _scan(bench, fitted(bench, bench.base, noise))
     solution = _sought(bench, noise, progress, near)
