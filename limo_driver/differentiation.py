@@ -94,8 +94,8 @@ def _there_and_back(values: FloatArray, sos: FloatArray, steady: FloatArray) -> 
     """Filter columns (T, k) forwards and backwards, in place, each way as if at rest before.
 
     As `scipy.signal.sosfiltfilt`, bit for bit, which goes through one column after the other; here
-    all columns, which lie together in memory, take each step at once: a hundred in a fifth of
-    the time.
+    all columns, which lie together in memory, take each step at once, which is faster by a factor
+    of two to five.
     """
     _sweep(values, sos, steady[:, :, None] * values[0])
     _sweep(values[::-1], sos, steady[:, :, None] * values[-1])
@@ -171,8 +171,14 @@ def _check_bandwidth(bandwidth: float, rate: float) -> None:
     if not 0 < bandwidth <= HIGHEST_BANDWIDTH * rate:
         raise RecordingError(
             f"a bandwidth of {bandwidth:g} Hz does not suit a recording sampled at {rate:.4g} Hz; "
-            f"give more than 0 and at most {HIGHEST_BANDWIDTH * rate:.3g} Hz"
+            f"give more than 0 and at most {_below(HIGHEST_BANDWIDTH * rate):g} Hz"
         )
+
+
+def _below(value: float) -> float:
+    """Round down to a thousandth of a value, so that what a message offers is allowed."""
+    digits = 10.0 ** (np.floor(np.log10(value)) - 2)
+    return float(np.floor(value / digits * (1 + 1e-12)) * digits)
 
 
 def _check_lowest(bandwidth: float, time: FloatArray) -> None:

@@ -190,15 +190,14 @@ class RobotModel:
 
     def flange_jacobian(self, position: FloatArray) -> FloatArray:
         """Return the flange's Jacobian, (6, n): velocity, then angular velocity, in base axes."""
-        return np.array(
-            pin.computeFrameJacobian(
-                self.pin_model,
-                self._data,
-                np.asarray(position),
-                self._flange,
-                pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-            )
+        jacobian = pin.computeFrameJacobian(
+            self.pin_model,
+            self._data,
+            np.asarray(position),
+            self._flange,
+            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
         )
+        return np.array(jacobian).reshape(6, self.n)  # of one joint, pinocchio returns a row
 
     def mass_matrix(self, position: FloatArray) -> FloatArray:
         """Return the joint mass matrix, (n, n) [kg m²], for one joint position (n,) [rad]."""

@@ -72,7 +72,6 @@ class Products:
 
     gram: FloatArray  # (P, P)
     product: FloatArray  # (P,)
-    energy: float  # of the whitened residual
 
     @classmethod
     def of(
@@ -98,7 +97,6 @@ class Products:
         gram, product = np.zeros((columns.count, columns.count)), np.zeros(columns.count)
         if known is not None:
             gram[:old, :old] = known.gram
-        energy = 0.0
         for joint in range(columns.joints):
             values, at = columns.of_joint(joint)
             rows = use[:, joint]
@@ -109,5 +107,4 @@ class Products:
             gram[np.ix_(at, at[first:])] += new
             gram[np.ix_(at[first:], at[:first])] += new[:first].T
             product[at] += A.T @ y
-            energy += float(y @ y)
-        return cls(gram, product, energy)
+        return cls(gram, product)

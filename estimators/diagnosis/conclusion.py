@@ -209,7 +209,8 @@ def shifts_of(bench: Bench, final: Solution) -> tuple[Shift, ...]:
     """Return how far each nuisance parameter moved, in its own tolerance, farthest first."""
     count = bench.nuisance.prior.index.size
     mean = final.fitted.mean[:count]
-    sigmas = mean / bench.nuisance.prior.deviation
+    deviation = bench.nuisance.prior.deviation
+    sigmas = np.divide(mean, deviation, out=np.zeros_like(mean), where=deviation > 0)
     order = np.argsort(-np.abs(sigmas))
     parameters = bench.nuisance.parameters
     return tuple(

@@ -87,18 +87,15 @@ class Evidence:
         self.products, self.nuisance = products, nuisance
         free = np.ones(nuisance.index.size, dtype=bool) if held is None else np.isnan(held)
         at, s = nuisance.index[free], nuisance.deviation[free]
-        G, product, energy = products.gram, products.product, products.energy
+        G, product = products.gram, products.product
         if held is not None and not free.all():
-            fixed, x = nuisance.index[~free], held[~free]
-            energy += float(x @ (G[np.ix_(fixed, fixed)] @ x - 2 * product[fixed]))
-            product = product - G[:, fixed] @ x
+            product = product - G[:, nuisance.index[~free]] @ held[~free]
         inner = s[:, None] * G[np.ix_(at, at)] * s + np.eye(at.size)
         self._lower = np.linalg.cholesky(inner)
         half = solve_triangular(self._lower, s[:, None] * G[at], lower=True)
         self.gram = G - half.T @ half
         b = solve_triangular(self._lower, s * product[at], lower=True)
         self.product = product - half.T @ b
-        self.energy = energy - float(b @ b)
 
     def gain(self, prior: Prior) -> float:
         """Return the log evidence of a set of columns against none.
@@ -175,7 +172,8 @@ class Evidence:
         """Return the coefficients of the nuisance (c,) that a fit has at their limit; NaN else."""
         limit = REACH * self.nuisance.deviation
         mean = fitted.mean[: limit.size]
-        return np.where(np.abs(mean) >= (1 - _RIDGE) * limit, mean, np.nan)
+        there = (np.abs(mean) >= (1 - _RIDGE) * limit) & (limit > 0)
+        return np.where(there, mean, np.nan)
 
 
 def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.evidence import REACH
 from estimators.diagnosis.noise import roughness
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.search import LARGEST
@@ -32,6 +33,7 @@ _SEEN = 0.5  # of an effect's mean square, that rows held out have to have to ju
 _SLIGHT = 0.1  # of what is gained over all rows, that may be lost on those held out
 _LOADS = ("payload", "link_inertia")
 _UNEVEN = ("asymmetric_friction", "torque_offset")
+_AT_LIMIT = 0.01  # [sigma]
 _WORTH_A_WORD = 1.5  # [sigma] that a value moved inside its tolerance
 DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
 PRECISE = 0.99  # part beyond which the rest is what no law of friction gets right, and no physics
@@ -195,12 +197,20 @@ def worse(bench: Bench, proven: FloatArray, other: FloatArray, rest: Leftover) -
     return bool((rmse(proven, rows) > rmse(other, rows) + MATERIAL * rest.floor).any())
 
 
+def _moved(shift: Shift) -> str:
+    limit = " (as far as it may)" if abs(shift.sigmas) > REACH - _AT_LIMIT else ""
+    return f"{shift.name} by {shift.sigmas:+.1f} sigma{limit}"
+
+
 def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: int) -> Iterator[str]:
     """Yield what a reader should know of the fit, one sentence each."""
     moved = [shift for shift in shifts if abs(shift.sigmas) > _WORTH_A_WORD][:3]
     if moved and not harmful:
-        said = "; ".join(f"{shift.name} by {shift.sigmas:+.1f} sigma" for shift in moved)
-        yield f"Values moved inside their tolerances, too, and the fit has both: {said}."
+        said = "; ".join(map(_moved, moved))
+        sensed = any(" of sensor " in shift.name for shift in moved)
+        yield f"Values moved inside their tolerances, too, and the fit has both: {said}." + (
+            " What a sensor adds is written into no simulation." if sensed else ""
+        )
     if members >= LARGEST:
         yield (
             f"The search stopped at {LARGEST} effects, and more may be missing: identify inertias "

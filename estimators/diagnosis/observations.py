@@ -111,6 +111,7 @@ class Observations:
             recording_of_sample=np.zeros(last + 1 - first, dtype=np.int64),
             kept=self.kept[rows] - first,
             measured=self.measured[rows],
+            disturbed=None if self.disturbed is None else self.disturbed[rows],
         )
 
     def beside(self, simulation: Simulation, around: Simulation | None = None) -> Observations:
@@ -271,6 +272,7 @@ class _Part:
 
     @classmethod
     def of(cls, recording: Recording, bandwidth: float) -> _Part:
+        measured = recording.filtered_torque(bandwidth)  # refuses a bandwidth that does not suit
         stride = max(1, int(recording.rate / (SAMPLES_PER_BANDWIDTH * bandwidth)))
         chosen = [np.arange(rows.start, rows.stop, stride) for rows in recording.segments]
         grids = [_even(recording.time[rows]) for rows in chosen]
@@ -304,7 +306,7 @@ class _Part:
         return cls(
             moved(recording.sharp_motion(bandwidth)),
             moved(recording.motion(bandwidth)),
-            on_grid(recording.filtered_torque(bandwidth)),
+            on_grid(measured),
             segments,
             _slow_rows(time, segments, ~edges, bandwidth),
         )

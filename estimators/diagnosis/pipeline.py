@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ from estimators.diagnosis.pushes import covered, pushes
 from estimators.diagnosis.shares import left_by_tolerances
 from estimators.diagnosis.solving import curved, settled, settled_around, solve
 from estimators.diagnosis.tree import tests_of
+from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,12 +51,20 @@ def _proven(bench: Bench, solution: Solution) -> FloatArray:
     return polished(bench.observed, start, bench.split.fitted, places).residual
 
 
+def _require_different(recordings: Sequence[Recording]) -> None:
+    """Refuse one recording given twice: all of its noise would look like physics that repeats."""
+    for one, other in combinations(recordings, 2):
+        if np.array_equal(one.time, other.time) and np.array_equal(one.torque, other.torque):
+            raise RecordingError(f"{one.source} and {other.source} are the same; give it once")
+
+
 def observe(
     simulation: Simulation, recordings: Sequence[Recording], bandwidth: float
 ) -> Observations:
     """Check that the recordings can be of the simulation's robot, and filter them."""
     for recording in recordings:
         recording.check_robot(simulation.model)
+    _require_different(recordings)
     observed = Observations.of(simulation, recordings, bandwidth)
     check_plausible(observed)
     return observed
@@ -75,7 +85,7 @@ def diagnose(
         progress: Told the stage and the part that is done.
 
     Raises:
-        RecordingError: The recordings cannot be used, or are of another robot.
+        RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
     """
     progress("reading motion", 0.0)
     observed = observe(simulation, recordings, bandwidth)

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 BETTER = 3.0  # times that undoing a mistake has to lower a joint's misfit
 STRANGE = 0.1  # misfit above which a torque may belong to something else
+LEFT = 0.7  # part of the torque as recorded that may be left unexplained then
 FITS = 0.4  # misfit below which it belongs to its motion
 SCALE, SCALE_OF_ALL = 12.0, 4.0  # times; no sensor of a joint, nor of all, is so wrong
 ALIKE = 0.8  # correlation of two torques that differ in their scale
@@ -224,6 +225,8 @@ def _explains(before: Sample, after: Sample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
     strange = before.misfit > STRANGE
     mended = strange & (after.misfit < FITS) & (BETTER * after.misfit < before.misfit)
+    # gravity that is put back may be far larger than all that was recorded, and fits by itself
+    mended &= after.misfit * after.torque.std(axis=0) < LEFT * before.torque.std(axis=0)
     return bool(mended.any()) and _size(after) < _size(before) - np.log(BETTER)
 
 

@@ -99,7 +99,6 @@ class _Local:
         self.base = base
         size = base.index.size
         self._gram, self._product = np.zeros((size, size)), np.zeros(size)
-        self._energy = 0.0
         self._white: list[tuple[FloatArray, NDArray[np.int64], FloatArray]] = []
         place = {int(column): k for k, column in reversed(list(enumerate(base.index)))}
         for joint in range(around.observed.n):
@@ -111,7 +110,6 @@ class _Local:
             to = np.array([place[int(at[k])] for k in mine], dtype=np.int64)
             self._gram[np.ix_(to, to)] += A.T @ A
             self._product[to] += A.T @ y
-            self._energy += float(y @ y)
             self._white.append((A, to, y))
 
     def gain(self, hypothesis: Hypothesis) -> float:
@@ -141,7 +139,7 @@ class _Local:
         others = Prior(
             np.arange(count, size), self.around.others.deviation, self.around.others.positive
         )
-        evidence = Evidence(Products(gram, product, self._energy), nuisance)
+        evidence = Evidence(Products(gram, product), nuisance)
         return evidence.gain(joined(others, own))
 
 

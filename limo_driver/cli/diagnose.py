@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Sequence
+    from collections.abc import Callable, Generator, Sequence
 
     from rich.console import Console
     from rich.table import Table
@@ -53,6 +53,7 @@ def command(
 
     from rich.console import Console
 
+    from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
@@ -60,7 +61,8 @@ def command(
     measured = [Recording.load(path) for path in recordings]
     for recording in measured:
         recording.check_robot(simulation.model)
-    _require_folder(out, [sim, *recordings])
+    names = (VERDICT, IMPROVED, REPORT, NEXT_MOTION)
+    require_folder(out, "the diagnosis", names, [sim, *recordings])
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     with _progress(notes) as progress:
         found = _diagnose(simulation, measured, bandwidth, progress)
@@ -73,26 +75,6 @@ def command(
         for item in recording.left_out:
             notes.print(f"{recording.source}: {item}", markup=False)
     _show(found, out)
-
-
-def _require_folder(out: Path, inputs: Iterable[Path]) -> None:
-    """Refuse to work for a minute and then find no place to write to, or write over an input."""
-    from tempfile import TemporaryFile
-
-    from limo_driver.errors import ConfigError
-
-    if out.exists() and not out.is_dir():
-        raise ConfigError("is a file, expected a folder for the diagnosis", path=out)
-    written = {(out / name).resolve() for name in (VERDICT, IMPROVED, REPORT, NEXT_MOTION)}
-    for path in inputs:
-        if path.resolve() in written:
-            raise ConfigError("would be written over; give another folder as --out", path=path)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise ConfigError(f"cannot be written to: {error.strerror}", path=out) from None
 
 
 def _diagnose(

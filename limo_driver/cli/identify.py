@@ -65,10 +65,11 @@ def command(  # one argument for each option
     from estimators.rigid_body.report import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
     from limo_driver.model import RobotModel
+    from limo_driver.outputs import require_file
     from limo_driver.recording import Recording
 
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
-    _require_writable(out)
+    require_file(out, recordings)
     model = RobotModel.load(robot)
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
     rows = Rows(bandwidth, moving_only, weighting)
@@ -89,28 +90,6 @@ def command(  # one argument for each option
         return
     _say_what_was_left_out(measured, notes)
     _show(found, out)
-
-
-def _require_writable(out: Path) -> None:
-    """Refuse to work for a minute and then find no place to write to."""
-    import os
-    from tempfile import TemporaryFile
-
-    from limo_driver.errors import ConfigError
-
-    if out.is_dir():
-        raise ConfigError("cannot be written: is a folder, expected a file", path=out)
-    if not out.parent.is_dir():
-        raise ConfigError(f"cannot be written: there is no folder {out.parent}", path=out)
-    if out.exists():
-        if not os.access(out, os.W_OK):
-            raise ConfigError("cannot be written: the file is read-only", path=out)
-        return
-    try:
-        with TemporaryFile(dir=out.parent):
-            pass
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", path=out) from None
 
 
 def _identify(

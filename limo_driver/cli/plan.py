@@ -86,24 +86,14 @@ def command(
 
 def _require_writable(out: Path, picture: Path | None) -> None:
     """Refuse to plan for minutes and then find that the results cannot be written."""
-    from tempfile import TemporaryFile
-
     from limo_driver.errors import ConfigError
+    from limo_driver.outputs import require_file
 
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
     for path in (out, picture):
-        if path is None:
-            continue
-        if path.is_dir():
-            raise ConfigError("cannot be written: it is a folder", path=path)
-        if not path.parent.is_dir():
-            raise ConfigError(f"cannot be written: there is no folder {path.parent}", path=path)
-        try:
-            with path.open("ab") if path.exists() else TemporaryFile(dir=path.parent):
-                pass
-        except OSError as error:
-            raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
+        if path is not None:
+            require_file(path)
 
 
 def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:

@@ -35,9 +35,11 @@ def command(
 
     from rich.console import Console
 
+    from limo_driver.outputs import require_file
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
+    require_file(out, [recording, sim])
     simulation, measured = Simulation.load(sim), Recording.load(recording)
     measured.check_robot(simulation.model)
     torque = simulation.predict_recording(measured, bandwidth)

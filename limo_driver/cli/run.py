@@ -55,10 +55,12 @@ def command(
 
         limo run --backend virtual --trajectory limo.traj.parquet --record ideal.parquet --json
     """
+    from limo_driver.outputs import require_apart
     from limo_driver.physics import Simulation
     from limo_driver.playback import Playback, open_for
     from limo_driver.trajectory import Trajectory
 
+    require_apart([record], [trajectory, *([] if sim is None else [sim])])
     motion = Trajectory.load(trajectory)
     if duration is not None:
         motion = _shortened(motion, duration)

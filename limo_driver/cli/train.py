@@ -86,12 +86,11 @@ def command(  # one argument for each option
 
     from estimators.hybrid import HybridModel
     from estimators.training import usual_settings
-    from limo_driver.errors import ConfigError
+    from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
-    if out.exists() and not out.is_dir():
-        raise ConfigError("is a file, expected a folder for the model", path=out)
+    require_folder(out, "the model")
     usual = usual_settings(features)
     settings = replace(
         usual,

@@ -18,7 +18,7 @@ SET = Prior.free(np.array([3, 5]), np.array([1.5, 0.7]))
 
 
 def products_of(y):
-    return Products(COLUMNS.T @ COLUMNS, COLUMNS.T @ y, float(y @ y))
+    return Products(COLUMNS.T @ COLUMNS, COLUMNS.T @ y)
 
 
 def density(y, *priors):

@@ -74,9 +74,14 @@ def test_what_could_be_foretold_is_kept_as_a_series(rigid, training_recording):
 
 
 def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
-    shifts = (Shift("tau_c of joint 2", 2.2, 3.0, "N m", 2.4), Shift("mass", 0, 0.01, "kg", 0.5))
+    shifts = (
+        Shift("tau_c of joint 2", 2.2, 3.0, "N m", 2.4),
+        Shift("lag of sensor 5", 0, -9e-4, "s", -3.0),
+        Shift("mass", 0, 0.01, "kg", 0.5),
+    )
     said = tuple(remarks(shifts, members=LARGEST, harmful=False, doubted=2))
-    assert "tau_c of joint 2 by +2.4 sigma" in said[0]
+    assert "tau_c of joint 2 by +2.4 sigma; lag of sensor 5 by -3.0 sigma (as far as" in said[0]
+    assert said[0].endswith("What a sensor adds is written into no simulation.")
     assert "mass" not in said[0]
     assert f"stopped at {LARGEST} effects" in said[1]
     assert said[2].startswith("2 short stretches")

@@ -131,6 +131,23 @@ def test_torque_of_another_motion_is_refused(recording):
     refused(replace(recording, torque=torque), "are not the load of iiwa14 on this motion")
 
 
+def test_noise_instead_of_torque_is_no_torque_without_gravity(recording):
+    """Gravity that is put back would fit by itself, being far larger than the noise."""
+    noise = np.random.default_rng(0).standard_normal(recording.torque.shape)
+    refused(replace(recording, torque=noise), "are not the load of iiwa14 on this motion")
+
+
+def test_a_recording_given_twice_is_refused(recording):
+    with pytest.raises(RecordingError, match="are the same; give it once"):
+        observe(GIVEN, [recording, recording], 10.0)
+
+
+@pytest.mark.parametrize("bandwidth", [1e-9, 1e-3])
+def test_a_bandwidth_far_below_the_recording_is_refused(recording, bandwidth):
+    with pytest.raises(RecordingError, match="is too low for a recording of"):
+        observe(GIVEN, [recording], bandwidth)
+
+
 def test_torque_without_gravity_is_refused(recording):
     gravity = GIVEN.model.inverse_dynamics(recording.position, *2 * [0 * recording.position])
     refused(

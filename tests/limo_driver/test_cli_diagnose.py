@@ -305,5 +305,5 @@ def test_the_given_simulation_is_not_written_over(tmp_path, recording, monkeypat
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert "would be written over; give another folder as --out" in capsys.readouterr().err
+    assert "sim.yaml: is read and would be written over" in capsys.readouterr().err
     assert Simulation.load(tmp_path / "sim.yaml") == GIVEN

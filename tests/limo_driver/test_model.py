@@ -125,6 +125,7 @@ def test_an_arm_of_one_joint_has_torques_of_one_joint(tmp_path):
     torque = pendulum.inverse_dynamics(q, rest, rest)
     np.testing.assert_allclose(torque, -2 * 9.81 * 0.5 * np.sin(q), atol=1e-9)
     np.testing.assert_allclose(pendulum.inertia_of(q, 0), 0.1 + 2 * 0.5**2)
+    assert pendulum.flange_jacobian(q[0]).shape == (6, 1)
 
 
 def test_many_samples_have_the_torques_that_each_has_on_its_own(model, monkeypatch):

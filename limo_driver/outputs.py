@@ -1,0 +1,71 @@
+"""Outputs: refused before long work where nothing can be written, or where an input lies."""
+
+from __future__ import annotations
+
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+
+def require_file(path: Path, inputs: Iterable[Path] = ()) -> None:
+    """Check that a file can be written.
+
+    Args:
+        path: To be written; one that is there is written over.
+        inputs: Files that are read, which must not be.
+
+    Raises:
+        ConfigError: It cannot be written, or is one of the inputs.
+    """
+    if path.is_dir():
+        raise ConfigError("cannot be written: it is a folder, expected a file", path=path)
+    if not path.parent.is_dir():
+        raise ConfigError(f"cannot be written: there is no folder {path.parent}", path=path)
+    require_apart([path], inputs)
+    try:
+        with path.open("ab") if path.exists() else TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
+
+
+def require_folder(
+    folder: Path, holds: str, names: Iterable[str] = (), inputs: Iterable[Path] = ()
+) -> None:
+    """Make a folder, if there is none, and check that it can be written to.
+
+    Args:
+        folder: To be written to.
+        holds: What it is for, e.g. "the diagnosis".
+        names: Files that will be written in it.
+        inputs: Files that are read, which must not be written over.
+
+    Raises:
+        ConfigError: It is a file, cannot be written to, or an input would be written over.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"is a file, expected a folder for {holds}", path=folder)
+    require_apart([folder / name for name in names], inputs)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigError(f"cannot be written to: {error.strerror}", path=folder) from None
+
+
+def require_apart(written: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Check that no file that is read is written over.
+
+    Raises:
+        ConfigError: One is.
+    """
+    taken = {path.resolve() for path in written}
+    for path in inputs:
+        if path.resolve() in taken:
+            raise ConfigError("is read and would be written over; write elsewhere", path=path)
