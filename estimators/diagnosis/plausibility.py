@@ -225,9 +225,11 @@ def _explains(before: Sample, after: Sample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
     strange = before.misfit > STRANGE
     mended = strange & (after.misfit < FITS) & (BETTER * after.misfit < before.misfit)
-    # gravity that is put back may be far larger than all that was recorded, and fits by itself
-    mended &= after.misfit * after.torque.std(axis=0) < LEFT * before.torque.std(axis=0)
-    return bool(mended.any()) and _size(after) < _size(before) - np.log(BETTER)
+    if not mended.any() or _size(after) > _size(before) - np.log(BETTER):
+        return False
+    # Gravity that is put back may be far larger than all that was recorded, and fits by itself.
+    left, recorded = after.misfit * after.torque.std(axis=0), before.torque.std(axis=0)
+    return bool(np.linalg.norm(left) < LEFT * np.linalg.norm(recorded))
 
 
 def _check_arm(observed: Observations, sample: Sample) -> None:
