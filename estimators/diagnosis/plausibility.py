@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 BETTER = 3.0  # times that undoing a mistake has to lower a joint's misfit
 STRANGE = 0.1  # misfit above which a torque may belong to something else
-LEFT = 0.7  # part of the torque as recorded that may be left unexplained then
+LEFT = 0.7  # part of the torque as recorded that may be left when all mistakes are undone
 FITS = 0.4  # misfit below which it belongs to its motion
 SCALE, SCALE_OF_ALL = 12.0, 4.0  # times; no sensor of a joint, nor of all, is so wrong
 ALIKE = 0.8  # correlation of two torques that differ in their scale
@@ -205,6 +205,7 @@ def found_in(sample: Sample) -> list[Mistake]:
         sample: Torque and motion as recorded.
     """
     known = [*mistakes(sample.torque.shape[1]), *stuck(sample)]
+    recorded = float(np.linalg.norm(sample.torque.std(axis=0)))
     found: list[Mistake] = []
     while len(found) < MOST_MISTAKES and sample.misfit.max() > STRANGE:
         undone = [mistake.undo(sample) for mistake in known]
@@ -213,7 +214,9 @@ def found_in(sample: Sample) -> list[Mistake]:
             break
         found.append(known[best])
         sample = undone[best]
-    return found
+    # gravity that is put back may be far larger than all that was recorded, and fits by itself
+    left = float(np.linalg.norm(sample.misfit * sample.torque.std(axis=0)))
+    return found if left < LEFT * recorded else []
 
 
 def _size(sample: Sample) -> float:
@@ -225,11 +228,7 @@ def _explains(before: Sample, after: Sample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
     strange = before.misfit > STRANGE
     mended = strange & (after.misfit < FITS) & (BETTER * after.misfit < before.misfit)
-    if not mended.any() or _size(after) > _size(before) - np.log(BETTER):
-        return False
-    # Gravity that is put back may be far larger than all that was recorded, and fits by itself.
-    left, recorded = after.misfit * after.torque.std(axis=0), before.torque.std(axis=0)
-    return bool(np.linalg.norm(left) < LEFT * np.linalg.norm(recorded))
+    return bool(mended.any()) and _size(after) < _size(before) - np.log(BETTER)
 
 
 def _check_arm(observed: Observations, sample: Sample) -> None:
