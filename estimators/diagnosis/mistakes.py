@@ -31,6 +31,7 @@ _ROWS = 1500  # that are enough to judge by
 _ROWS_TO_TURN = 400
 ANGLES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # [rad] that a joint may have
 _TURNS = 3
+_LEFT = 0.7  # part of the recorded torque that may be left unexplained beside its gravity
 _DEGREES = float(np.rad2deg(1.0))
 _TINY = 1e-9  # [N m], [rad/s]
 
@@ -249,9 +250,12 @@ def _positions(matrix: FloatArray, turn: FloatArray | float = 0.0) -> Undo:
 
 
 def _weighed(sample: Sample) -> Sample:
+    """Put gravity back, unless what was recorded is lost in it: then it fits all by itself."""
     still = np.zeros_like(sample.torque)
     gravity = sample.body.inverse_dynamics(sample.motion.position, still, still)
-    return replace(sample, torque=sample.torque + gravity)
+    weighed = replace(sample, torque=sample.torque + gravity)
+    left, recorded = weighed.misfit * weighed.torque.std(axis=0), sample.torque.std(axis=0)
+    return weighed if np.linalg.norm(left) < _LEFT * np.linalg.norm(recorded) else sample
 
 
 def _gravity(direction: FloatArray) -> Undo:

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 BETTER = 3.0  # times that undoing a mistake has to lower a joint's misfit
 STRANGE = 0.1  # misfit above which a torque may belong to something else
-LEFT = 0.7  # part of the torque as recorded that may be left when all mistakes are undone
 FITS = 0.4  # misfit below which it belongs to its motion
 SCALE, SCALE_OF_ALL = 12.0, 4.0  # times; no sensor of a joint, nor of all, is so wrong
 ALIKE = 0.8  # correlation of two torques that differ in their scale
@@ -205,7 +204,6 @@ def found_in(sample: Sample) -> list[Mistake]:
         sample: Torque and motion as recorded.
     """
     known = [*mistakes(sample.torque.shape[1]), *stuck(sample)]
-    recorded = float(np.linalg.norm(sample.torque.std(axis=0)))
     found: list[Mistake] = []
     while len(found) < MOST_MISTAKES and sample.misfit.max() > STRANGE:
         undone = [mistake.undo(sample) for mistake in known]
@@ -214,9 +212,7 @@ def found_in(sample: Sample) -> list[Mistake]:
             break
         found.append(known[best])
         sample = undone[best]
-    # gravity that is put back may be far larger than all that was recorded, and fits by itself
-    left = float(np.linalg.norm(sample.misfit * sample.torque.std(axis=0)))
-    return found if left < LEFT * recorded else []
+    return found
 
 
 def _size(sample: Sample) -> float:
