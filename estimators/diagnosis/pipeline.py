@@ -54,7 +54,8 @@ def _proven(bench: Bench, solution: Solution) -> FloatArray:
 def _require_different(recordings: Sequence[Recording]) -> None:
     """Refuse one recording given twice: all of its noise would look like physics that repeats."""
     for one, other in combinations(recordings, 2):
-        if np.array_equal(one.time, other.time) and np.array_equal(one.torque, other.torque):
+        pairs = ((x.time, x.position, x.torque) for x in (one, other))
+        if all(map(np.array_equal, *pairs)):
             raise RecordingError(f"{one.source} and {other.source} are the same; give it once")
 
 
