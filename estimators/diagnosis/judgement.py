@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.evidence import REACH
 from estimators.diagnosis.noise import roughness
+from estimators.diagnosis.observations import CREEP
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.search import LARGEST
 from estimators.diagnosis.surrogate import foretold
@@ -63,7 +64,7 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
         observed: Recordings and simulation.
         left: Residual of the improved simulation, (K, n) [N m].
     """
-    moving = observed.moving
+    moving = observed.faster(CREEP)  # a simulation gets slower friction wrong, unknown or not
     guesses = [foretold(observed, left[:, joint], joint) for joint in range(observed.n)]
     series = np.stack(guesses, axis=1)
     whole, floor = rmse(left, moving), rmse(left - series, moving)

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 ROWS_PER_BANDWIDTH = 2.5  # [rows/(s Hz)]; 2 would be the least that keeps all information
 SAMPLES_PER_BANDWIDTH = 20.0  # [samples/(s Hz)]; more would say nothing that passes the filters
 LEAST_ROWS = 200  # of all recordings together, on the slow grid
-REST = 1.5 * SIGN_WIDTH  # [rad/s]; slower, dry friction is what the smoothing of its sign makes it
+REST = 0.0015  # [rad/s], slower is at rest
+CREEP = 1.5 * SIGN_WIDTH  # [rad/s]; slower, dry friction is what the smoothing of its sign makes it
 NEAR_REST = 0.1  # [s] before and after, within which the filter has spread what happens at rest
 _EVEN = 1e-4  # [sample periods], deviation from an even grid that does not matter
 _DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
@@ -243,7 +244,14 @@ class Observations:
         Near rest friction takes any value in its band, and a sharp sign turns the noise of the
         velocity into torque: such rows say little and err much.
         """
-        still = np.abs(self.motion.velocity) < REST
+        return self.faster(REST)
+
+    def faster(self, speed: float) -> NDArray[np.bool_]:
+        """Mark the rows, (K, n), on which a joint does not get slower than a speed [rad/s].
+
+        Nor does it within the reach of the filter, and nothing pushes.
+        """
+        still = np.abs(self.motion.velocity) < speed
         near = np.zeros_like(still)
         for rows in self.segments:
             reach = max(1, round(NEAR_REST / float(np.median(np.diff(self.motion.time[rows])))))

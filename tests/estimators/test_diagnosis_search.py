@@ -44,7 +44,7 @@ def candidate(at, *, effect=None, joint=None, variants=1, positive=False):
 
 
 def search_of(columns, y, candidates=None, base=()):
-    products = Products(columns.T @ columns, columns.T @ y, float(y @ y))
+    products = Products(columns.T @ columns, columns.T @ y)
     nuisance = Prior.free(np.array([11]), np.array([0.1]))
     given = candidates or [candidate(at) for at in (*range(11), 12)]
     return Search(given, Evidence(products, nuisance), base)
