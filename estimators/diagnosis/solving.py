@@ -28,8 +28,8 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     has an effect in it, the noise would explain that effect, and hide it.
 
     While sets compete, tolerances are the deviations of normal priors, which thousands of rows
-    outvote; fitted values stay inside them. So once more with those of bodies held that a fit has at
-    their limit: what they would have explained beyond it may be an effect, or a body that is wrong.
+    outvote; fitted values stay inside them. So once more with those of bodies held that a fit has
+    at their limit: what they would have explained beyond may be an effect, or a body that is wrong.
     """
     bench.held = None
     noise = _noise_of_everything(bench)
