@@ -253,7 +253,7 @@ class RobotModel:
             )
         columns = [np.asfortranarray(value.T) for value in (position, velocity, acceleration)]
         # of one joint, pinocchio returns a row
-        threads = _threads() if shape[0] > _MANY else 1
+        threads = self._pool.size() if shape[0] > _MANY else 1
         return np.array(pin.rneaInParallel(threads, self._pool, *columns).T).reshape(shape)
 
     def capsules(self) -> tuple[Capsule, ...]:

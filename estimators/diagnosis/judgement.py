@@ -174,8 +174,7 @@ def abstained(
     """
     search = solution.search
     none = search.evidence.posterior(search.prior(()))
-    rows = bench.split.held_out
-    taken_off = rmse(bench.left(none), rows) ** 2 - rmse(bench.left(solution.fitted), rows) ** 2
+    taken_off = _taken_off(bench.left(solution.fitted), bench.left(none), bench.split.held_out)
     explained = taken_off / np.maximum(taken_off + rest.foretold**2, 1e-12)
     unknown = np.flatnonzero(rest.foretellable & (explained < PRECISE))
     doubtful = {int(j) for j in unknown if explained[j] < DOMINANT}

@@ -90,7 +90,6 @@ def command(  # one argument for each option
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
-    require_folder(out, "the model")
     usual = usual_settings(features)
     settings = replace(
         usual,
@@ -115,6 +114,7 @@ def command(  # one argument for each option
         recording.check_robot(simulation.model)
         for item in (*recording.left_out, *recording.warnings):
             notes.print(f"{recording.source}: {item}", markup=False)
+    require_folder(out, "the model")
     hybrid = HybridModel(simulation, settings)
     hybrid.fitted_ = _train(simulation, measured, settings, notes)
     hybrid.save(out)
