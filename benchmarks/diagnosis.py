@@ -23,6 +23,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
+from shutil import rmtree
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
@@ -268,6 +269,7 @@ def _run_one(name: str, limit: float, case: Path) -> None:
     """Diagnose, and let both simulations foretell the held-out motions."""
     out = case / name
     out.mkdir(exist_ok=True)
+    rmtree(case / f"{name}_next", ignore_errors=True)  # it answers an earlier diagnosis
     status, seconds, message = _diagnose(case, out, limit)
     for label, sim in (("before", case / "sim.yaml"), ("after", out / "sim.yaml")):
         for k in (1, 2) if sim.exists() else ():

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["LeftOut", "Recording"]
 
 SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
+LIVELIER = 1.25  # times the bandwidth, for the acceleration
 
 
 @dataclass(frozen=True)
@@ -187,12 +188,14 @@ class Recording:
         return Motion(self.time, smoothed.value, smoothed.first, smoothed.second, self.temperature)
 
     def sharp_motion(self, bandwidth: float) -> Motion:
-        """Differentiate the positions for a prediction of friction, whose sign is sharp.
+        """Differentiate the positions for a prediction that is filtered, if at all, afterwards.
 
         A velocity that lost its high frequencies changes its sign too gently: friction computed
         from it errs by several noise floors around every reversal, whatever is filtered later.
         So position and velocity keep `SHARPER` times the bandwidth, as far as the sampling rate
-        allows; the acceleration, which would be nothing but noise there, keeps the bandwidth.
+        allows. The acceleration would be nothing but noise there, and keeps `LIVELIER` times the
+        bandwidth: with no more than the bandwidth itself, a prediction that is filtered like the
+        measured torque would have lost there what that torque keeps.
 
         Args:
             bandwidth: As for `motion` [Hz].
@@ -203,12 +206,12 @@ class Recording:
         Raises:
             RecordingError: The bandwidth is too high for the sampling rate.
         """
-        smooth_motion = self.motion(bandwidth)
-        sharper = min(SHARPER * bandwidth, SAFE_BANDWIDTH * self.slowest_rate)
-        if sharper <= bandwidth:
-            return smooth_motion
-        sharp = differentiate(self.time, self.position, sharper, self.segments)
-        return replace(smooth_motion, position=sharp.value, velocity=sharp.first)
+        highest = max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
+        lively = self.motion(min(LIVELIER * bandwidth, highest))
+        sharp = differentiate(
+            self.time, self.position, min(SHARPER * bandwidth, highest), self.segments
+        )
+        return replace(lively, position=sharp.value, velocity=sharp.first)
 
     @property
     def slowest_rate(self) -> float:

@@ -37,6 +37,7 @@ DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
 WRONG = 1.0  # relative deviation of a parameter that is simply wrong
 WRONG_INERTIA = 0.4
 _PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
+_PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
 _TINY = 1e-12
 _TOGETHER = 20  # hypotheses that pass the filter in one go
 
@@ -59,6 +60,11 @@ class Candidate:
     def place(self) -> tuple[str, tuple[int, ...]]:
         """What is named: effect and joints."""
         return self.effect, self.joints
+
+    @property
+    def slot(self) -> tuple[str, tuple[int, ...]]:
+        """What holds one candidate of a set: what one says, the others there would say again."""
+        return _PART_OF.get(self.effect, self.effect), self.joints
 
 
 def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -> list[Candidate]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis import repeats
 from estimators.diagnosis.diagnosis import CHOSEN, Explanation, Shift
 from estimators.diagnosis.findings import findings_of, unknown_of
 from estimators.diagnosis.judgement import MATERIAL
@@ -109,7 +110,10 @@ def conclude(
         fit=fit_of(bench, proven, alone, rest.floor),
         rows=rows_of(bench.observed.recordings),
         # of all rows, and beside the given simulation, as the recordings came in
-        notes=notes_on(bench.observed.undisturbed(None).beside(bench.observed.simulation)),
+        notes=(
+            *notes_on(bench.observed.undisturbed(None).beside(bench.observed.simulation)),
+            *repeats.notes(bench.observed),
+        ),
     )
 
 

@@ -13,7 +13,7 @@ from estimators.diagnosis.laws import sentence_of
 from estimators.diagnosis.region import where_of
 from estimators.diagnosis.shares import left_at, shares_of
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
-from estimators.diagnosis.wording import SIGNATURES, times
+from estimators.diagnosis.wording import OF_BODIES, SIGNATURES, times
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.judgement import Leftover
     from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
-
-_ON_ALL = {"payload", "link_inertia"}  # of one body, felt by all joints below it
 
 
 def findings_of(
@@ -52,7 +50,7 @@ def findings_of(
         candidate = bench.candidates[member]
         same = equivalents(bench, solution, member)
         gained = contribution(bench, solution, member)
-        everywhere = candidate.effect in _ON_ALL or not candidate.joints
+        everywhere = candidate.effect in OF_BODIES or not candidate.joints
         own = list(range(bench.observed.n) if everywhere else candidate.joints)
         joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
         lead = margin(bench, solution, member, same)

@@ -46,6 +46,7 @@ DELAYS = (2e-4, 0.1)  # [s]
 DELAYED, LAGGING = "a pure delay", "a first-order lag"
 UNIT_ANGLE = 1e-3  # [rad]
 LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's spokes
+_SEEN_OF_A_PERIOD = 0.5  # of the longest line that a torque sensor may have
 _SOFTEST = 1e-3  # [N m/rad]
 
 
@@ -59,8 +60,7 @@ def every(observed: Observations) -> Iterator[Hypothesis]:
         yield from _sensing(observed, j)
         yield from _environment(observed, j)
         yield from _coupling(j, n)
-        if np.ptp(observed.slow.position[:, j]) * LOW_ORDERS[0][0] >= 2 * np.pi:
-            yield from (rippling(j + 1, cycles) for cycles in LOW_ORDERS)
+        yield from _spokes(observed, j)
     yield gravity_direction(observed)
 
 
@@ -194,7 +194,7 @@ def cubic_spring(joint: int, rest: float) -> Hypothesis:
 
 
 def _coupling(j: int, n: int) -> Iterator[Hypothesis]:
-    for k in (j - 1, j + 1):
+    for k in (j - 2, j - 1, j + 1, j + 2):  # a wrist turns about every other axis, too
         for ratio in (1, -1):
             if 0 <= k < n:
                 yield coupling(j + 1, k + 1, ratio)
@@ -227,6 +227,14 @@ def gravity_direction(observed: Observations) -> Hypothesis:
         return (GravityDirection(gravity=tuple((tilted * size / np.linalg.norm(tilted)).tolist())),)
 
     return Hypothesis(terms[0].name, (), terms, realise)
+
+
+def _spokes(observed: Observations, j: int) -> Iterator[Hypothesis]:
+    """Yield ripples of low orders, as far as a joint turns through them."""
+    turns = float(np.ptp(observed.slow.position[:, j])) / (2 * np.pi)
+    for cycles in LOW_ORDERS:
+        if turns * max(cycles) >= 1.0 and turns * min(cycles) >= _SEEN_OF_A_PERIOD:
+            yield rippling(j + 1, cycles)
 
 
 def rippling(joint: int, cycles: tuple[float, ...]) -> Hypothesis:

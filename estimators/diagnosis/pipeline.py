@@ -18,7 +18,7 @@ from estimators.diagnosis.linearised import polished
 from estimators.diagnosis.noise import Noise
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.plausibility import check_plausible
-from estimators.diagnosis.pushes import covered, pushes
+from estimators.diagnosis.pushes import covered, overlap, pushes
 from estimators.diagnosis.shares import left_by_tolerances
 from estimators.diagnosis.solving import curved, settled, settled_around, solve
 from estimators.diagnosis.tree import tests_of
@@ -27,6 +27,7 @@ from limo_driver.errors import RecordingError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from estimators.diagnosis.pushes import Push
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
@@ -89,32 +90,20 @@ def diagnose(
         RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
     """
     progress("reading motion", 0.0)
-    observed = observe(simulation, recordings, bandwidth)
-    bench = Bench.of(observed, progress)
-    solution = solve(bench, progress)
-    # Before the effects are out, they would look like pushes themselves.
-    found = pushes(observed, bench.left(solution.fitted), solution.noise)
-    pushed = tuple(push for push in found if push.evidence > BEYOND_DOUBT)
-    if pushed:  # events: nothing is fitted to the rows that they cover
-        bench = bench.undisturbed(covered(observed, pushed))
-        observed = bench.observed
-        solution = solve(bench, progress)
+    bench = Bench.of(observe(simulation, recordings, bandwidth), progress)
+    bench, solution, pushed = _undisturbed(bench, solve(bench, progress), progress)
     solution = settled(bench, solution, progress)
     progress("proving on held-out motion", 0.8)
-    judged = _Judged.of(bench, solution)
-    several = len(solution.members) >= SEVERAL
-    if (several or judged.rest.foretellable.any()) and curved(bench, solution):
-        again = _Judged.of(*settled_around(bench, solution, progress))
-        if not worse(bench, again.proven, judged.proven, judged.rest):
-            judged = again
-    judged, harmful = judged.harmless()
+    judged, harmful = _best(_Judged.of(bench, solution), progress).harmless()
     bench, solution, rest = judged.bench, judged.solution, judged.rest
+    observed = bench.observed
     progress("fitting to all rows", 0.95)
     noise = Noise.of(bench.left(solution.fitted), observed.moving, observed.segment)
     final = fitted(bench, solution.members, noise, everything=True)
     improved = observed.beside(simulation)
     if not harmful:
         improved = polished(observed, improve(bench, final), observed.moving, _found(bench, final))
+    pushed = _seen_again(pushed, judged)
     strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
     tolerances = left_by_tolerances(bench, solution)
@@ -152,6 +141,45 @@ def diagnose(
         shifts=shifts,
         bandwidth=bandwidth,
     )
+
+
+def _undisturbed(
+    bench: Bench, solution: Solution, progress: Progress
+) -> tuple[Bench, Solution, tuple[Push, ...]]:
+    """Take pushes out, and solve again without their rows; nothing is fitted to events.
+
+    Sought in what a set of effects leaves: before those are out, they would look like pushes.
+    """
+    observed = bench.observed
+    found = pushes(observed, bench.left(solution.fitted), solution.noise)
+    pushed = tuple(push for push in found if push.evidence > BEYOND_DOUBT)
+    if not pushed:
+        return bench, solution, ()
+    bench = bench.undisturbed(covered(observed, pushed))
+    return bench, solve(bench, progress), pushed
+
+
+def _seen_again(pushed: tuple[Push, ...], judged: _Judged) -> tuple[Push, ...]:
+    """Return the pushes that are still seen in what the whole set leaves."""
+    if not pushed:
+        return ()
+    everywhere = judged.bench.observed.undisturbed(None)
+    again = pushes(everywhere, judged.proven, judged.solution.noise)
+    return tuple(
+        push
+        for push in again
+        if push.evidence > BEYOND_DOUBT and any(overlap(push, other) for other in pushed)
+    )
+
+
+def _best(judged: _Judged, progress: Progress) -> _Judged:
+    """Return what is found around a set, where that may differ and foretells no worse."""
+    bench, solution = judged.bench, judged.solution
+    several = len(solution.members) >= SEVERAL
+    if not (several or judged.rest.foretellable.any()) or not curved(bench, solution):
+        return judged
+    again = _Judged.of(*settled_around(bench, solution, progress))
+    return judged if worse(bench, again.proven, judged.proven, judged.rest) else again
 
 
 @dataclass(frozen=True)

@@ -142,10 +142,10 @@ def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[
     for push in sorted(trials, key=lambda push: -push.evidence):
         if push.evidence < least or len(found) > MOST_PUSHES:
             break
-        if any(_overlap(push, other) for other in seen):
+        if any(overlap(push, other) for other in seen):
             continue
         better = scan.settled(push)
-        new = not any(_overlap(better, other) for other in found)
+        new = not any(overlap(better, other) for other in found)
         # at an end of the range it would be longer still, or a spike
         length = better.end - better.start
         inside = _SHORTEST + _STEPS[-1] < length < _LONGEST - _STEPS[0]
@@ -167,7 +167,7 @@ def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
     return result
 
 
-def _overlap(a: Push, b: Push) -> bool:
+def overlap(a: Push, b: Push) -> bool:
     """Say whether two pushes share rows, once the filter has spread them."""
     return a.recording == b.recording and a.start < b.end + _SPREAD and b.start < a.end + _SPREAD
 

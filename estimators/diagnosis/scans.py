@@ -28,6 +28,10 @@ _NEIGHBOURS = 61  # grid points whose median is the level that a line stands out
 _PASSED = 0.25  # rows on which the filter leaves less of a line do not count
 _LEAST_SHARE = 0.1  # of the rows, on which a line has to pass the filter
 _SHAPE = 8  # knots of the low-order dependence on position, taken out first
+_FLAT = 2  # knots, where a line of few periods is sought
+FEW_PERIODS = (1.5, 6.0)  # of such a line over the range of a joint
+_LEAST_PART = 0.15  # of the residual's energy, that such a line takes off
+_SAME = 0.05  # relative, within which two lines are one
 _BLOCK = 32  # frequencies at a time
 _TINY = 1e-30
 _BURST = 6.0  # median deviations, beyond which a residual is clipped
@@ -47,7 +51,8 @@ def ripples(
 
     Returns:
         For each joint with lines one hypothesis of the strongest line, one of the two strongest,
-        and so on; they are one effect at one place and exclude each other.
+        and so on, and the same beside a line of so few periods that the first scan takes it for a
+        shape; they are one effect at one place and exclude each other.
 
     Source: Scargle, "Studies in astronomical time series analysis II", ApJ 263, 1982; the lines
     are taken out one by one as in Högbom, "Aperture synthesis with a non-regular distribution of
@@ -55,9 +60,12 @@ def ripples(
     """
     found: list[Hypothesis] = []
     for joint in range(observed.n):
-        angle = _Angle.of(observed, residual, joint)
-        lines = _lines(angle, limit, observed.n)
-        found += [rippling(joint + 1, lines[: k + 1]) for k in range(len(lines))]
+        lines = _lines(_Angle.of(observed, residual, joint), limit, observed.n)
+        some = [lines[: k + 1] for k in range(len(lines))]
+        slow = _slow_line(_Angle.of(observed, residual, joint, _FLAT))
+        if slow and not any(abs(slow / N - 1.0) < _SAME for N in lines):
+            some += [(slow, *more) for more in ((), *some)]
+        found += [rippling(joint + 1, cycles) for cycles in some]
     return found
 
 
@@ -95,11 +103,13 @@ class _Angle:
     bandwidth: float  # [Hz]
 
     @classmethod
-    def of(cls, observed: Observations, residual: FloatArray, joint: int) -> _Angle:
+    def of(
+        cls, observed: Observations, residual: FloatArray, joint: int, knots: int = _SHAPE
+    ) -> _Angle:
         """Take the rows of one joint (0-based)."""
         rows = observed.moving[:, joint]
         q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
-        known = _shape(q, v)
+        known = _shape(q, v, knots)
         y = residual[rows, joint]
         if y.size:  # a short burst is no line, yet would have power in all of them
             middle = float(np.median(y))
@@ -164,12 +174,12 @@ def _rest(values: FloatArray, known: FloatArray) -> FloatArray:
     return values - known @ np.linalg.solve(gram + ridge, known.T @ values)
 
 
-def _shape(q: FloatArray, v: FloatArray) -> FloatArray:
-    """Return hats of the position, alone and times the sign of motion, (R, 2 _SHAPE)."""
+def _shape(q: FloatArray, v: FloatArray, knots: int) -> FloatArray:
+    """Return hats of the position, alone and times the sign of motion, (R, 2 knots)."""
     if not q.size:
-        return np.zeros((0, 2 * _SHAPE))
-    knots = np.linspace(q.min(), max(q.max(), q.min() + 1e-6), _SHAPE)
-    hats = np.maximum(0.0, 1.0 - np.abs(q[:, None] - knots) / (knots[1] - knots[0]))
+        return np.zeros((0, 2 * knots))
+    at = np.linspace(q.min(), max(q.max(), q.min() + 1e-6), knots)
+    hats = np.maximum(0.0, 1.0 - np.abs(q[:, None] - at) / (at[1] - at[0]))
     return np.concatenate([hats, np.sign(v)[:, None] * hats], axis=1)
 
 
@@ -192,6 +202,17 @@ def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
         found.append(line)
         angle = rest
     return tuple(found)
+
+
+def _slow_line(angle: _Angle) -> float | None:
+    """Return the cycles per revolution of the line of few periods that leaves least, if any."""
+    if angle.range <= 0:
+        return None
+    step = 2 * np.pi / angle.range / _OVERSAMPLING
+    near = step * np.arange(*(_OVERSAMPLING * np.array(FEW_PERIODS)))
+    energy = [angle.without(float(cycles)).energy for cycles in near]
+    line = _refined(angle, float(near[int(np.argmin(energy))]), step)
+    return line if angle.without(line).energy < (1.0 - _LEAST_PART) * angle.energy else None
 
 
 def _refined(angle: _Angle, cycles: float, step: float) -> float:

@@ -103,11 +103,11 @@ class Search:
 
     def _with_one_more(self, members: tuple[int, ...]) -> dict[tuple[int, ...], float]:
         """Return the gain of a set with each candidate that fits beside it."""
-        taken = {self.candidates[i].place for i in members}
+        taken = {self.candidates[i].slot for i in members}
         keys = {
             tuple(sorted((*members, i))): i
             for i, candidate in enumerate(self.candidates)
-            if i not in members and candidate.place not in taken
+            if i not in members and candidate.slot not in taken
         }
         new = {key: i for key, i in keys.items() if key not in self._known}
         if new:

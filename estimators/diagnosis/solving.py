@@ -15,7 +15,6 @@ from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.refinement import Setting, replaced
 from estimators.diagnosis.scans import ripples
-from estimators.rigid_body.regressor import PER_LINK
 
 _ROUNDS = 2  # of noise and search in turn
 _CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
@@ -28,8 +27,8 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     has an effect in it, the noise would explain that effect, and hide it.
 
     While sets compete, tolerances are the deviations of normal priors, which thousands of rows
-    outvote; fitted values stay inside them. So once more with those of bodies held that a fit has
-    at their limit: what they would have explained beyond may be an effect, or a body that is wrong.
+    outvote; fitted values stay inside them. So once more with those stated values held that a fit
+    has at their limit: what they would have explained beyond may be an effect, or a wrong value.
     """
     bench.held = None
     noise = _noise_of_everything(bench)
@@ -38,7 +37,7 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     _scan(bench, solution)  # of what the largest effects hid
     solution = _until_it_stays(bench, solution, progress, near)
     limits = solution.search.evidence.at_limit(solution.fitted)
-    limits[PER_LINK * bench.observed.n :] = np.nan  # widths and sensors are but guessed at
+    limits[~bench.nuisance.stated] = np.nan
     if np.isnan(limits).all():
         return solution
     bench.held = limits

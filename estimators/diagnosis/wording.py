@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 _COUNTED, _MOST = 3, 99  # powers of ten: up to where odds are counted, and beyond which nobody does
 
+OF_BODIES = {"payload", "link_inertia"}  # effects of one body, felt by all joints below it
+
 SIGNATURES: dict[str, str] = {
     "link_inertia": "several joints err together, smoothly with the pose and without history",
     "payload": "the joints err in the fixed ratios of a body at the flange",
@@ -57,4 +59,4 @@ def times(lead: float) -> str:
     power = lead / math.log(10.0)
     if power < _COUNTED:
         return f"{math.exp(lead):.0f} times"
-    return f"10^{min(power, _MOST):.0f} times"
+    return f"more than 10^{_MOST} times" if power > _MOST else f"10^{power:.0f} times"

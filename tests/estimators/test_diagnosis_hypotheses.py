@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.friction_hypotheses import friction, sign_width
+from estimators.diagnosis.hypotheses import every
 from estimators.diagnosis.observations import Observations
-from limo_driver.physics import AsymmetricFriction, CoulombFriction
+from limo_driver.physics import AsymmetricFriction, CoulombFriction, Simulation
+from limo_driver.recording import Recording
 
 DRY = (
     CoulombFriction(joint=2, tau_c=1.0, v_eps=0.02),
@@ -37,6 +39,33 @@ def test_dry_friction_of_a_joint_has_the_sign_of_what_is_known_there(
         "position_dependent_friction", "temperature_dependent_friction",
     }  # fmt: skip
     assert sign_width(observed, 1) == 0.002
+
+
+def test_a_ripple_is_offered_where_the_joint_turns_through_half_of_it(rigid):
+    """Over 100 degrees 4 and 2 cycles are seen, over 80 none, over 200 all of a sensor's."""
+    t = np.arange(0.0, 40.0, 0.01)
+    for degrees, expected in (
+        (80, set()),
+        (100, {(4.0,), (2.0, 4.0)}),
+        (200, {(4.0,), (2.0, 4.0), (1.0, 2.0, 4.0)}),
+    ):
+        swing = np.radians(degrees / 2) * np.sin(0.9 * t)
+        position = np.column_stack([swing, 0.1 * np.sin(t)])
+        recording = Recording.from_arrays(t, position, position)
+        observed = Observations.of(rigid, [recording], 10.0)
+        offered = [h for h in every(observed) if h.effect == "torque_ripple"]
+        assert {h.settings for h in offered} == expected
+        assert all(h.joints == (0,) for h in offered)
+
+
+def test_coupling_is_offered_between_neighbours_and_every_other_joint():
+    t = np.arange(0.0, 20.0, 0.01)
+    position = 0.5 * np.sin(t[:, None] + np.arange(7))
+    observed = Observations.of(
+        Simulation("iiwa14"), [Recording.from_arrays(t, position, position)], 10.0
+    )
+    pairs = {h.joints for h in every(observed) if h.effect == "joint_coupling"}
+    assert pairs == {(j, k) for j in range(7) for k in range(7) if 1 <= abs(j - k) <= 2}
 
 
 def test_asymmetric_friction_alone_cannot_push(rigid, training_recording):

@@ -242,9 +242,17 @@ def test_the_first_screen_says_what_was_found_and_how_sure(parsed, diagnosis):
 
 @pytest.mark.parametrize(
     ("share", "text"),
-    [(0.873, "87 %"), (0.9969, "99.6 %"), (0.99999, "99.9 %"), (1.0, "100 %"), (np.nan, UNSAID)],
+    [
+        (0.0, "0 %"),
+        (0.001, "less than 1 %"),
+        (0.873, "87 %"),
+        (0.9969, "99.6 %"),
+        (0.99999, "99.9 %"),
+        (1.0, "100 %"),
+        (np.nan, UNSAID),
+    ],
 )
-def test_nearly_all_is_not_called_all(share, text):
+def test_nearly_all_is_not_called_all_nor_hardly_any_none(share, text):
     assert percent(share).replace("\N{NO-BREAK SPACE}", " ") == text
 
 

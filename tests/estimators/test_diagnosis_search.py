@@ -115,6 +115,19 @@ def test_a_positive_effect_is_not_named_for_its_opposite(columns):
     assert search.best().members == ()
 
 
+@pytest.mark.parametrize(
+    "pair",
+    [("coulomb_friction", "asymmetric_friction"), ("link_inertia", "payload")],
+)
+def test_of_two_effects_of_which_one_is_part_of_the_other_one_is_taken(columns, pair):
+    y = 3 * (columns[:, 0] + columns[:, 1]) + noise(4)
+    both = [candidate(at, effect=effect, joint=2) for at, effect in enumerate(pair)]
+    search = search_of(columns, y, [*both, candidate(2), candidate(3)])
+    assert len(search.best().members) == 1
+    elsewhere = [both[0], candidate(1, effect=pair[1], joint=3)]
+    assert len(search_of(columns, y, elsewhere).best().members) == 2
+
+
 def test_gain_is_log_evidence_less_the_rarity_of_each_place_and_variant(columns):
     y = columns[:, 0] + noise(6)
     few = [candidate(0, variants=3), candidate(1), candidate(2)]

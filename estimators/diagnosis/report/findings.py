@@ -23,7 +23,7 @@ from estimators.diagnosis.report.markup import (
     table,
 )
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import names_of
+from estimators.diagnosis.wording import OF_BODIES, names_of
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -170,7 +170,9 @@ def _drop(item: Finding) -> str:
     pairs = item.heldout_rmse
     if pairs.before == pairs.after:  # nothing is taken off
         return ""
-    joints = [j for j in item.joints if j <= len(pairs.before)] or range(1, len(pairs.before) + 1)
+    everywhere = range(1, len(pairs.before) + 1)
+    own = () if item.effect in OF_BODIES else item.joints
+    joints = [j for j in own if j in everywhere] or everywhere
     shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
     return "; ".join(
         f"joint {j}: {_rmse(pairs.before[j - 1])} → {_rmse(pairs.after[j - 1])} N m" for j in shown

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.report.figures import Figure
 
 UNSAID = "\N{EN DASH}"  # a figure that is not known
-_NEARLY_ALL = 0.985
+_NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
 
 
 @dataclass
@@ -94,9 +94,11 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share as a percentage; nearly all of it is not called all of it."""
+    """Return a share as a percentage; nearly all is not called all, nor hardly any none."""
     if not isfinite(share):
         return UNSAID
+    if 0 < share < _HARDLY_ANY:
+        return "less than 1\N{NO-BREAK SPACE}%"
     value = min(floor(1000 * share) / 10, 99.9) if _NEARLY_ALL < share < 1 else round(100 * share)
     return f"{value}\N{NO-BREAK SPACE}%"
 

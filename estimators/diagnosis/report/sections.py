@@ -296,8 +296,9 @@ def replay(diagnosis: Diagnosis, charts: Charts) -> str:
     lead = (
         "The proof in the other direction: the simulated robot, with its own drives and servo, "
         "follows the recorded motion, and its torque sensors are compared with the recorded "
-        "torque. Rows near rest, where friction holds any torque in its band, are pale and not "
-        "scored."
+        "torque. It moves by itself, so that small differences of motion, most of all where an "
+        "effect jumps, come on top of those of the prediction. Rows near rest, where friction "
+        "holds any torque in its band, are pale and not scored."
     )
     return section("Replay on the simulated robot", body, "replay", lead)
 
@@ -316,8 +317,9 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     before, after = (
         rmse(item.measured - torque, item.moving) for torque in (item.before, item.after)
     )
+    floor = diagnosis.verdict.fit.noise_floor
     rows = [
-        [str(j + 1), *(f"{error[j]:.4f}" if moves else UNSAID for error in (before, after)),
+        [str(j + 1), *(f"{error[j]:.4f}" if moves else UNSAID for error in (before, after, floor)),
          f"{1e3 * float(item.tracking[j]):.2f}", percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip
@@ -325,6 +327,7 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
         "joint",
         "RMSE given [N m]",
         "RMSE improved [N m]",
+        "noise floor [N m]",
         "tracking [mrad]",
         "rows not near rest",
     )
