@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.linearised import Linearised, entries_of, found_in, numbers_of
+from estimators.diagnosis.entries import entries_of, found_in, numbers_of
+from estimators.diagnosis.linearised import Linearised
 from estimators.diagnosis.revision import relative_inertia
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval
 from estimators.rigid_body.regressor import PER_LINK

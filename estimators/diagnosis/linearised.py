@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.diagnosis.candidates import WRONG_INERTIA
 from estimators.diagnosis.columns import Columns, Products
+from estimators.diagnosis.entries import entries_of, found_in, possible, sides
 from estimators.diagnosis.evidence import Prior, joined, posterior
 from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.noise import Noise, roughness
@@ -25,103 +26,20 @@ from estimators.diagnosis.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.responses import difference, stacked
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import JOINT, TEXT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from estimators.diagnosis.observations import Observations
-    from limo_driver.physics import Effect, Parameter, Simulation
+    from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
-_STEP = 1e-3  # prior deviations, for derivatives
 _BLOCK = 2.0  # [s], over which scores are summed
-_CHOSEN = {"positions", "times", "windows", "wrench", "ratio", "reference"}
-_OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
-_ADDING_LISTS = {"offset", "excess", "amplitude"}
-_ANGLE = 1.0  # [rad], prior deviation of a rest position
 _ROUNDS = 5  # of Gauss-Newton, at most
 _ENOUGH = 1e-3  # part of the sum of squared whitened errors that a round has to take off
 _SHORTER = (1.0, 0.5, 0.2)  # parts of a step that are tried
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One number among the parameters of an effect."""
-
-    name: str
-    at: int | None  # place in a list
-    value: float
-    deviation: float  # before any data
-    within: tuple[float, float]
-
-
-def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:  # noqa: ANN401  # of any class
-    """Return an effect with some of its numbers moved together, inside their bounds.
-
-    Raises:
-        ConfigError: No such part exists; a body may be impossible where each number is not.
-    """
-    values: dict[str, Any] = {}
-    for entry, change in zip(entries, by, strict=True):
-        value = float(np.clip(entry.value + change, *entry.within))
-        if entry.at is None:
-            values[entry.name] = value
-        else:
-            values.setdefault(entry.name, list(getattr(effect, entry.name)))[entry.at] = value
-    whole = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
-    return replace(effect, **whole)
-
-
-def entries_of(effect: Effect) -> tuple[Entry, ...]:
-    """Return the numbers of an effect that are estimated; a zero is a part that it lacks."""
-    return tuple(
-        Entry(known.name, at, value, deviation, (known.lower, known.upper))
-        for known in effect.parameters()
-        for at, value in numbers_of(effect, known)
-        if (deviation := _deviation(effect, known, value))
-    )
-
-
-def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, float]]:  # noqa: ANN401  # of any class
-    """Yield place in a list and value of the numbers of a parameter that are not chosen."""
-    value = getattr(effect, known.name)
-    if value is None or known.unit in {TEXT, JOINT} or known.name in _CHOSEN:
-        return
-    if known.is_list:
-        yield from enumerate(map(float, value))
-    else:
-        yield None, float(value)
-
-
-def _deviation(effect: Effect, known: Parameter, value: float) -> float:
-    """Return how far a number may be off before any data, in its unit."""
-    if known.is_list and known.name in _OF_LISTS:
-        return _OF_LISTS[known.name]
-    if known.name in _ADDING_LISTS and known.is_list:  # one of them may well be near zero
-        return max(map(abs, getattr(effect, known.name)))
-    return _ANGLE if known.name == "rest" else abs(value)
-
-
-def found_in(
-    simulation: Simulation, effect: str, joints: Sequence[int], *, missing: bool
-) -> Effect | None:
-    """Return the effect of an improved simulation that a finding is about.
-
-    Args:
-        simulation: The improved simulation.
-        effect: Identifier.
-        joints: 1-based; of the whole arm all or none.
-        missing: Whether it was added, rather than changed.
-    """
-    same = [
-        item
-        for item in simulation.effects
-        if item.name == effect and set(item.joints) <= set(joints)
-    ]
-    return (same[-1] if missing else same[0]) if same else None
 
 
 @dataclass(frozen=True)
@@ -196,7 +114,7 @@ class Linearised:
         found, at = [], count
         for effect in self.found:
             entries = entries_of(effect)
-            found.append(_possible(effect, entries, coefficients[at : at + len(entries)]))
+            found.append(possible(effect, entries, coefficients[at : at + len(entries)]))
             at += len(entries)
         rest, own = iter(changed.effects), dict(zip(map(id, self.found), found, strict=True))
         return replace(
@@ -278,35 +196,11 @@ def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float
 def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
     """Add what each number of an effect adds to the torque, to first order."""
     entries = entries_of(effect)
-    sides = [_sides(effect, entry) for entry in entries]
-    parts = [difference(ahead, behind, observed) for ahead, behind, _ in sides]
+    ends = [sides(effect, entry) for entry in entries]
+    parts = [difference(ahead, behind, observed) for ahead, behind, _ in ends]
     joints, values = stacked(parts, columns.rows)
-    values /= np.array([span for _, _, span in sides])
+    values /= np.array([span for _, _, span in ends])
     return Prior.free(columns.add(joints, values), np.array([e.deviation for e in entries]))
-
-
-def _possible(effect: Effect, entries: Sequence[Entry], by: FloatArray) -> Effect:
-    """Move the numbers of an effect; where that makes an impossible body, its moments stay."""
-    try:
-        return moved(effect, entries, by.tolist())
-    except ConfigError:
-        kept = [k for k, entry in enumerate(entries) if entry.name != "inertia"]
-        return moved(effect, [entries[k] for k in kept], by[kept].tolist())
-
-
-def _sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
-    """Return an effect with one number a step larger and smaller, and how far those lie apart.
-
-    Where a step leaves what can exist, the effect itself stands for it.
-    """
-    sides, reached = [effect, effect], [entry.value, entry.value]
-    for side, step in enumerate((_STEP * entry.deviation, -_STEP * entry.deviation)):
-        try:
-            sides[side] = moved(effect, [entry], [step])
-        except ConfigError:
-            continue
-        reached[side] = float(np.clip(entry.value + step, *entry.within))
-    return sides[0], sides[1], (reached[0] - reached[1]) or np.inf
 
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:

@@ -91,10 +91,8 @@ def diagnose(
     """
     progress("reading motion", 0.0)
     bench = Bench.of(observe(simulation, recordings, bandwidth), progress)
-    bench, solution, pushed = _undisturbed(bench, solve(bench, progress), progress)
-    solution = settled(bench, solution, progress)
-    progress("proving on held-out motion", 0.8)
-    judged, harmful = _best(_Judged.of(bench, solution), progress).harmless()
+    judged, pushed = _without_pushes(bench, progress)
+    judged, harmful = judged.harmless()
     bench, solution, rest = judged.bench, judged.solution, judged.rest
     observed = bench.observed
     progress("fitting to all rows", 0.95)
@@ -103,7 +101,6 @@ def diagnose(
     improved = observed.beside(simulation)
     if not harmful:
         improved = polished(observed, improve(bench, final), observed.moving, _found(bench, final))
-    pushed = _seen_again(pushed, judged)
     strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
     tolerances = left_by_tolerances(bench, solution)
@@ -143,33 +140,34 @@ def diagnose(
     )
 
 
-def _undisturbed(
-    bench: Bench, solution: Solution, progress: Progress
-) -> tuple[Bench, Solution, tuple[Push, ...]]:
-    """Take pushes out, and solve again without their rows; nothing is fitted to events.
+def _without_pushes(bench: Bench, progress: Progress) -> tuple[_Judged, tuple[Push, ...]]:
+    """Return the set that is found beside pushes, and those: nothing is fitted to events.
 
-    Sought in what a set of effects leaves: before those are out, they would look like pushes.
+    They are sought in what a set of effects leaves, since effects that are not out look like pushes
+    themselves. What larger errors hid shows once the whole set is out, and what they feigned is
+    gone then.
     """
-    observed = bench.observed
-    found = pushes(observed, bench.left(solution.fitted), solution.noise)
-    pushed = tuple(push for push in found if push.evidence > BEYOND_DOUBT)
-    if not pushed:
-        return bench, solution, ()
-    bench = bench.undisturbed(covered(observed, pushed))
-    return bench, solve(bench, progress), pushed
+    solution = solve(bench, progress)
+    pushed = _beyond_doubt(bench.observed, bench.left(solution.fitted), solution.noise)
+    for last in (False, False, True):
+        if pushed:
+            bench = bench.undisturbed(covered(bench.observed, pushed))
+            solution = solve(bench, progress)
+        solution = settled(bench, solution, progress)
+        progress("proving on held-out motion", 0.8)
+        judged = _best(_Judged.of(bench, solution), progress)
+        everywhere = bench.observed.undisturbed(None)
+        seen = _beyond_doubt(everywhere, judged.proven, judged.solution.noise)
+        hidden = [push for push in seen if not any(overlap(push, other) for other in pushed)]
+        if last or not hidden:
+            return judged, seen
+        pushed = (*pushed, *hidden)
+    raise AssertionError("the last round returns")
 
 
-def _seen_again(pushed: tuple[Push, ...], judged: _Judged) -> tuple[Push, ...]:
-    """Return the pushes that are still seen in what the whole set leaves."""
-    if not pushed:
-        return ()
-    everywhere = judged.bench.observed.undisturbed(None)
-    again = pushes(everywhere, judged.proven, judged.solution.noise)
-    return tuple(
-        push
-        for push in again
-        if push.evidence > BEYOND_DOUBT and any(overlap(push, other) for other in pushed)
-    )
+def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[Push, ...]:
+    found = pushes(observed, residual, noise)
+    return tuple(push for push in found if push.evidence > BEYOND_DOUBT)
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:

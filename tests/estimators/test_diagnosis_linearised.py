@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from wandering import wander
 
+from estimators.diagnosis.entries import entries_of, found_in, moved
 from estimators.diagnosis.intervals import with_parameters
-from estimators.diagnosis.linearised import Linearised, entries_of, found_in, moved, polished
+from estimators.diagnosis.linearised import Linearised, polished
 from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.revision import derivative
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Where

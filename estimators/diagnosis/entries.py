@@ -1,0 +1,124 @@
+"""Entries: the numbers of an effect, one by one, and the effect with some of them moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.physics.effect import JOINT, TEXT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from limo_driver.physics import Effect, Parameter, Simulation
+    from limo_driver.types import FloatArray
+
+_STEP = 1e-3  # prior deviations, for derivatives
+_CHOSEN = {"positions", "times", "windows", "wrench", "ratio", "reference"}
+_OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
+_ADDING_LISTS = {"offset", "excess", "amplitude"}
+_ANGLE = 1.0  # [rad], prior deviation of a rest position
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number among the parameters of an effect."""
+
+    name: str
+    at: int | None  # place in a list
+    value: float
+    deviation: float  # before any data
+    within: tuple[float, float]
+
+
+def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:  # noqa: ANN401  # of any class
+    """Return an effect with some of its numbers moved together, inside their bounds.
+
+    Raises:
+        ConfigError: No such part exists; a body may be impossible where each number is not.
+    """
+    values: dict[str, Any] = {}
+    for entry, change in zip(entries, by, strict=True):
+        value = float(np.clip(entry.value + change, *entry.within))
+        if entry.at is None:
+            values[entry.name] = value
+        else:
+            values.setdefault(entry.name, list(getattr(effect, entry.name)))[entry.at] = value
+    whole = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    return replace(effect, **whole)
+
+
+def entries_of(effect: Effect) -> tuple[Entry, ...]:
+    """Return the numbers of an effect that are estimated; a zero is a part that it lacks."""
+    return tuple(
+        Entry(known.name, at, value, deviation, (known.lower, known.upper))
+        for known in effect.parameters()
+        for at, value in numbers_of(effect, known)
+        if (deviation := _deviation(effect, known, value))
+    )
+
+
+def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, float]]:  # noqa: ANN401  # of any class
+    """Yield place in a list and value of the numbers of a parameter that are not chosen."""
+    value = getattr(effect, known.name)
+    if value is None or known.unit in {TEXT, JOINT} or known.name in _CHOSEN:
+        return
+    if known.is_list:
+        yield from enumerate(map(float, value))
+    else:
+        yield None, float(value)
+
+
+def _deviation(effect: Effect, known: Parameter, value: float) -> float:
+    """Return how far a number may be off before any data, in its unit."""
+    if known.is_list and known.name in _OF_LISTS:
+        return _OF_LISTS[known.name]
+    if known.name in _ADDING_LISTS and known.is_list:  # one of them may well be near zero
+        return max(map(abs, getattr(effect, known.name)))
+    return _ANGLE if known.name == "rest" else abs(value)
+
+
+def found_in(
+    simulation: Simulation, effect: str, joints: Sequence[int], *, missing: bool
+) -> Effect | None:
+    """Return the effect of an improved simulation that a finding is about.
+
+    Args:
+        simulation: The improved simulation.
+        effect: Identifier.
+        joints: 1-based; of the whole arm all or none.
+        missing: Whether it was added, rather than changed.
+    """
+    same = [
+        item
+        for item in simulation.effects
+        if item.name == effect and set(item.joints) <= set(joints)
+    ]
+    return (same[-1] if missing else same[0]) if same else None
+
+
+def possible(effect: Effect, entries: Sequence[Entry], by: FloatArray) -> Effect:
+    """Move the numbers of an effect; where that makes an impossible body, its moments stay."""
+    try:
+        return moved(effect, entries, by.tolist())
+    except ConfigError:
+        kept = [k for k, entry in enumerate(entries) if entry.name != "inertia"]
+        return moved(effect, [entries[k] for k in kept], by[kept].tolist())
+
+
+def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
+    """Return an effect with one number a step larger and smaller, and how far those lie apart.
+
+    Where a step leaves what can exist, the effect itself stands for it.
+    """
+    ends, reached = [effect, effect], [entry.value, entry.value]
+    for side, step in enumerate((_STEP * entry.deviation, -_STEP * entry.deviation)):
+        try:
+            ends[side] = moved(effect, [entry], [step])
+        except ConfigError:
+            continue
+        reached[side] = float(np.clip(entry.value + step, *entry.within))
+    return ends[0], ends[1], (reached[0] - reached[1]) or np.inf
