@@ -38,7 +38,7 @@ SAMPLES_PER_BANDWIDTH = 20.0  # [samples/(s Hz)]; more would say nothing that pa
 LEAST_ROWS = 200  # of all recordings together, on the slow grid
 REST = 0.0015  # [rad/s], slower is at rest
 CREEP = 1.5 * SIGN_WIDTH  # [rad/s]; slower, dry friction is what the smoothing of its sign makes it
-NEAR_REST = 0.1  # [s] before and after, within which the filter has spread what happens at rest
+NEAR_REST = 1.0  # [1/bandwidth] before and after, over which the filter spreads what rest does
 _EVEN = 1e-4  # [sample periods], deviation from an even grid that does not matter
 _DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
 _OF_MOTION = ("chain", "regressor", "recording", "segment", "since_reversal")
@@ -254,7 +254,8 @@ class Observations:
         still = np.abs(self.motion.velocity) < speed
         near = np.zeros_like(still)
         for rows in self.segments:
-            reach = max(1, round(NEAR_REST / float(np.median(np.diff(self.motion.time[rows])))))
+            period = float(np.median(np.diff(self.motion.time[rows])))
+            reach = max(1, round(NEAR_REST / self.bandwidth / period))
             near[rows] = maximum_filter1d(still[rows], 2 * reach + 1, axis=0)
         moving = ~near[self.kept]
         return moving if self.disturbed is None else moving & ~self.disturbed[:, None]

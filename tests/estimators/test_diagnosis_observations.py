@@ -72,14 +72,21 @@ def test_a_fast_recording_is_thinned_before_and_gives_the_same_rows(true_arm, ri
     np.testing.assert_allclose(thin.measured, slow.measured, atol=2e-3)
 
 
-def test_rows_near_rest_are_not_moving_and_others_are(observed):
+@pytest.mark.parametrize("bandwidth", [5.0, 10.0])
+def test_rows_as_near_to_rest_as_the_filter_reaches_are_not_moving(
+    rigid, training_recording, bandwidth
+):
+    observed = Observations.of(rigid, [training_recording], bandwidth)
     speed = np.abs(observed.motion.velocity)
     time, kept = observed.motion.time, observed.kept
-    assert np.all(speed[kept][observed.moving] >= REST)
-    for row in np.flatnonzero(~observed.moving[:, 0])[::7]:
-        near = np.abs(time - time[kept[row]]) <= 1.2 * NEAR_REST + 0.01
-        assert speed[near, 0].min() < REST
-    assert 0.4 < observed.moving.mean() < 0.99
+    reach = NEAR_REST / bandwidth
+    assert reach == 1.0 / bandwidth
+    moves = observed.moving[:, 0]
+    for row, moving in zip(kept[::7], moves[::7], strict=True):
+        away = np.abs(time - time[row])
+        assert speed[away <= 1.2 * reach + 0.01, 0].min() < REST or moving
+        assert speed[away <= 0.8 * reach, 0].min() >= REST or not moving
+    assert 0.2 < moves.mean() < 0.99
 
 
 def test_a_held_joint_is_at_rest_throughout(rigid):

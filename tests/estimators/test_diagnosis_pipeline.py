@@ -107,6 +107,11 @@ def test_a_simulation_that_is_right_is_consistent(given, seed):
     assert error(found.after, given) < 0.01
 
 
+def test_a_low_bandwidth_makes_no_hysteresis_of_reversals(given):
+    """A filter that reaches farther spreads what happens at a reversal farther."""
+    assert names(diagnose(given, [record(given, 1, 120.0)], bandwidth=4.0)) == set()
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_what_is_off_within_tolerances_is_consistent_and_mended(given, seed):
     """The friction is 15 % larger, one deviation; the improved simulation says so."""
