@@ -63,3 +63,25 @@ def test_what_is_said_is_what_is_entered(observed, nuisance):
     }
     assert said["tau_c of joint 2 (coulomb friction)"] == pytest.approx(dry.tau_c)
     assert said["v_eps of joint 2 (coulomb friction)"] == pytest.approx(dry.v_eps)
+
+
+def test_what_is_stated_are_bodies_and_sizes_neither_widths_nor_sensors(nuisance):
+    stated = {
+        item.name for item, own in zip(nuisance.parameters, nuisance.stated, strict=True) if own
+    }
+    assert {"mass of lower", "com x of upper", "tau_c of joint 2 (coulomb friction)"} < stated
+    assert not any("v_eps" in name or "sensor" in name for name in stated)
+
+
+@pytest.mark.parametrize(
+    ("place", "count", "part"),
+    [
+        (("coulomb_friction", (1,)), 2, "of joint 2 (coulomb friction)"),
+        (("link_inertia", (0,)), 10, "of upper"),
+        (("payload", (1,)), 0, ""),  # nothing states a load
+    ],
+)
+def test_what_one_effect_states_is_found_by_its_place(nuisance, place, count, part):
+    own = nuisance.of(place)
+    assert own.sum() == count
+    assert all(part in nuisance.parameters[k].name for k in np.flatnonzero(own))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.diagnosis import diagnose
+from estimators.diagnosis import diagnose, pipeline
 from estimators.diagnosis.observations import REST
+from estimators.diagnosis.pushes import Push
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import RecordingError
 from limo_driver.physics import (
@@ -105,6 +106,24 @@ def test_a_simulation_that_is_right_is_consistent(given, seed):
     assert found.verdict.findings == ()
     assert closure(found)[1] < CLOSED
     assert error(found.after, given) < 0.01
+
+
+def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeypatch):
+    push = Push(recording=0, start=20.0, end=21.0, evidence=500.0)
+    scans = iter([(), (push,), (push,)])  # of the first set, of the whole one, and without its rows
+    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
+    found = diagnose(given, [record(given, 0)])
+    assert [item.effect for item in found.verdict.findings] == ["external_contact"]
+    assert found.verdict.findings[0].where.time == ((20.0, 21.0),)
+    assert next(scans, "none is left") == "none is left"
+    near = (found.traces.time > 20.0) & (found.traces.time < 21.0)
+    assert not found.traces.held_out[near].any()
+
+
+def test_what_looks_like_a_push_only_beside_missing_effects_is_none(given, monkeypatch):
+    scans = iter([(Push(recording=0, start=20.0, end=21.0, evidence=500.0),), ()])
+    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
+    assert diagnose(given, [record(given, 0)]).verdict.verdict == "consistent"
 
 
 def test_a_low_bandwidth_makes_no_hysteresis_of_reversals(given):
