@@ -112,7 +112,7 @@ def conclude(
         # of all rows, and beside the given simulation, as the recordings came in
         notes=(
             *notes_on(bench.observed.undisturbed(None).beside(bench.observed.simulation)),
-            *repeats.notes(bench.observed),
+            *repeats.notes(bench.observed, proven),
         ),
     )
 

@@ -11,7 +11,6 @@ from estimators.diagnosis.evidence import REACH
 from estimators.diagnosis.noise import roughness
 from estimators.diagnosis.observations import CREEP
 from estimators.diagnosis.proof import rmse
-from estimators.diagnosis.repeats import foretold_by_repeats
 from estimators.diagnosis.search import LARGEST
 from estimators.diagnosis.surrogate import foretold
 
@@ -35,7 +34,6 @@ _SEEN = 0.5  # of an effect's mean square, that rows held out have to have to ju
 _SLIGHT = 0.1  # of what is gained over all rows, that may be lost on those held out
 _LOADS = ("payload", "link_inertia")
 _UNEVEN = ("asymmetric_friction", "torque_offset")
-_AGAIN = 0.25  # of a joint's rows, recorded again, that tell its noise
 _AT_LIMIT = 0.01  # [sigma]
 _WORTH_A_WORD = 1.5  # [sigma] that a value moved inside its tolerance
 DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
@@ -46,9 +44,9 @@ PRECISE = 0.99  # part beyond which the rest is what no law of friction gets rig
 class Leftover:
     """What the chosen set leaves on each joint."""
 
-    floor: FloatArray  # (n,) RMS of what neither black box nor repeat can foretell [N m]
-    foretold: FloatArray  # (n,) RMS of what one of them can [N m]
-    series: FloatArray  # (K, n) what it foretells; the whole rest where that is smooth [N m]
+    floor: FloatArray  # (n,) RMS of what no black box can foretell [N m]
+    foretold: FloatArray  # (n,) RMS of what one can [N m]
+    series: FloatArray  # (K, n) what one foretells; the whole rest where that is smooth [N m]
 
     @property
     def foretellable(self) -> NDArray[np.bool_]:
@@ -60,42 +58,24 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     """Split the rest into what could be foretold and what is noise.
 
     Some physics cannot be foretold from the motion (jumps, disturbances in time). It is slow where
-    noise is rough: a rest that is far smoother on one joint than on the others counts, too. Where
-    a motion was recorded again, that recording foretells all that repeats.
+    noise is rough: a rest that is far smoother on one joint than on the others counts, too.
 
     Args:
         observed: Recordings and simulation.
         left: Residual of the improved simulation, (K, n) [N m].
     """
     moving = observed.faster(CREEP)  # a simulation gets slower friction wrong, unknown or not
-    whole, rough, moves = rmse(left, moving), roughness(left, moving), moving.any(axis=0)
-    series = np.stack([foretold(observed, left[:, j], j) for j in range(observed.n)], axis=1)
-    floor = np.where(moves, rmse(left - series, moving), rough)  # of a still one nothing is known
+    guesses = [foretold(observed, left[:, joint], joint) for joint in range(observed.n)]
+    series = np.stack(guesses, axis=1)
+    whole, floor = rmse(left, moving), rmse(left - series, moving)
+    rough, moves = roughness(left, moving), moving.any(axis=0)
+    floor = np.where(moves, floor, rough)  # of a still joint nothing is known
     ratio = floor / rough
     usual = float(np.median(ratio[moves])) if moves.any() else 1.0
     smooth = (ratio > SMOOTHER * usual) & (ratio > SMOOTH)
-    floor, series = np.where(smooth, usual * rough, floor), np.where(smooth, left, series)
-    again, repeated = _by_repeats(observed, left, moving)
-    lower = again * whole < floor
-    floor, series = np.where(lower, again * whole, floor), np.where(lower, repeated, series)
-    return Leftover(floor, np.sqrt(np.maximum(whole**2 - floor**2, 0.0)), series)
-
-
-def _by_repeats(
-    observed: Observations, left: FloatArray, moving: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    """Return what does not repeat of each joint's rest, and what does.
-
-    Returns:
-        The RMS of noise over that of the rest, (n,), infinite where too little was recorded again,
-        and what other recordings of the same motion foretell, (K, n) [N m].
-    """
-    others, count = foretold_by_repeats(observed, left)
-    known = moving & (count > 0)[:, None]
-    noise = (left - others) / np.sqrt(1.0 + 1.0 / np.maximum(count, 1))[:, None]  # of both is in it
-    part = rmse(noise, known) / np.maximum(rmse(left, known), 1e-12)
-    enough = known.sum(axis=0) > _AGAIN * moving.sum(axis=0)
-    return np.where(enough, part, np.inf), others
+    floor = np.where(smooth, usual * rough, floor)
+    beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
+    return Leftover(floor, beyond, np.where(smooth, left, series))
 
 
 def without(bench: Bench, solution: Solution, member: int) -> Posterior:

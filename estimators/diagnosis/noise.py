@@ -9,7 +9,7 @@ Source: Box, Jenkins and Reinsel, "Time Series Analysis", 1994, ch. 7.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +41,10 @@ class Noise:
         for j in range(n):
             weight[j], white[j] = _levinson(_covariance(residual[:, j], use[:, j], known[:, j]))
         return cls(weight, np.maximum(white, _LEAST), known)
+
+    def over(self, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
+        """Return errors that look the same on other rows, (K, n), within segments (K,)."""
+        return replace(self, known=_known(use, segment))
 
     @classmethod
     def independent(cls, deviation: FloatArray, use: NDArray[np.bool_]) -> Noise:

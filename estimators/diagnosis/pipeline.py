@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SEVERAL = 3  # effects, of which one may stand for what two others make of one another
+_ROUNDS = 3  # of pushes and effects in turn
 BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 
 
@@ -149,7 +150,8 @@ def _without_pushes(bench: Bench, progress: Progress) -> tuple[_Judged, tuple[Pu
     """
     solution = solve(bench, progress)
     pushed = _beyond_doubt(bench.observed, bench.left(solution.fitted), solution.noise)
-    for last in (False, False, True):
+    judged, seen = None, pushed
+    for _ in range(_ROUNDS):
         if pushed:
             bench = bench.undisturbed(covered(bench.observed, pushed))
             solution = solve(bench, progress)
@@ -158,16 +160,27 @@ def _without_pushes(bench: Bench, progress: Progress) -> tuple[_Judged, tuple[Pu
         judged = _best(_Judged.of(bench, solution), progress)
         everywhere = bench.observed.undisturbed(None)
         seen = _beyond_doubt(everywhere, judged.proven, judged.solution.noise)
-        hidden = [push for push in seen if not any(overlap(push, other) for other in pushed)]
-        if last or not hidden:
-            return judged, seen
+        hidden = tuple(push for push in seen if not _among(push, pushed))
+        if not hidden:
+            break
         pushed = (*pushed, *hidden)
-    raise AssertionError("the last round returns")
+    assert judged is not None  # noqa: S101  # there is one round at least
+    return judged, tuple(push for push in seen if judged.left_out(push))
+
+
+def _among(push: Push, others: Sequence[Push]) -> bool:
+    return any(overlap(push, other) for other in others)
 
 
 def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[Push, ...]:
-    found = pushes(observed, residual, noise)
-    return tuple(push for push in found if push.evidence > BEYOND_DOUBT)
+    """Return the pushes that errors without those that are likely cannot explain."""
+    rows, segment = observed.moving, observed.segment
+    likely = pushes(observed, residual, noise.over(rows, segment))
+    if not likely:
+        return ()
+    calm = Noise.of(residual, rows & ~covered(observed, likely)[:, None], segment)
+    found = pushes(observed, residual, calm.over(rows, segment))
+    return tuple(push for push in found if push.evidence > BEYOND_DOUBT and _among(push, likely))
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
@@ -197,6 +210,12 @@ class _Judged:
         proven = _proven(bench, solution)
         rest = leftover(bench.observed, proven)
         return cls(bench, solution, proven, rest, *abstained(bench, solution, rest))
+
+    def left_out(self, push: Push) -> bool:
+        """Say whether nothing was fitted to the rows of a push."""
+        disturbed = self.bench.observed.disturbed
+        rows = covered(self.bench.observed, (push,))
+        return disturbed is not None and bool(disturbed[rows].any())
 
     def harmless(self) -> tuple[_Judged, bool]:
         """Return this if it does not harm, or without what only stands in, or without anything.

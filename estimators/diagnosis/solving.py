@@ -8,13 +8,14 @@ import numpy as np
 
 from estimators.diagnosis.bench import Bench, Progress, Solution, fitted, improve, search_on
 from estimators.diagnosis.candidates import entered
-from estimators.diagnosis.evidence import Prior, joined
+from estimators.diagnosis.evidence import Evidence, Prior, joined
 from estimators.diagnosis.judgement import MATERIAL, material
 from estimators.diagnosis.laws import likeliest
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.refinement import Setting, replaced
 from estimators.diagnosis.scans import ripples
+from estimators.diagnosis.search import Search
 
 _ROUNDS = 2  # of noise and search in turn
 _CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
@@ -27,8 +28,8 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     has an effect in it, the noise would explain that effect, and hide it.
 
     While sets compete, tolerances are the deviations of normal priors, which thousands of rows
-    outvote; fitted values stay inside them. So once more with those stated values held that a fit
-    has at their limit: what they would have explained beyond may be an effect, or a wrong value.
+    outvote; fitted values stay inside them. So once more with those of bodies held that a fit has
+    at their limit: what they would have explained beyond may be an effect, or a body that is wrong.
     """
     bench.held = None
     noise = _noise_of_everything(bench)
@@ -37,7 +38,7 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     _scan(bench, solution)  # of what the largest effects hid
     solution = _until_it_stays(bench, solution, progress, near)
     limits = solution.search.evidence.at_limit(solution.fitted)
-    limits[~bench.nuisance.stated] = np.nan
+    limits[~bench.nuisance.of_bodies] = np.nan  # of what else stays at one, much is but guessed
     if np.isnan(limits).all():
         return solution
     bench.held = limits
@@ -90,7 +91,11 @@ def _noise_of_everything(bench: Bench) -> Noise:
 def pruned(bench: Bench, solution: Solution) -> Solution:
     """Take out members that matter little or harm: precise, perhaps, but not physics to name."""
     while solution.members:
-        size = {member: material(bench, solution, member) for member in solution.members}
+        idle = _within_tolerance(bench, solution)
+        size = {
+            member: 0.0 if member in idle else material(bench, solution, member)
+            for member in solution.members
+        }
         least = min(size, key=lambda member: size[member])
         if size[least] >= MATERIAL:
             break
@@ -100,6 +105,15 @@ def pruned(bench: Bench, solution: Solution) -> Solution:
             solution, members=rest, fitted=posterior, gain=solution.search.gain(rest)
         )
     return solution
+
+
+def _within_tolerance(bench: Bench, solution: Solution) -> set[int]:
+    """Return the wrong values of a set that tolerances alone make as likely, with nothing held."""
+    products = bench.products(solution.noise, everything=False)
+    free = Search(bench.candidates, Evidence(products, bench.nuisance.prior), bench.base)
+    whole = free.gain(solution.members)
+    wrong = [m for m in solution.members if bench.candidates[m].kind == "wrong_parameter"]
+    return {m for m in wrong if free.gain(i for i in solution.members if i != m) >= whole}
 
 
 def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:
