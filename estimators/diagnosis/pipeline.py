@@ -7,6 +7,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.bench import Bench, Progress, Solution, fitted, improve, quiet
 from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
@@ -73,6 +74,7 @@ def observe(
     return observed
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
 def diagnose(
     simulation: Simulation,
     recordings: Sequence[Recording],

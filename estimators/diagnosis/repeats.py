@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize_scalar
+from scipy.optimize import fminbound
 from scipy.signal import correlate, correlation_lags
 
 from estimators.diagnosis.observations import REST
@@ -88,11 +88,7 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
         return float(np.mean((position(there) - slow.position[rows[known]]) ** 2))
 
     coarse, period = _delay(observed, rows, others), observed.row_period
-    fine = minimize_scalar(
-        apart, bounds=(coarse - 2 * period, coarse + 2 * period), method="bounded",
-        options={"xatol": 1e-5},
-    )  # fmt: skip
-    delay = float(fine.x)
+    delay = float(fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=1e-5))
     if not moves.any() or np.sqrt(apart(delay)) > NEAR:
         return None
     known = _known(observed, rows, others, delay)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from estimators.diagnosis import diagnose, pipeline
 from estimators.diagnosis.observations import REST
@@ -124,6 +125,17 @@ def test_what_looks_like_a_push_only_beside_missing_effects_is_none(given, monke
     scans = iter([(Push(recording=0, start=20.0, end=21.0, evidence=500.0),), ()])
     monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
     assert diagnose(given, [record(given, 0)]).verdict.verdict == "consistent"
+
+
+def test_it_keeps_blas_to_one_thread_and_gives_the_others_back(given):
+    def threads(*_):
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    with threadpool_limits(2, user_api="blas"):
+        inside = []
+        diagnose(given, [record(given, 0)], progress=lambda *_: inside.append(threads()))
+        assert all(number == {1} for number in inside)
+        assert threads() == {2}
 
 
 def test_a_low_bandwidth_makes_no_hysteresis_of_reversals(given):

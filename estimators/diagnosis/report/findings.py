@@ -66,10 +66,18 @@ def overview(diagnosis: Diagnosis, charts: Charts) -> str:
     beside = _errors(verdict.fit, findings=bool(verdict.findings))
     errors = f'<section id="errors">{grid([chart, beside])}</section>'
     cards = "".join(_card(item, verdict.fit, names) for item in verdict.findings)
-    if not cards:
-        return head + errors
-    title = "Findings" if len(verdict.findings) > 1 else "Finding"
-    return f'{head}{errors}<section id="findings"><h2>{title}</h2>{cards}</section>'
+    if cards:
+        title = "Findings" if len(verdict.findings) > 1 else "Finding"
+        cards = f'<section id="findings"><h2>{title}</h2>{cards}</section>'
+    return f"{head}{errors}{cards}{_notes(verdict.notes)}"
+
+
+def _notes(notes: Sequence[str]) -> str:
+    """Return what a reader has to know before trusting the figures."""
+    if not notes:
+        return ""
+    listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return f'<section id="notes"><h2>To be known</h2><ul>{listed}</ul></section>'
 
 
 def _sources(diagnosis: Diagnosis, names: Sequence[str]) -> str:

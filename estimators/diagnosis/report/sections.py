@@ -340,13 +340,11 @@ def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> st
 
 
 def data(diagnosis: Diagnosis) -> str:
-    """Return what was used of the recordings, what was left out, and what to know of them."""
+    """Return what was used of the recordings, and what was left out."""
     verdict = diagnosis.verdict
     rows = [["used", f"{verdict.rows.used:,}".replace(",", " ")]]
     rows += [
         [escape(reason), f"{count:,}".replace(",", " ")]
         for reason, count in verdict.rows.left_out.items()
     ]
-    listed = "".join(f"<li>{escape(note)}</li>" for note in verdict.notes)
-    body = table(("rows", "number"), rows, numeric=1) + (f"<ul>{listed}</ul>" if listed else "")
-    return section("Data", body, "data")
+    return section("Data", table(("rows", "number"), rows, numeric=1), "data")
