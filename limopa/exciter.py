@@ -13,7 +13,7 @@ trajectories that minimise cond(K).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import ceil, inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 EXCITATION = "excitation"
 HIGHEST = 2.0  # [Hz] of any harmonic; above, slow arms are neither rigid nor fast enough
 MOST_HARMONICS = 20  # of one joint
+MOST_STARTS = 1000
 LONGEST = 3600.0  # [s]
 EVERYWHERE = Workspace(radius=inf, lower=(-inf, -inf, -inf))
 STRICTLY = 0.999  # share of each limit that the motion may use
-_STAGES = ((4.0, 1e2), (8.0, 1e3), (16.0, 1e4), (16.0, 1e5))  # sharpness, weight of an excess
 _SPARE = 0.005  # [m] of clearance kept beyond the wanted while optimising
 _PER_PERIOD = 8  # samples of the fastest harmonic
 _DENSER = 3  # times as many where limits are looked at
@@ -61,8 +61,8 @@ class ExcitationRequest:
     rate: float = 250.0  # [Hz] of the trajectory's samples
     surroundings: Surroundings = field(default_factory=Surroundings)
     workspace: Workspace = EVERYWHERE  # of the flange, all the time
-    starts: int = 6  # random motions to begin with, of which the best is refined
-    iterations: int = 250  # of each refinement; 0 returns a random motion within the limits
+    starts: int = 16  # random motions to begin with, of which the best are refined
+    iterations: int = 250  # of each of the last two refinements; 0: a random motion
 
     def __post_init__(self) -> None:
         _require(0 < self.duration <= LONGEST, "duration", self.duration, f"s, up to {LONGEST:g}")
@@ -72,7 +72,9 @@ class ExcitationRequest:
             f"2 to {MOST_HARMONICS} for each joint: one alone cannot start and end at rest",
         )  # fmt: skip
         _require(50 <= self.rate <= 1000, "sample rate", self.rate, "Hz, in [50, 1000]")  # noqa: PLR2004
-        _require(self.starts >= 1, "number of starts", self.starts, "1 or more")
+        _require(
+            1 <= self.starts <= MOST_STARTS, "number of starts", self.starts, f"1 to {MOST_STARTS}"
+        )
         _require(self.iterations >= 0, "number of iterations", self.iterations, "0 or more")
 
     @property
@@ -117,6 +119,27 @@ def excite(
     return search.run(progress or (lambda _done, _most, _condition: None))
 
 
+@dataclass(frozen=True)
+class _Stage:
+    """A descent of the best motions so far."""
+
+    kept: int  # motions that take part
+    sharpness: float  # of the smooth bound of the condition number
+    weight: float  # of what exceeds a limit
+    share: float  # of the iterations of a refinement
+
+    def iterations(self, request: ExcitationRequest) -> int:
+        return ceil(self.share * request.iterations)
+
+
+_STAGES = (
+    _Stage(MOST_STARTS, 4.0, 1e2, 0.16),
+    _Stage(4, 8.0, 1e3, 0.4),
+    _Stage(1, 16.0, 1e4, 1.0),
+    _Stage(1, 16.0, 1e5, 1.0),
+)
+
+
 class _Search:
     """Where to search for a motion, and by what."""
 
@@ -135,13 +158,16 @@ class _Search:
         random = np.random.default_rng(self.seed)
         request = self.request
         poses = ScaffoldSampler(self.roomier, random, _DRAWS).draw(request.starts)
-        first = request.iterations // 4
-        watch = Watch(progress, first * len(poses) + request.iterations * (len(_STAGES) - 1))
-        starts = [self._random_motion(pose, random) for pose in poses]
-        tried = [motion.refined(*_STAGES[0], first, watch) for motion in starts]
-        best = min(tried, key=lambda motion: motion.value)
-        for sharpness, weight in _STAGES[1:]:
-            best = best.refined(sharpness, weight, request.iterations, watch)
+        motions = [self._random_motion(pose, random) for pose in poses]
+        each = [min(stage.kept, len(motions)) * stage.iterations(request) for stage in _STAGES]
+        watch = Watch(progress, sum(each))
+        for stage in _STAGES:
+            motions = [
+                motion.refined(stage.sharpness, stage.weight, stage.iterations(request), watch)
+                for motion in motions[: stage.kept]
+            ]
+            motions.sort(key=lambda motion: motion.value)
+        best = motions[0]
         return Excitation(
             request,
             self.seed,

@@ -43,10 +43,10 @@ def command(
     ] = 5,
     seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")] = 0,
     starts: Annotated[
-        int, typer.Option(help="Random motions to begin with; the best is refined.")
-    ] = 6,
+        int, typer.Option(help="Random motions to begin with; the best are refined.")
+    ] = 16,
     iterations: Annotated[
-        int, typer.Option(help="Of each of three refinements; 0 leaves a random motion.")
+        int, typer.Option(help="Of each of the last two refinements; 0 leaves a random motion.")
     ] = 250,
     rate: Annotated[
         float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
