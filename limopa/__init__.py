@@ -2,8 +2,10 @@
 
 path → limits → time: a plan is a chain of straight reaching phases and sinusoidal exploring
 phases in joint space, checked for feasibility and time-parameterised with limited jerk.
+`excite` finds the motion that identifies the rigid body and simple friction.
 """
 
+from limopa.exciter import Excitation, ExcitationRequest, excite
 from limopa.feasibility import Feasibility
 from limopa.picture import draw
 from limopa.planner import Plan, plan
@@ -11,6 +13,8 @@ from limopa.request import Exploring, PlanRequest, Reaching, Surroundings, Works
 from limopa.statistics import Statistics, summarise
 
 __all__ = [
+    "Excitation",
+    "ExcitationRequest",
     "Exploring",
     "Feasibility",
     "Plan",
@@ -20,6 +24,7 @@ __all__ = [
     "Surroundings",
     "Workspace",
     "draw",
+    "excite",
     "plan",
     "summarise",
 ]

@@ -110,6 +110,27 @@ class Feasibility:
         workspace = {Condition.WORKSPACE: np.logical_or(far, outside.any(axis=1))}
         return Verdict({**workspace, **self.check(position).broken})
 
+    def margins(self, position: FloatArray) -> FloatArray:
+        """Return what is left of every distance at joint positions (T, n) [rad], (T, m) [m].
+
+        Negative where a pair of links or the table is too near, or the flange is outside the
+        effective workspace.
+        """
+        gap, lowest = self._clearances(position)
+        need, space = self.surroundings.clearance, self.workspace
+        flange = self.chain.flange_position(position)
+        lower, upper = np.array(space.lower), np.array(space.upper)
+        left = [
+            gap - need,
+            lowest[:, self._above_table] - self.surroundings.table_height - need,
+            (flange - lower)[:, np.isfinite(lower)],
+            (upper - flange)[:, np.isfinite(upper)],
+        ]
+        if np.isfinite(space.radius):
+            far = np.linalg.norm(flange - np.array(space.centre), axis=1, keepdims=True)
+            left.append(space.radius - far)
+        return np.concatenate(left, axis=1)
+
     def check_path(self, path: Path) -> tuple[Condition, ...]:
         """Return the conditions that a path breaks; empty if it is feasible.
 

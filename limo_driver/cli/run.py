@@ -20,7 +20,7 @@ INTERRUPTED = 130
 
 def command(
     backend: Annotated[str, typer.Option(help="Name of the backend: mujoco, virtual, ...")],
-    trajectory: Annotated[Path, typer.Option(help="The motion, from `limo plan`.")],
+    trajectory: Annotated[Path, typer.Option(help="The motion, from `limo plan` or `excite`.")],
     record: Annotated[Path, typer.Option(help="Where to write the recording (Parquet).")],
     sim: Annotated[
         Path | None, typer.Option(help="A sim.yaml for simulated arms; else the rigid body alone.")

@@ -1,0 +1,187 @@
+"""How well a motion tells the base parameters apart: the condition number of their regressor.
+
+    cond(K) = sigma_max(K) / sigma_min(K)
+
+K stacks the equations of all joints and samples of a motion; its columns are the base parameters of
+the rigid body and the Coulomb and viscous friction of each joint. Nothing is scaled: a column has
+its parameter's SI unit (kg, kg m, kg m², N m s/rad, N m), so the number compares motions in these
+units. `scaled` divides each column by its norm first.
+
+Source: Gautier and Khalil, "Exciting trajectories for the identification of base inertial
+parameters of robots", IJRR 1992.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from estimators.rigid_body.base_parameters import find_base_parameters
+from estimators.rigid_body.regressor import PER_LINK, Chain, fill_regressor
+from estimators.rigid_body.terms import JointTerms
+from limo_driver.types import Motion
+
+if TYPE_CHECKING:
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+SIGN_WIDTH = 0.002  # [rad/s] of the sign of Coulomb friction
+_SMOOTH_WIDTH = 0.05  # [rad/s] of it where a slope is wanted
+_BLOCK = 4096  # samples whose regressor is held at once
+_STEP = 1e-6  # [rad, rad/s, rad/s²] of finite differences
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A smooth value of a motion, and its derivative by the motion's samples."""
+
+    value: float
+    position: FloatArray  # (T, n) [1/rad]
+    velocity: FloatArray  # (T, n) [s/rad]
+    acceleration: FloatArray  # (T, n) [s²/rad]
+
+
+class Conditioning:
+    """Condition number of one robot's base parameters, with friction, on any motion.
+
+    Args:
+        model: The robot.
+
+    Raises:
+        ConfigError: The joints are not in series.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.chain = Chain.of(model)
+        self.terms = JointTerms((SIGN_WIDTH,), offset=False, armature=False)
+        self.base = find_base_parameters(model, self.terms)
+
+    @property
+    def columns(self) -> int:
+        """Number of base parameters, friction included."""
+        return self.base.rank
+
+    def condition(self, motion: Motion) -> float:
+        """Return the condition number of the regressor, SI units, nothing scaled."""
+        return _ratio(self._gram(motion))
+
+    def scaled(self, motion: Motion) -> float:
+        """Return the condition number with each column divided by its norm."""
+        gram = self._gram(motion)
+        norm = np.sqrt(np.diag(gram))
+        return _ratio(gram / np.outer(norm, norm))
+
+    def smooth(self, motion: Motion, sharpness: float) -> Slope:
+        """Return a smooth bound of the logarithm of the condition number, and its derivative.
+
+            ln cond <= (ln |lambda|_p + ln |1 / lambda|_p) / 2
+
+        with the eigenvalues lambda of KᵀK and the p-norm of their vector. With G = KᵀK and the
+        derivative M of the bound by G, the derivative by one sample x is 2 <K M, dK/dx>.
+
+        Args:
+            motion: T samples of n joints.
+            sharpness: The norm's p; the larger, the closer to the condition number.
+        """
+        K = self.regressor(motion, _SMOOTH_WIDTH)
+        stacked = K.reshape(-1, self.columns)
+        values, vectors = np.linalg.eigh(stacked.T @ stacked)
+        values = np.maximum(values, np.finfo(float).eps * values[-1])
+        large, small = (values / values[-1]) ** sharpness, (values[0] / values) ** sharpness
+        value = np.log(values[-1] / values[0]) / 2
+        value += (np.log(large.sum()) + np.log(small.sum())) / (2 * sharpness)
+        M = (vectors * (large / large.sum() - small / small.sum()) / (2 * values)) @ vectors.T
+        return self._slope(float(value), motion, 2 * (stacked @ M).reshape(K.shape))
+
+    def _slope(self, value: float, motion: Motion, weight: FloatArray) -> Slope:
+        """Contract the derivative of the regressor by the samples with a weight (n, T, b)."""
+        n, T = self.chain.n, len(motion)
+        full = np.zeros((n, T, PER_LINK * n + 2 * n))
+        full[:, :, self.base.independent] = weight
+        chain = self.chain
+        state = np.stack([motion.position, motion.velocity, motion.acceleration])
+        slope = contract(
+            chain.rotation, chain.translation, chain.axis, chain.gravity, state,
+            np.ascontiguousarray(full[:, :, : PER_LINK * n]), _STEP,
+        )  # fmt: skip
+        own = full[:, :, PER_LINK * n :].reshape(n, T, 2, n)
+        viscous, coulomb = (np.einsum("jtj->tj", own[:, :, term]) for term in range(2))
+        turn = 1 / np.cosh(motion.velocity / _SMOOTH_WIDTH) ** 2  # of the smoothed sign
+        slope[1] += viscous + coulomb * turn / _SMOOTH_WIDTH
+        return Slope(value, *slope)
+
+    def _gram(self, motion: Motion) -> FloatArray:
+        gram = np.zeros((self.columns, self.columns))
+        for start in range(0, len(motion), _BLOCK):
+            rows = slice(start, start + _BLOCK)
+            state = (motion.position[rows], motion.velocity[rows], motion.acceleration[rows])
+            K = self.regressor(Motion(motion.time[rows], *state), SIGN_WIDTH)
+            stacked = K.reshape(-1, self.columns)
+            gram += stacked.T @ stacked
+        return gram
+
+    def regressor(self, motion: Motion, width: float = SIGN_WIDTH) -> FloatArray:
+        """Return K, (n, T, b); `width` is that of the sign of Coulomb friction [rad/s]."""
+        n, T = self.chain.n, len(motion)
+        K = np.zeros((n, T, PER_LINK * n + 2 * n))
+        self.chain.fill(motion, K)
+        own = self.terms.columns(
+            motion.velocity, motion.acceleration, np.tanh(motion.velocity / width)
+        )
+        for j in range(n):
+            K[j, :, PER_LINK * n + j :: n] = own[:, j]
+        return K[:, :, self.base.independent]
+
+
+def _ratio(gram: FloatArray) -> float:
+    """Return the condition number of a matrix whose Gram matrix is given."""
+    eigenvalues = np.linalg.eigvalsh(gram)
+    largest, smallest = float(eigenvalues[-1]), float(eigenvalues[0])
+    dependent = smallest <= np.finfo(float).eps * largest  # up to rounding
+    return float("inf") if dependent else float(np.sqrt(largest / smallest))
+
+
+@njit(cache=True, fastmath={"contract", "nsz"})
+def contract(
+    rotation: FloatArray,
+    translation: FloatArray,
+    axis: FloatArray,
+    gravity: FloatArray,
+    state: FloatArray,
+    weight: FloatArray,
+    step: float,
+) -> FloatArray:
+    """Return <weight, dY/dx> for each entry x of the state, (3, T, n), by finite differences.
+
+    Args:
+        rotation: Of the chain, as are `translation`, `axis` and `gravity`.
+        translation: See there.
+        axis: See there.
+        gravity: See there.
+        state: Position, velocity and acceleration, (3, T, n).
+        weight: (n, T, 10 n).
+        step: Of the differences, in each unit.
+    """
+    _, T, n = state.shape
+    width = weight.shape[2]
+    slope = np.zeros((3, T, n))
+    Y = np.zeros((n, 3 * n + 1, width))
+    moved = np.empty((3, 3 * n + 1, n))
+    for t in range(T):
+        for k in range(3 * n + 1):
+            moved[:, k] = state[:, t]
+            if k > 0:
+                moved[(k - 1) // n, k, (k - 1) % n] += step
+        fill_regressor(
+            rotation, translation, axis, gravity, moved[0], moved[1], moved[2], Y
+        )  # fmt: skip
+        for k in range(3 * n):
+            total = 0.0
+            for j in range(n):
+                for column in range(PER_LINK * j, width):
+                    total += weight[j, t, column] * (Y[j, k + 1, column] - Y[j, 0, column])
+            slope[k // n, t, k % n] = total / step
+    return slope

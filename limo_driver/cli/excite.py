@@ -1,0 +1,245 @@
+"""`limo excite`: the motion that tells the parameters of a robot apart best."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from estimators.rigid_body.conditioning import Conditioning
+    from limo_driver.model import RobotModel
+    from limopa.exciter import Excitation, ExcitationRequest
+
+PICTURES = (".png", ".pdf", ".svg")
+PAPER = 68  # condition number that Çallar and Böttger 2022 state for their iiwa
+
+
+@dataclass(frozen=True)
+class JointFigures:
+    """What one joint does; peaks are relative to its limits."""
+
+    joint: int  # 1-based
+    harmonics: tuple[int, ...]  # multiples of the base frequency
+    position_min: float  # [rad]
+    position_max: float  # [rad]
+    peak_velocity: float
+    peak_acceleration: float
+    peak_jerk: float
+
+
+def command(
+    out: Annotated[Path, typer.Option(help="Where to write the trajectory (Parquet).")],
+    robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")] = "iiwa14",
+    duration: Annotated[
+        float, typer.Option(help="Of the motion, one period of the base frequency, s.")
+    ] = 60.0,
+    harmonics: Annotated[
+        int, typer.Option(help="Of each joint; no two joints share any of them.")
+    ] = 5,
+    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")] = 0,
+    starts: Annotated[
+        int, typer.Option(help="Random motions to begin with; the best are refined.")
+    ] = 16,
+    iterations: Annotated[
+        int, typer.Option(help="Of each of the last two refinements; 0 leaves a random motion.")
+    ] = 250,
+    rate: Annotated[
+        float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
+    ] = 250.0,
+    workspace_radius: Annotated[
+        float | None, typer.Option(help="Keep the flange this near to the base, m.")
+    ] = None,
+    joint_margin: Annotated[
+        float, typer.Option(help="Margin kept from the end of each joint's range, degrees.")
+    ] = 5.0,
+    clearance: Annotated[
+        float, typer.Option(help="Distance kept between links and from the table, m.")
+    ] = 0.02,
+    table_height: Annotated[
+        float, typer.Option(help="Height of the table plane above the base frame, m.")
+    ] = 0.0,
+    self_collision: Annotated[
+        bool,
+        typer.Option(help="Check links against each other and their shapes against the table."),
+    ] = True,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw the motion into this file (PNG, PDF or SVG).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+) -> None:
+    """Find the motion whose torques tell inertias and friction apart best, within all limits.
+
+    Each joint moves on harmonics of its own of one base frequency. Pose and coefficients minimise
+    the condition number of the regressor of the base parameters, Coulomb and viscous friction
+    included. The motion is one period; it starts and ends in one pose, at rest.
+
+    [bold]Examples[/bold]
+
+        limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet --picture excite.png
+
+        limo excite --robot arm.urdf --duration 30 --harmonics 4 --out excite.traj.parquet --json
+    """
+    from math import inf, radians
+
+    from estimators.rigid_body.conditioning import Conditioning
+    from limo_driver.model import RobotModel
+    from limopa.exciter import ExcitationRequest
+    from limopa.exciter_picture import draw
+    from limopa.request import Surroundings, Workspace
+
+    _require_writable(out, picture, robot)
+    request = ExcitationRequest(
+        duration=duration,
+        harmonics=harmonics,
+        rate=rate,
+        surroundings=Surroundings(
+            joint_margin=radians(joint_margin),
+            clearance=clearance,
+            table_height=table_height,
+            self_collision=self_collision,
+        ),
+        workspace=Workspace(
+            radius=inf if workspace_radius is None else workspace_radius, lower=(-inf, -inf, -inf)
+        ),
+        starts=starts,
+        iterations=iterations,
+    )
+    model = RobotModel.load(robot)
+    conditioning = Conditioning(model)
+    found = _excite(model, conditioning, request, seed, quiet=as_json)
+    found.trajectory.save(out)
+    if picture is not None:
+        draw(found, model, picture)
+    _report(found, conditioning, model, as_json=as_json)
+
+
+def _require_writable(out: Path, picture: Path | None, robot: str) -> None:
+    """Refuse to search for a minute and then find that the results cannot be written."""
+    from limo_driver.errors import ConfigError
+    from limo_driver.outputs import require_file
+
+    if picture is not None and picture.suffix.lower() not in PICTURES:
+        raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
+    if picture is not None and picture.resolve() == out.resolve():
+        raise ConfigError("is to hold both the trajectory and the picture", path=out)
+    for path in (out, picture):
+        if path is not None:
+            require_file(path, [Path(robot)])
+
+
+def _excite(
+    model: RobotModel,
+    conditioning: Conditioning,
+    request: ExcitationRequest,
+    seed: int,
+    *,
+    quiet: bool,
+) -> Excitation:
+    """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    from limopa.exciter import excite
+
+    columns = (
+        TextColumn("exciting"), BarColumn(), MofNCompleteColumn(), TextColumn("iterations"),
+        TimeElapsedColumn(), TextColumn("condition number {task.fields[condition]}"),
+    )  # fmt: skip
+    console = Console(stderr=True)
+    disable = quiet or not console.is_terminal
+    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+        task = bar.add_task("exciting", total=None, condition="")
+
+        def show(done: int, most: int, condition: float) -> None:
+            bar.update(task, completed=done, total=most, condition=f"{condition:.1f}")
+
+        return excite(model, conditioning, request, seed, show)
+
+
+def _report(
+    found: Excitation, conditioning: Conditioning, model: RobotModel, *, as_json: bool
+) -> None:
+    from rich.console import Console
+
+    motion, console = found.trajectory, Console(soft_wrap=True, highlight=False)
+    condition, scaled = conditioning.condition(motion), conditioning.scaled(motion)
+    rigid = conditioning.columns - 2 * model.n
+    if as_json:
+        console.print_json(
+            data={
+                "robot": motion.robot,
+                "seed": found.seed,
+                "duration": motion.duration,
+                "samples": len(motion),
+                "columns": {"rigid_body": rigid, "viscous": model.n, "coulomb": model.n},
+                "condition": condition,
+                "condition_of_columns_of_unit_norm": scaled,
+                "condition_in_callar_and_boettger_2022": PAPER,
+                "joints": [asdict(figures) for figures in _joints(found, model)],
+            }
+        )
+        return
+    console.print(
+        f"condition number {condition:.1f}; {PAPER} in Çallar and Böttger 2022, of an iiwa\n"
+        f"of the regressor of {conditioning.columns} base parameters in SI units, unscaled: "
+        f"{rigid} of the rigid body, {model.n} of viscous, {model.n} of Coulomb friction\n"
+        f"condition number with columns scaled to unit norm: {scaled:.1f}\n"
+        f"{motion.duration:g} s ({len(motion)} samples), base frequency "
+        f"{found.request.frequency:.4g} Hz, at rest at both ends",
+    )
+    console.print(_table(_joints(found, model)))
+    if found.unchecked_pairs:
+        pairs = ", ".join(" and ".join(pair) for pair in found.unchecked_pairs)
+        console.print(f"not checked against each other, since they always touch: {pairs}")
+
+
+def _joints(found: Excitation, model: RobotModel) -> list[JointFigures]:
+    motion, limits = found.trajectory, model.limits
+    peaks = motion.peaks()
+    return [
+        JointFigures(
+            j + 1,
+            own,
+            float(motion.position[:, j].min()),
+            float(motion.position[:, j].max()),
+            float(peaks.velocity[j] / limits.velocity[j]),
+            float(peaks.acceleration[j] / limits.acceleration[j]),
+            float(peaks.jerk[j] / limits.jerk[j]),
+        )
+        for j, own in enumerate(found.harmonics)
+    ]
+
+
+def _table(joints: list[JointFigures]) -> Table:
+    from math import degrees
+
+    from rich.table import Table
+
+    table = Table(title="joints (peaks relative to their limits)", title_justify="left")
+    for heading in (
+        "joint", "harmonics", "from\n[deg]", "to\n[deg]", "peak\nvelocity", "peak\naccel.",
+        "peak\njerk",
+    ):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for j in joints:
+        table.add_row(
+            str(j.joint),
+            " ".join(map(str, j.harmonics)),
+            f"{degrees(j.position_min):.0f}",
+            f"{degrees(j.position_max):.0f}",
+            f"{j.peak_velocity:.0%}",
+            f"{j.peak_acceleration:.0%}",
+            f"{j.peak_jerk:.0%}",
+        )
+    return table
