@@ -99,10 +99,15 @@ def cubic_elasticity(joint: int) -> Hypothesis:
     bent = JointElasticity(joint=joint, stiffness=STIFF, cubic=UNIT_CUBIC)
 
     def realise(c: FloatArray) -> tuple[Effect, ...]:
-        stiffness = 1.0 / (max(float(c[0]), 1e-6) * UNIT_COMPLIANCE)
+        stiffness = _stiffness(float(c[0]))
         return (replace(soft, stiffness=stiffness, cubic=float(c[1]) * UNIT_CUBIC),)
 
     return Hypothesis(soft.name, (joint - 1,), (soft, bent), realise, law="a cubic one")
+
+
+def _stiffness(compliance: float) -> float:
+    """Return the stiffness [N m/rad] of so many units of compliance; of none, the stiffest."""
+    return min(1.0 / max(compliance * UNIT_COMPLIANCE, 1e-12), STIFF)
 
 
 def backlash(joint: int, gap: float) -> Hypothesis:
@@ -128,7 +133,7 @@ def _transmission(j: int) -> Iterator[Hypothesis]:
         soft.name,
         (j,),
         (soft,),
-        lambda c: (replace(soft, stiffness=1.0 / (max(float(c[0]), 1e-6) * UNIT_COMPLIANCE)),),
+        lambda c: (replace(soft, stiffness=_stiffness(float(c[0]))),),
         positive=True,
         law="a linear one",
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.friction_hypotheses import friction, sign_width
-from estimators.diagnosis.hypotheses import every
+from estimators.diagnosis.hypotheses import every, rivals
 from estimators.diagnosis.observations import Observations
 from limo_driver.physics import AsymmetricFriction, CoulombFriction, Simulation
 from limo_driver.recording import Recording
@@ -73,3 +73,15 @@ def test_asymmetric_friction_alone_cannot_push(rigid, training_recording):
     (skewed,) = (h for h in friction(observed, 1) if h.effect == "asymmetric_friction")
     (effect,) = skewed.realise(np.array([0.4, -0.3]))
     assert (effect.tau_plus, effect.tau_minus) == (0.4, 0.0)
+
+
+def test_a_gear_without_compliance_is_as_stiff_as_any_may_be(rigid, training_recording):
+    """A fit may leave none of it, which is an explanation too, not a value out of range."""
+    observed = Observations.of(rigid, [training_recording], 10.0)
+    soft = [h for h in every(observed) if h.effect == "joint_elasticity"]
+    for hypothesis in (*soft, *(law for h in soft for law in rivals(h))):
+        for nothing in (0.0, -0.3):
+            (effect,) = hypothesis.realise(np.full(len(hypothesis.terms), nothing))
+            assert effect.stiffness == 1e8
+        (effect,) = hypothesis.realise(np.array([2.0, 0.0][: len(hypothesis.terms)]))
+        assert effect.stiffness == pytest.approx(5e4)
