@@ -78,11 +78,18 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     return Leftover(floor, beyond, np.where(smooth, left, series))
 
 
-def without(bench: Bench, solution: Solution, member: int) -> Posterior:
-    """Fit the set without one of its members; of a wrong value, with the values as stated."""
+def without(bench: Bench, solution: Solution, member: int, *, stated: bool = True) -> Posterior:
+    """Fit the set without one of its members.
+
+    Args:
+        bench: What was compared.
+        solution: The set.
+        member: Which to leave out.
+        stated: Whether values that it says are wrong stay as stated, or move in their tolerances.
+    """
     rest = tuple(i for i in solution.members if i != member)
-    stated = bench.nuisance.of(bench.candidates[member].place)
-    return solution.search.evidence.posterior(solution.search.prior(rest), stated)
+    fixed = bench.nuisance.of(bench.candidates[member].place) if stated else None
+    return solution.search.evidence.posterior(solution.search.prior(rest), fixed)
 
 
 def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
@@ -95,13 +102,16 @@ def _taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> F
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
-def material(bench: Bench, solution: Solution, member: int) -> float:
+def material(bench: Bench, solution: Solution, member: int, *, stated: bool = True) -> float:
     """Return how much error a member takes off the joint where it does most [errors left].
 
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
     """
-    left, bare = bench.left(solution.fitted), bench.left(without(bench, solution, member))
+    left, bare = (
+        bench.left(solution.fitted),
+        bench.left(without(bench, solution, member, stated=stated)),
+    )
     moving, held_out = bench.observed.moving, bench.split.held_out
     gained, proven = _taken_off(left, bare, moving), _taken_off(left, bare, held_out)
     misses = rmse(bare - left, held_out) ** 2 < _SEEN * rmse(bare - left, moving) ** 2
