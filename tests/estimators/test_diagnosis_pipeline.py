@@ -112,7 +112,7 @@ def test_a_simulation_that_is_right_is_consistent(given, seed):
 def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeypatch):
     push = Push(recording=0, start=20.0, end=21.0, evidence=500.0)
     scans = iter([(), (push,), (push,)])  # of the first set, of the whole one, and without its rows
-    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
+    monkeypatch.setattr(pipeline, "_beyond_doubt", lambda *_: next(scans))
     found = diagnose(given, [record(given, 0)])
     assert [item.effect for item in found.verdict.findings] == ["external_contact"]
     assert found.verdict.findings[0].where.time == ((20.0, 21.0),)
@@ -123,7 +123,7 @@ def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeyp
 
 def test_what_looks_like_a_push_only_beside_missing_effects_is_none(given, monkeypatch):
     scans = iter([(Push(recording=0, start=20.0, end=21.0, evidence=500.0),), ()])
-    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
+    monkeypatch.setattr(pipeline, "_beyond_doubt", lambda *_: next(scans))
     assert diagnose(given, [record(given, 0)]).verdict.verdict == "consistent"
 
 
