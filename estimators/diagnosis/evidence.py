@@ -14,7 +14,7 @@ Source: MacKay, "Bayesian interpolation", Neural Computation 1992.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -164,17 +164,9 @@ class Evidence:
         wrong = positive & (mean < 0)
         return gain, wrong, np.any(known.prior.positive[:, None] & (before < 0), axis=0)
 
-    def posterior(self, prior: Prior, fixed: NDArray[np.bool_] | None = None) -> Posterior:
-        """Return the coefficients of nuisance and set together.
-
-        Args:
-            prior: The set.
-            fixed: Coefficients (c,) of the nuisance that are zero.
-        """
-        known = self.nuisance
-        if fixed is not None:
-            known = replace(known, deviation=np.where(fixed, 0.0, known.deviation))
-        return posterior(self.products, known, prior)
+    def posterior(self, prior: Prior) -> Posterior:
+        """Return the coefficients of nuisance and set together."""
+        return posterior(self.products, self.nuisance, prior)
 
     def at_limit(self, fitted: Posterior) -> FloatArray:
         """Return the coefficients of the nuisance (c,) that a fit has at their limit; NaN else."""

@@ -57,7 +57,7 @@ def findings_of(
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
             lead=lead,
-            material=material(bench, solution, member, stated=False),  # as it was calibrated
+            material=material(bench, solution, member),
         )
         found.append(
             Finding(

@@ -78,23 +78,15 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     return Leftover(floor, beyond, np.where(smooth, left, series))
 
 
-def without(bench: Bench, solution: Solution, member: int, *, stated: bool = True) -> Posterior:
-    """Fit the set without one of its members.
-
-    Args:
-        bench: What was compared.
-        solution: The set.
-        member: Which to leave out.
-        stated: Whether values that it says are wrong stay as stated, or move in their tolerances.
-    """
+def without(solution: Solution, member: int) -> Posterior:
+    """Fit the set without one of its members."""
     rest = tuple(i for i in solution.members if i != member)
-    fixed = bench.nuisance.of(bench.candidates[member].place) if stated else None
-    return solution.search.evidence.posterior(solution.search.prior(rest), fixed)
+    return solution.search.evidence.posterior(solution.search.prior(rest))
 
 
 def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
     """Return how much held-out mean square a member takes off each joint, (n,) [N² m²]."""
-    left, bare = bench.left(solution.fitted), bench.left(without(bench, solution, member))
+    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
     return _taken_off(left, bare, bench.split.held_out)
 
 
@@ -102,7 +94,7 @@ def _taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> F
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
-def material(bench: Bench, solution: Solution, member: int, *, stated: bool = True) -> float:
+def material(bench: Bench, solution: Solution, member: int) -> float:
     """Return how much error a member takes off the joint where it does most [errors left].
 
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
@@ -110,7 +102,7 @@ def material(bench: Bench, solution: Solution, member: int, *, stated: bool = Tr
     """
     left, bare = (
         bench.left(solution.fitted),
-        bench.left(without(bench, solution, member, stated=stated)),
+        bench.left(without(solution, member)),
     )
     moving, held_out = bench.observed.moving, bench.split.held_out
     gained, proven = _taken_off(left, bare, moving), _taken_off(left, bare, held_out)

@@ -75,13 +75,9 @@ class Nuisance:
         return np.concatenate(marks)
 
     @property
-    def stated(self) -> NDArray[np.bool_]:
-        """Mark the coefficients (c,) of values that a simulation states; widths are but guessed."""
-        return self.entered & np.array([item.parameter not in WIDTHS for item in self.parameters])
-
-    def of(self, place: tuple[str, tuple[int, ...]]) -> NDArray[np.bool_]:
-        """Mark the coefficients (c,) of what one effect at its joints (0-based) states."""
-        return np.array([item.place == place for item in self.parameters])
+    def of_bodies(self) -> NDArray[np.bool_]:
+        """Mark the coefficients (c,) of bodies."""
+        return np.array([item.place[0] == "link_inertia" for item in self.parameters])
 
     def enter(self, improvement: Improvement, coefficients: FloatArray) -> None:
         """Enter fitted coefficients (c,)."""

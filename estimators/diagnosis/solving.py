@@ -8,14 +8,13 @@ import numpy as np
 
 from estimators.diagnosis.bench import Bench, Progress, Solution, fitted, improve, search_on
 from estimators.diagnosis.candidates import entered
-from estimators.diagnosis.evidence import Evidence, Posterior, Prior, joined
-from estimators.diagnosis.judgement import MATERIAL, material, without
+from estimators.diagnosis.evidence import Prior, joined
+from estimators.diagnosis.judgement import MATERIAL, material
 from estimators.diagnosis.laws import likeliest
 from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.refinement import Setting, replaced
 from estimators.diagnosis.scans import ripples
-from estimators.diagnosis.search import Search
 
 _ROUNDS = 2  # of noise and search in turn
 _CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
@@ -28,8 +27,8 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     has an effect in it, the noise would explain that effect, and hide it.
 
     While sets compete, tolerances are the deviations of normal priors, which thousands of rows
-    outvote; fitted values stay inside them. So once more with those stated values held that a fit
-    has at their limit: what they would have explained beyond may be an effect, or a wrong value.
+    outvote; fitted values stay inside them. So once more with those of bodies held that a fit has
+    at their limit: what they would have explained beyond may be an effect, or a body that is wrong.
     """
     bench.held = None
     noise = _noise_of_everything(bench)
@@ -38,7 +37,7 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     _scan(bench, solution)  # of what the largest effects hid
     solution = _until_it_stays(bench, solution, progress, near)
     limits = solution.search.evidence.at_limit(solution.fitted)
-    limits[~bench.nuisance.stated] = np.nan  # widths and sensors are but guessed
+    limits[~bench.nuisance.of_bodies] = np.nan
     if np.isnan(limits).all():
         return solution
     bench.held = limits
@@ -91,11 +90,7 @@ def _noise_of_everything(bench: Bench) -> Noise:
 def pruned(bench: Bench, solution: Solution) -> Solution:
     """Take out members that matter little or harm: precise, perhaps, but not physics to name."""
     while solution.members:
-        idle = _within_tolerance(bench, solution)
-        size = {
-            member: 0.0 if member in idle else material(bench, solution, member)
-            for member in solution.members
-        }
+        size = {member: material(bench, solution, member) for member in solution.members}
         least = min(size, key=lambda member: size[member])
         if size[least] >= MATERIAL:
             break
@@ -105,35 +100,6 @@ def pruned(bench: Bench, solution: Solution) -> Solution:
             solution, members=rest, fitted=posterior, gain=solution.search.gain(rest)
         )
     return solution
-
-
-def _within_tolerance(bench: Bench, solution: Solution) -> set[int]:
-    """Return the wrong values of a set that tolerances make as likely.
-
-    Neither is their prior too narrow for what the recordings want, with nothing held, nor does the
-    best fit within the reach of tolerances leave clearly more.
-    """
-    products = bench.products(solution.noise, everything=False)
-    free = Search(bench.candidates, Evidence(products, bench.nuisance.prior), bench.base)
-    whole, left = free.gain(solution.members), _misfit(bench, solution, solution.fitted)
-    idle: set[int] = set()
-    for member in solution.members:
-        candidate = bench.candidates[member]
-        if candidate.kind != "wrong_parameter":
-            continue
-        others = (i for i in solution.members if i != member)
-        inside = without(bench, solution, member, stated=False)
-        more = _misfit(bench, solution, inside) - left
-        if free.gain(others) >= whole and more < candidate.rarity:
-            idle.add(member)
-    return idle
-
-
-def _misfit(bench: Bench, solution: Solution, fit: Posterior) -> float:
-    """Return half the sum of squared whitened errors that a fit leaves [nat]."""
-    left, rows = bench.left(fit), bench.split.fitted
-    white = (solution.noise.whiten(left[:, j], j, rows[:, j]) for j in range(left.shape[1]))
-    return 0.5 * float(sum(values @ values for values in white))
 
 
 def refined(bench: Bench, solution: Solution, progress: Progress) -> Solution:

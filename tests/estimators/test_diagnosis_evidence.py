@@ -128,14 +128,3 @@ def test_with_values_held_at_their_limit_the_rest_is_worth_what_they_leave():
     expected = density(left, other, SET) - density(left, other)
     assert held.gain(SET) == pytest.approx(expected, rel=1e-6)
     assert held.gain(SET) > free.gain(SET) + 10
-
-
-def test_fixed_values_of_the_nuisance_stay_as_stated_and_the_others_take_their_part():
-    y = COLUMNS @ np.array([0.2, 0.0, 1.0, 0.0, 0.0, 0.0]) + 0.1 * RANDOM.standard_normal(ROWS)
-    evidence = Evidence(products_of(y), NUISANCE)
-    free, fixed = (evidence.posterior(SET, mask) for mask in (None, np.array([True, False])))
-    assert free.mean[0] > 0.05
-    assert fixed.mean[0] == 0.0
-    products = products_of(y)
-    rest = posterior(products, NUISANCE.of(np.array([False, True])), SET)
-    np.testing.assert_allclose(fixed.mean[1:], rest.mean, atol=1e-9)

@@ -65,25 +65,8 @@ def test_what_is_said_is_what_is_entered(observed, nuisance):
     assert said["v_eps of joint 2 (coulomb friction)"] == pytest.approx(dry.v_eps)
 
 
-def test_what_is_stated_are_bodies_and_sizes_neither_widths_nor_sensors(nuisance):
-    own = nuisance.stated
-    stated = {
-        item.name for item, is_stated in zip(nuisance.parameters, own, strict=True) if is_stated
-    }
-    assert len(stated) == 21
-    assert {"mass of lower", "com x of upper", "tau_c of joint 2 (coulomb friction)"} < stated
-    assert not any("v_eps" in name or "sensor" in name for name in stated)
-
-
-@pytest.mark.parametrize(
-    ("place", "count", "part"),
-    [
-        (("coulomb_friction", (1,)), 2, "of joint 2 (coulomb friction)"),
-        (("link_inertia", (0,)), 10, "of upper"),
-        (("payload", (1,)), 0, ""),  # nothing states a load
-    ],
-)
-def test_what_one_effect_states_is_found_by_its_place(nuisance, place, count, part):
-    own = nuisance.of(place)
-    assert own.sum() == count
-    assert all(part in nuisance.parameters[k].name for k in np.flatnonzero(own))
+def test_bodies_are_told_from_friction_and_sensors(nuisance):
+    own = nuisance.of_bodies
+    bodies = {item.name for item, body in zip(nuisance.parameters, own, strict=True) if body}
+    assert len(bodies) == 20
+    assert all(name.endswith((" of upper", " of lower")) for name in bodies)
