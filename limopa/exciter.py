@@ -24,7 +24,7 @@ from limopa.descent import Candidate, Watch
 from limopa.excess import Excess
 from limopa.feasibility import Condition, Feasibility
 from limopa.fourier import Fourier, allot
-from limopa.request import Surroundings, Workspace
+from limopa.request import Surroundings, Workspace, require
 from limopa.scaffold import ScaffoldSampler
 
 if TYPE_CHECKING:
@@ -65,17 +65,17 @@ class ExcitationRequest:
     iterations: int = 250  # of each of the last two refinements; 0: a random motion
 
     def __post_init__(self) -> None:
-        _require(0 < self.duration <= LONGEST, "duration", self.duration, f"s, up to {LONGEST:g}")
-        _require(
+        require(0 < self.duration <= LONGEST, "duration", self.duration, f"s, up to {LONGEST:g}")
+        require(
             2 <= self.harmonics <= MOST_HARMONICS,  # noqa: PLR2004
             "number of harmonics", self.harmonics,
             f"2 to {MOST_HARMONICS} for each joint: one alone cannot start and end at rest",
         )  # fmt: skip
-        _require(50 <= self.rate <= 1000, "sample rate", self.rate, "Hz, in [50, 1000]")  # noqa: PLR2004
-        _require(
+        require(50 <= self.rate <= 1000, "sample rate", self.rate, "Hz, in [50, 1000]")  # noqa: PLR2004
+        require(
             1 <= self.starts <= MOST_STARTS, "number of starts", self.starts, f"1 to {MOST_STARTS}"
         )
-        _require(self.iterations >= 0, "number of iterations", self.iterations, "0 or more")
+        require(self.iterations >= 0, "number of iterations", self.iterations, "0 or more")
 
     @property
     def frequency(self) -> float:
@@ -250,8 +250,3 @@ def _require_long_enough(n: int, request: ExcitationRequest) -> None:
             f"each of {n} joints: they reach {top / request.duration:.3g} Hz, expected up to "
             f"{HIGHEST:g} Hz; take {top / HIGHEST:g} s or more, or fewer harmonics"
         )
-
-
-def _require(holds: bool, name: str, given: object, expected: str) -> None:
-    if not holds:
-        raise ConfigError(f"{name} is {given}, expected {expected}")

@@ -28,8 +28,8 @@ class Workspace:
     upper: tuple[float, float, float] = (inf, inf, inf)  # [m]
 
     def __post_init__(self) -> None:
-        _require(self.radius > 0, "workspace radius", self.radius, "m, above 0")
-        _require(
+        require(self.radius > 0, "workspace radius", self.radius, "m, above 0")
+        require(
             all(a < b for a, b in zip(self.lower, self.upper, strict=True)),
             "workspace bounds",
             (self.lower, self.upper),
@@ -47,9 +47,9 @@ class Surroundings:
     self_collision: bool = True  # False: links are not checked against each other
 
     def __post_init__(self) -> None:
-        _require(self.joint_margin >= 0, "joint margin", self.joint_margin, "rad, not negative")
-        _require(0 < self.clearance <= 1, "clearance", self.clearance, "m, in (0, 1]")
-        _require(abs(self.table_height) < inf, "table height", self.table_height, "m, finite")
+        require(self.joint_margin >= 0, "joint margin", self.joint_margin, "rad, not negative")
+        require(0 < self.clearance <= 1, "clearance", self.clearance, "m, in (0, 1]")
+        require(abs(self.table_height) < inf, "table height", self.table_height, "m, finite")
 
 
 @dataclass(frozen=True)
@@ -83,14 +83,14 @@ class Exploring:
     waypoint_period: float = 0.0016  # [s] of nominal time
 
     def __post_init__(self) -> None:
-        _require(self.sinusoids >= 1, "number of sinusoids", self.sinusoids, "1 or more")
+        require(self.sinusoids >= 1, "number of sinusoids", self.sinusoids, "1 or more")
         for name in ("amplitude", "frequency", "phase", "waypoints"):
             low, high = getattr(self, name)
-            _require(low <= high, f"range of {name}", (low, high), "with its lower end first")
-        _require(self.amplitude[0] > 0, "amplitude", self.amplitude[0], "rad, above 0")
-        _require(self.waypoints[0] >= 2, "waypoints", self.waypoints[0], "2 or more")  # noqa: PLR2004
+            require(low <= high, f"range of {name}", (low, high), "with its lower end first")
+        require(self.amplitude[0] > 0, "amplitude", self.amplitude[0], "rad, above 0")
+        require(self.waypoints[0] >= 2, "waypoints", self.waypoints[0], "2 or more")  # noqa: PLR2004
         _require_share(self.velocity, "exploring velocity")
-        _require(self.waypoint_period > 0, "waypoint period", self.waypoint_period, "s, above 0")
+        require(self.waypoint_period > 0, "waypoint period", self.waypoint_period, "s, above 0")
 
 
 @dataclass(frozen=True)
@@ -108,19 +108,24 @@ class PlanRequest:
     repairs: int = 50  # replaced or added scaffolds in a row before giving up
 
     def __post_init__(self) -> None:
-        _require(self.scaffolds >= 1, "number of scaffolds", self.scaffolds, "1 or more")
-        _require(50 <= self.rate <= 10_000, "sample rate", self.rate, "Hz, in [50, 10000]")  # noqa: PLR2004
+        require(self.scaffolds >= 1, "number of scaffolds", self.scaffolds, "1 or more")
+        require(50 <= self.rate <= 10_000, "sample rate", self.rate, "Hz, in [50, 10000]")  # noqa: PLR2004
         for name in ("candidates", "exploring_tries", "repairs"):
-            _require(
+            require(
                 getattr(self, name) >= 1, name.replace("_", " "), getattr(self, name), "1 or more"
             )
 
 
-def _require(holds: bool, name: str, given: object, expected: str) -> None:
+def require(holds: bool, name: str, given: object, expected: str) -> None:
+    """Refuse what a request cannot ask for.
+
+    Raises:
+        ConfigError: It does not hold.
+    """
     if not holds:
         raise ConfigError(f"{name} is {given}, expected {expected}")
 
 
 def _require_share(values: Range, name: str) -> None:
     low, high = values
-    _require(0 < low <= high <= 1, f"relative {name}", values, "two shares of the limit in (0, 1]")
+    require(0 < low <= high <= 1, f"relative {name}", values, "two shares of the limit in (0, 1]")

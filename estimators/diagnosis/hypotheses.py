@@ -107,7 +107,7 @@ def cubic_elasticity(joint: int) -> Hypothesis:
 
 def _stiffness(compliance: float) -> float:
     """Return the stiffness [N m/rad] of so many units of compliance; of none, the stiffest."""
-    return min(1.0 / max(compliance * UNIT_COMPLIANCE, 1e-12), STIFF)
+    return 1.0 / max(compliance * UNIT_COMPLIANCE, 1.0 / STIFF)
 
 
 def backlash(joint: int, gap: float) -> Hypothesis:

@@ -100,10 +100,7 @@ def material(bench: Bench, solution: Solution, member: int) -> float:
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
     """
-    left, bare = (
-        bench.left(solution.fitted),
-        bench.left(without(solution, member)),
-    )
+    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
     moving, held_out = bench.observed.moving, bench.split.held_out
     gained, proven = _taken_off(left, bare, moving), _taken_off(left, bare, held_out)
     misses = rmse(bare - left, held_out) ** 2 < _SEEN * rmse(bare - left, moving) ** 2

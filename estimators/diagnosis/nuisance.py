@@ -48,7 +48,6 @@ class Tolerated:
     unit: str  # or "relative"
     nominal: float
     scale: float  # what a relative change of 1 adds
-    place: tuple[str, tuple[int, ...]] = ("", ())  # what states it: effect and joints, 0-based
     parameter: str = ""  # of an effect, where it is one
     lower: float = -np.inf
     upper: float = np.inf
@@ -73,11 +72,6 @@ class Nuisance:
         """Mark the coefficients (c,) that a simulation has; those of sensors it has not."""
         marks = [np.full(rows.stop - rows.start, enter is not None) for rows, enter in self.groups]
         return np.concatenate(marks)
-
-    @property
-    def of_bodies(self) -> NDArray[np.bool_]:
-        """Mark the coefficients (c,) of bodies."""
-        return np.array([item.place[0] == "link_inertia" for item in self.parameters])
 
     def enter(self, improvement: Improvement, coefficients: FloatArray) -> None:
         """Enter fitted coefficients (c,)."""
@@ -139,8 +133,7 @@ def _inertias(observed: Observations, columns: Columns, stated: Simulation) -> l
         parts.append(
             _Part(
                 tuple(
-                    Tolerated(f"{part} of {name}", "relative", 0.0, 1.0, ("link_inertia", (link,)))
-                    for part in _INERTIAL_NAMES
+                    Tolerated(f"{part} of {name}", "relative", 0.0, 1.0) for part in _INERTIAL_NAMES
                 ),
                 Prior.free(index, deviation),
                 mover(link, scale),
@@ -218,7 +211,6 @@ def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noq
         known.unit,
         value,
         value,
-        (effect.name, tuple(joint - 1 for joint in effect.joints)),
         known.name,
         known.lower,
         known.upper,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SEVERAL = 3  # effects, of which one may stand for what two others make of one another
-_ROUNDS = 3  # of pushes and effects in turn
+_ROUNDS = 2  # more of pushes and effects in turn
 BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 
 
@@ -152,22 +152,33 @@ def _without_pushes(bench: Bench, progress: Progress) -> tuple[_Judged, tuple[Pu
     """
     solution = solve(bench, progress)
     pushed = _beyond_doubt(bench.observed, bench.left(solution.fitted), solution.noise)
-    judged, seen = None, pushed
+    if pushed:
+        bench, solution = _without(bench, pushed, progress)
+    judged, seen = _round(bench, solution, progress)
     for _ in range(_ROUNDS):
-        if pushed:
-            bench = bench.undisturbed(covered(bench.observed, pushed))
-            solution = solve(bench, progress)
-        solution = settled(bench, solution, progress)
-        progress("proving on held-out motion", 0.8)
-        judged = _best(_Judged.of(bench, solution), progress)
-        everywhere = bench.observed.undisturbed(None)
-        seen = _beyond_doubt(everywhere, judged.proven, judged.solution.noise)
         hidden = tuple(push for push in seen if not _among(push, pushed))
         if not hidden:
             break
         pushed = (*pushed, *hidden)
-    assert judged is not None  # noqa: S101  # there is one round at least
-    return judged, tuple(push for push in seen if judged.left_out(push))
+        judged, seen = _round(*_without(bench, pushed, progress), progress)
+    return judged, tuple(push for push in seen if _among(push, pushed))
+
+
+def _without(bench: Bench, pushed: Sequence[Push], progress: Progress) -> tuple[Bench, Solution]:
+    """Leave the rows of pushes out, and solve again."""
+    bench = bench.undisturbed(covered(bench.observed, pushed))
+    return bench, solve(bench, progress)
+
+
+def _round(
+    bench: Bench, solution: Solution, progress: Progress
+) -> tuple[_Judged, tuple[Push, ...]]:
+    """Settle and judge a set; return it with the pushes that are seen in what it leaves."""
+    solution = settled(bench, solution, progress)
+    progress("proving on held-out motion", 0.8)
+    judged = _best(_Judged.of(bench, solution), progress)
+    everywhere = bench.observed.undisturbed(None)
+    return judged, _beyond_doubt(everywhere, judged.proven, judged.solution.noise)
 
 
 def _among(push: Push, others: Sequence[Push]) -> bool:
@@ -212,12 +223,6 @@ class _Judged:
         proven = _proven(bench, solution)
         rest = leftover(bench.observed, proven)
         return cls(bench, solution, proven, rest, *abstained(bench, solution, rest))
-
-    def left_out(self, push: Push) -> bool:
-        """Say whether nothing was fitted to the rows of a push."""
-        disturbed = self.bench.observed.disturbed
-        rows = covered(self.bench.observed, (push,))
-        return disturbed is not None and bool(disturbed[rows].any())
 
     def harmless(self) -> tuple[_Judged, bool]:
         """Return this if it does not harm, or without what only stands in, or without anything.

@@ -15,6 +15,7 @@ from estimators.diagnosis.noise import Noise, roughness
 from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.refinement import Setting, replaced
 from estimators.diagnosis.scans import ripples
+from estimators.rigid_body.regressor import PER_LINK
 
 _ROUNDS = 2  # of noise and search in turn
 _CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
@@ -37,7 +38,7 @@ def solve(bench: Bench, progress: Progress, near: tuple[int, ...] | None = None)
     _scan(bench, solution)  # of what the largest effects hid
     solution = _until_it_stays(bench, solution, progress, near)
     limits = solution.search.evidence.at_limit(solution.fitted)
-    limits[~bench.nuisance.of_bodies] = np.nan
+    limits[PER_LINK * bench.observed.n :] = np.nan  # bodies come first
     if np.isnan(limits).all():
         return solution
     bench.held = limits
