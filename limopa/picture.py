@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from limopa.planner import EXPLORING, REACHING
 from limopa.statistics import reversal_rows, rotations
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
     from pathlib import Path
 
     from limo_driver.model import RobotModel
@@ -47,6 +49,22 @@ def draw(plan: Plan, model: RobotModel, path: Path | str) -> None:
         model: The robot it was planned for.
         path: File to write.
     """
+    with sheet(path, widths=(1.0, 1.15)) as (figure, grid):
+        _draw_flange(figure.add_subplot(grid[0, 0], projection="3d"), plan, model)
+        _draw_exploring(figure.add_subplot(grid[0, 1]), plan)
+        _draw_joint_space(figure.add_subplot(grid[1, :]), plan)
+        _draw_velocities(figure.add_subplot(grid[2, 0]), plan, model)
+        _draw_rotations(figure.add_subplot(grid[2, 1]), plan)
+
+
+@contextmanager
+def sheet(path: Path | str, widths: tuple[float, float]) -> Generator[tuple[Any, Any]]:
+    """Give a figure and its grid of three rows and two columns, and write it once it is drawn.
+
+    Args:
+        path: File to write; its ending gives the format (PNG, PDF or SVG).
+        widths: Of the columns, relative.
+    """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -54,19 +72,12 @@ def draw(plan: Plan, model: RobotModel, path: Path | str) -> None:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10.0, 7.6), dpi=160, layout="constrained")
         FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(3, 2, height_ratios=(1.35, 1.0, 1.0), width_ratios=(1.0, 1.15))
-        _draw_flange(figure.add_subplot(grid[0, 0], projection="3d"), plan, model)
-        _draw_exploring(figure.add_subplot(grid[0, 1]), plan)
-        _draw_joint_space(figure.add_subplot(grid[1, :]), plan)
-        _draw_velocities(figure.add_subplot(grid[2, 0]), plan, model)
-        _draw_rotations(figure.add_subplot(grid[2, 1]), plan)
+        yield figure, figure.add_gridspec(3, 2, height_ratios=(1.35, 1.0, 1.0), width_ratios=widths)
         figure.savefig(str(path))
 
 
 def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN401  # matplotlib
     """Draw the flange's path, as in the upper left of the paper's figure of the training motion."""
-    from matplotlib.ticker import MaxNLocator
-
     flange = KinematicChain.of(model).flange_position(plan.trajectory.position)
     for segment in plan.trajectory.segments:
         rows = slice(max(segment.start - 1, 0), segment.stop, 1 if len(flange) < DRAWN else 8)
@@ -76,6 +87,13 @@ def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN
     _draw_workspace(axes, plan.request.workspace)
     axes.plot([], [], color=EXPLORING_COLOUR, label=EXPLORING)
     axes.plot([], [], color=REACHING_COLOUR, label=REACHING)
+    dress_flange(axes)
+
+
+def dress_flange(axes: Any) -> None:  # noqa: ANN401  # matplotlib
+    """Label the axes of a path of the flange, look at it from above, and add the base."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.scatter([0], [0], [0], color="black", s=14, marker="s", label="base")
     axes.set_title("Path of the flange")
     axes.set_xlabel("x [m]", labelpad=-4)
@@ -115,7 +133,7 @@ def _draw_exploring(axes: Any, plan: Plan) -> None:  # noqa: ANN401
     for j in range(position.shape[1]):
         moved = position[:, j] - position[0, j]
         turns = reversal_rows(velocity[:, j])
-        colour = _colour(j)
+        colour = colour_of(j)
         axes.plot(time, moved, color=colour, label=f"joint {j + 1}")
         axes.plot(time[turns], moved[turns], ".", color=colour, markersize=3.5)
     axes.set_title(f"Exploring phase {number + 1} of {len(segments)}; dots: reversals of rotation")
@@ -136,7 +154,7 @@ def _draw_joint_space(axes: Any, plan: Plan) -> None:  # noqa: ANN401
             axes.axvspan(start, stop, color=EXPLORING_COLOUR, alpha=0.08, linewidth=0)
     for j in range(motion.n):
         position = np.degrees(motion.position[::step, j])
-        axes.plot(minutes, position, color=_colour(j), label=f"joint {j + 1}", linewidth=0.6)
+        axes.plot(minutes, position, color=colour_of(j), label=f"joint {j + 1}", linewidth=0.6)
     axes.set_title(
         f"Joint space: {len(plan.scaffolds)} scaffolds, {motion.duration / 60:.1f} min; "
         "shaded: exploring"
@@ -190,7 +208,7 @@ def _draw_rotations(axes: Any, plan: Plan) -> None:  # noqa: ANN401
         medianprops={"color": "black"},
     )
     for j, box in zip(present, parts["boxes"], strict=True):
-        box.set(facecolor=_colour(j), alpha=0.6, linewidth=0.5)
+        box.set(facecolor=colour_of(j), alpha=0.6, linewidth=0.5)
     axes.set_title("Rotation between reversals, exploring; dotted: 10 deg")
     axes.set_xlabel("joint")
     axes.set_ylabel("rotation [deg]")
@@ -203,5 +221,6 @@ def _rows(segments: tuple[Segment, ...], kind: str) -> Any:  # noqa: ANN401  # (
     return np.concatenate(ranges) if ranges else np.zeros(0, dtype=np.intp)
 
 
-def _colour(joint: int) -> str:
+def colour_of(joint: int) -> str:
+    """Return the colour of a joint (0-based), the same in every picture."""
     return JOINT_COLOURS[joint % len(JOINT_COLOURS)]

@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from limo_driver.cli.plan import (
+    Clearance,
+    JointMargin,
+    Out,
+    Picture,
+    Rate,
+    Robot,
+    Seed,
+    SelfCollision,
+    TableHeight,
+    require_writable,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -15,7 +27,6 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limopa.exciter import Excitation, ExcitationRequest
 
-PICTURES = (".png", ".pdf", ".svg")
 PAPER = 68  # condition number that Çallar and Böttger 2022 state for their iiwa
 
 
@@ -33,43 +44,30 @@ class JointFigures:
 
 
 def command(
-    out: Annotated[Path, typer.Option(help="Where to write the trajectory (Parquet).")],
-    robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")] = "iiwa14",
+    out: Out,
+    robot: Robot = "iiwa14",
     duration: Annotated[
         float, typer.Option(help="Of the motion, one period of the base frequency, s.")
     ] = 60.0,
     harmonics: Annotated[
         int, typer.Option(help="Of each joint; no two joints share any of them.")
     ] = 5,
-    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")] = 0,
+    seed: Seed = 0,
     starts: Annotated[
         int, typer.Option(help="Random motions to begin with; the best are refined.")
     ] = 16,
     iterations: Annotated[
         int, typer.Option(help="Of each of the last two refinements; 0 leaves a random motion.")
     ] = 250,
-    rate: Annotated[
-        float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
-    ] = 250.0,
+    rate: Rate = 250.0,
     workspace_radius: Annotated[
         float | None, typer.Option(help="Keep the flange this near to the base, m.")
     ] = None,
-    joint_margin: Annotated[
-        float, typer.Option(help="Margin kept from the end of each joint's range, degrees.")
-    ] = 5.0,
-    clearance: Annotated[
-        float, typer.Option(help="Distance kept between links and from the table, m.")
-    ] = 0.02,
-    table_height: Annotated[
-        float, typer.Option(help="Height of the table plane above the base frame, m.")
-    ] = 0.0,
-    self_collision: Annotated[
-        bool,
-        typer.Option(help="Check links against each other and their shapes against the table."),
-    ] = True,
-    picture: Annotated[
-        Path | None, typer.Option(help="Draw the motion into this file (PNG, PDF or SVG).")
-    ] = None,
+    joint_margin: JointMargin = 5.0,
+    clearance: Clearance = 0.02,
+    table_height: TableHeight = 0.0,
+    self_collision: SelfCollision = True,
+    picture: Picture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Find the motion whose torques tell inertias and friction apart best, within all limits.
@@ -92,7 +90,7 @@ def command(
     from limopa.exciter_picture import draw
     from limopa.request import Surroundings, Workspace
 
-    _require_writable(out, picture, robot)
+    require_writable(out, picture, robot)
     request = ExcitationRequest(
         duration=duration,
         harmonics=harmonics,
@@ -116,20 +114,6 @@ def command(
     if picture is not None:
         draw(found, model, picture)
     _report(found, conditioning, model, as_json=as_json)
-
-
-def _require_writable(out: Path, picture: Path | None, robot: str) -> None:
-    """Refuse to search for a minute and then find that the results cannot be written."""
-    from limo_driver.errors import ConfigError
-    from limo_driver.outputs import require_file
-
-    if picture is not None and picture.suffix.lower() not in PICTURES:
-        raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
-    if picture is not None and picture.resolve() == out.resolve():
-        raise ConfigError("is to hold both the trajectory and the picture", path=out)
-    for path in (out, picture):
-        if path is not None:
-            require_file(path, [Path(robot)])
 
 
 def _excite(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,36 +16,47 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".pdf", ".svg")
 
+# Options of every command that plans a motion.
+Out = Annotated[Path, typer.Option(help="Where to write the trajectory (Parquet).")]
+Robot = Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")]
+Rate = Annotated[
+    float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
+]
+JointMargin = Annotated[
+    float, typer.Option(help="Margin kept from the end of each joint's range, degrees.")
+]
+Clearance = Annotated[
+    float, typer.Option(help="Distance kept between links and from the table, m.")
+]
+TableHeight = Annotated[
+    float, typer.Option(help="Height of the table plane above the base frame, m.")
+]
+SelfCollision = Annotated[
+    bool,
+    typer.Option(help="Check links against each other and their shapes against the table."),
+]
+Picture = Annotated[
+    Path | None, typer.Option(help="Draw the motion into this file (PNG, PDF or SVG).")
+]
+
 
 def command(
-    out: Annotated[Path, typer.Option(help="Where to write the trajectory (Parquet).")],
-    robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")] = "iiwa14",
+    out: Out,
+    robot: Robot = "iiwa14",
     scaffolds: Annotated[
         int, typer.Option(help="Configurations to reach and explore; 150 last about an hour.")
     ] = 150,
-    seed: Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")] = 0,
-    rate: Annotated[
-        float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
-    ] = 250.0,
+    seed: Seed = 0,
+    rate: Rate = 250.0,
     workspace_radius: Annotated[
         float, typer.Option(help="Radius of the effective workspace around the base, m.")
     ] = 0.8,
-    joint_margin: Annotated[
-        float, typer.Option(help="Margin kept from the end of each joint's range, degrees.")
-    ] = 5.0,
-    clearance: Annotated[
-        float, typer.Option(help="Distance kept between links and from the table, m.")
-    ] = 0.02,
-    table_height: Annotated[
-        float, typer.Option(help="Height of the table plane above the base frame, m.")
-    ] = 0.0,
-    self_collision: Annotated[
-        bool,
-        typer.Option(help="Check links against each other and their shapes against the table."),
-    ] = True,
-    picture: Annotated[
-        Path | None, typer.Option(help="Draw the motion into this file (PNG, PDF or SVG).")
-    ] = None,
+    joint_margin: JointMargin = 5.0,
+    clearance: Clearance = 0.02,
+    table_height: TableHeight = 0.0,
+    self_collision: SelfCollision = True,
+    picture: Picture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the statistics as JSON.")] = False,
 ) -> None:
     """Plan locally isotropic motion (LIMOPA): straight reaches, then small sinusoids around each.
@@ -64,7 +75,7 @@ def command(
     from limo_driver.model import RobotModel
     from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
 
-    _require_writable(out, picture)
+    require_writable(out, picture, robot)
     request = PlanRequest(
         scaffolds=scaffolds,
         rate=rate,
@@ -84,16 +95,18 @@ def command(
     _report(summarise(planned, model), as_json=as_json)
 
 
-def _require_writable(out: Path, picture: Path | None) -> None:
+def require_writable(out: Path, picture: Path | None, robot: str) -> None:
     """Refuse to plan for minutes and then find that the results cannot be written."""
     from limo_driver.errors import ConfigError
     from limo_driver.outputs import require_file
 
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
+    if picture is not None and picture.resolve() == out.resolve():
+        raise ConfigError("is to hold both the trajectory and the picture", path=out)
     for path in (out, picture):
         if path is not None:
-            require_file(path)
+            require_file(path, [Path(robot)])
 
 
 def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:
