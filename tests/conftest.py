@@ -3,11 +3,46 @@
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from limo_driver.physics import Simulation
+
+TWO_LINKS = """<robot name="two_links">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
+  <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0.4 0 0" rpy="0.3 0 0"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
+</robot>"""
 
 
 @pytest.fixture(scope="session")
 def hysteretic():
     """The simulation of the examples: friction with memory, noise, quantised encoders."""
     return Simulation.load(Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml")
+
+
+@pytest.fixture(scope="session")
+def two_links_urdf(tmp_path_factory):
+    """A file of an arm with two skew joints: small, and no iiwa."""
+    path = tmp_path_factory.mktemp("robot") / "two_links.urdf"
+    path.write_text(TWO_LINKS)
+    return path
+
+
+@pytest.fixture
+def commanded():
+    """Make a function that runs one command with arguments, as a user would."""
+
+    def of(command):
+        app = typer.Typer()
+        app.command()(command)
+        return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
+
+    return of

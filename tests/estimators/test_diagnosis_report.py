@@ -16,7 +16,6 @@ from estimators.diagnosis.diagnosis import CHOSEN, Diagnosis, Explanation, Repla
 from estimators.diagnosis.diagnosis import Test as Question
 from estimators.diagnosis.judgement import TELLABLE
 from estimators.diagnosis.report import figures, worst_stretch, write_report
-from estimators.diagnosis.report.markup import UNSAID, percent
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.verdict import (
@@ -238,22 +237,6 @@ def test_the_first_screen_says_what_was_found_and_how_sure(parsed, diagnosis):
         "removes 91 % of the reducible error (95 % interval 88 % to 94 %)",
     ):
         assert said in text
-
-
-@pytest.mark.parametrize(
-    ("share", "text"),
-    [
-        (0.0, "0 %"),
-        (0.001, "less than 1 %"),
-        (0.873, "87 %"),
-        (0.9969, "99.6 %"),
-        (0.99999, "99.9 %"),
-        (1.0, "100 %"),
-        (np.nan, UNSAID),
-    ],
-)
-def test_nearly_all_is_not_called_all_nor_hardly_any_none(share, text):
-    assert percent(share).replace("\N{NO-BREAK SPACE}", " ") == text
 
 
 def test_every_part_of_the_evidence_is_there(parsed):

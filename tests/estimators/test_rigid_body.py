@@ -29,19 +29,6 @@ RATE = 100.0
 NOISE = 0.02  # [N m]
 PAPER = JointTerms((0.01,), offset=False, armature=False)
 
-PLANAR = """<robot name="two_links">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial></link>
-  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
-  <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/>
-    <origin xyz="0.4 0 0" rpy="0.3 0 0"/><axis xyz="0 0.6 0.8"/>
-    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
-</robot>"""
-
 
 @pytest.fixture(scope="module")
 def iiwa():
@@ -49,10 +36,8 @@ def iiwa():
 
 
 @pytest.fixture(scope="module")
-def planar(tmp_path_factory):
-    path = tmp_path_factory.mktemp("robot") / "two_links.urdf"
-    path.write_text(PLANAR)
-    return RobotModel.load(path)
+def planar(two_links_urdf):
+    return RobotModel.load(two_links_urdf)
 
 
 def sinusoids(n, T, seed, largest=0.5):

@@ -3,8 +3,6 @@ from __future__ import annotations
 import json
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
 from limo_driver.cli.plan import command
 from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError
@@ -12,10 +10,8 @@ from limo_driver.trajectory import Trajectory
 
 
 @pytest.fixture
-def run():
-    app = typer.Typer()
-    app.command()(command)
-    return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
+def run(commanded):
+    return commanded(command)
 
 
 def test_plan_writes_trajectory_and_statistics(run, tmp_path):

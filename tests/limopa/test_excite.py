@@ -8,9 +8,7 @@ from math import inf
 
 import numpy as np
 import pytest
-import typer
 from matplotlib.image import imread
-from typer.testing import CliRunner
 
 from estimators.rigid_body.conditioning import Conditioning
 from limo_driver.cli.excite import command
@@ -28,18 +26,6 @@ SMALL = ExcitationRequest(
         self_collision=False, table_height=-1.0
     ),
 )  # fmt: skip
-ARM = """<robot name="two_joints">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial></link>
-  <link name="lower"><inertial><origin xyz="0.15 0 0"/><mass value="1"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-  <joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
-  <joint name="b" type="revolute"><parent link="upper"/><child link="lower"/>
-    <origin xyz="0.4 0 0" rpy="0.3 0 0"/><axis xyz="0 0.6 0.8"/>
-    <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
-</robot>"""
 
 
 @pytest.fixture(scope="module")
@@ -53,15 +39,8 @@ def found(iiwa, conditioning):
 
 
 @pytest.fixture(scope="module")
-def arm_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("robot") / "two_joints.urdf"
-    path.write_text(ARM)
-    return path
-
-
-@pytest.fixture(scope="module")
-def arm(arm_file):
-    return RobotModel.load(arm_file)
+def arm(two_links_urdf):
+    return RobotModel.load(two_links_urdf)
 
 
 def test_limits_hold_everywhere(found, iiwa):
@@ -209,25 +188,23 @@ def test_progress_ends_at_its_end(arm):
 
 
 @pytest.fixture
-def run():
-    app = typer.Typer()
-    app.command()(command)
-    return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
+def run(commanded):
+    return commanded(command)
 
 
 FEW = ("--duration", 10, "--harmonics", 3, "--starts", 1, "--iterations", 4,
        "--no-self-collision", "--table-height", -1)  # fmt: skip
 
 
-def test_the_command_writes_motion_figures_and_picture(run, arm_file, tmp_path):
+def test_the_command_writes_motion_figures_and_picture(run, two_links_urdf, tmp_path):
     out, picture = tmp_path / "a.traj.parquet", tmp_path / "a.png"
     result = run(
-        "--robot", arm_file, "--out", out, "--picture", picture, "--seed", 1, "--json", *FEW
+        "--robot", two_links_urdf, "--out", out, "--picture", picture, "--seed", 1, "--json", *FEW
     )
     assert result.exit_code == 0, result.output
     figures = json.loads(result.stdout)
     trajectory = Trajectory.load(out)
-    conditioning = Conditioning(RobotModel.load(arm_file))
+    conditioning = Conditioning(RobotModel.load(two_links_urdf))
     assert figures["condition"] == pytest.approx(conditioning.condition(trajectory))
     assert figures["condition_of_columns_of_unit_norm"] == pytest.approx(
         conditioning.scaled(trajectory)
@@ -237,8 +214,8 @@ def test_the_command_writes_motion_figures_and_picture(run, arm_file, tmp_path):
     assert imread(picture)[..., :3].std() > 0.05
 
 
-def test_the_command_says_what_the_number_is_of(run, arm_file, tmp_path):
-    result = run("--robot", arm_file, "--out", tmp_path / "a.traj.parquet", *FEW)
+def test_the_command_says_what_the_number_is_of(run, two_links_urdf, tmp_path):
+    result = run("--robot", two_links_urdf, "--out", tmp_path / "a.traj.parquet", *FEW)
     assert result.exit_code == 0, result.output
     for text in ("condition number", "68 in Çallar", "SI units, unscaled", "scaled to unit norm"):
         assert text in result.stdout
@@ -272,10 +249,11 @@ def test_bad_input_is_one_clear_line(run, tmp_path, arguments, error, message):
     assert not (tmp_path / "a.traj.parquet").exists()
 
 
-def test_an_input_is_not_written_over(run, arm_file, tmp_path):
-    result = run("--robot", arm_file, "--out", arm_file, *FEW)
+def test_an_input_is_not_written_over(run, two_links_urdf, tmp_path):
+    before = two_links_urdf.read_text()
+    result = run("--robot", two_links_urdf, "--out", two_links_urdf, *FEW)
     assert isinstance(result.exception, ConfigError)
     assert "is read and would be written over" in str(result.exception)
-    assert arm_file.read_text() == ARM
+    assert two_links_urdf.read_text() == before
     both = run("--out", tmp_path / "a.png", "--picture", tmp_path / "a.png")
     assert "both the trajectory and the picture" in str(both.exception)
