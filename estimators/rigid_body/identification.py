@@ -72,6 +72,7 @@ class Identification:
     terms: JointTerms
     rows: Rows
     base: BaseParameters
+    nominal: FloatArray  # (p,), full parameters of the robot description
     fit: BaseFit  # of the base parameters
     simulation: Simulation  # physically consistent; its tolerances say how well it is known
     rmse_consistent: FloatArray  # (n,) [N m], in sample
@@ -136,6 +137,7 @@ def identify(
         terms,
         rows,
         base,
+        nominal,
         fit,
         _simulation(model, terms, consistent, known),
         rmse,

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
+from estimators.rigid_body.base_estimates import base_estimates
+
 if TYPE_CHECKING:
     from estimators.rigid_body.identification import Identification, TermEstimate
 
@@ -56,6 +58,20 @@ def link_table(found: Identification) -> Table:
     return table
 
 
+def base_table(found: Identification) -> Table:
+    """Return every base parameter, one row each."""
+    table = Table(
+        title="Base parameters: what torque can reveal, one standard deviation",
+        title_justify="left",
+    )
+    for heading in ("parameter", "value", "nominal", "unit"):
+        table.add_column(heading, justify="left" if heading in "parameter unit" else "right")
+    for item in base_estimates(found):
+        values = f"{item.value:.4g}±{item.deviation:.1g}", f"{item.nominal:.4g}"
+        table.add_row(item.combination, *values, item.unit)
+    return table
+
+
 def as_values(found: Identification) -> dict[str, Any]:
     """Return the findings as numbers, lists and texts."""
     return {
@@ -74,6 +90,7 @@ def as_values(found: Identification) -> dict[str, Any]:
         },
         "sign_width": list(found.terms.chosen or ()),
         "joint_terms": [asdict(item) for item in found.estimates],
+        "base": [asdict(item) for item in base_estimates(found)],
         "links": [asdict(link) for link in found.links],
         "warnings": list(found.warnings),
     }

@@ -44,6 +44,9 @@ def command(  # one argument for each option
             "found from the data if not given."
         ),
     ] = None,
+    base: Annotated[
+        bool, typer.Option("--base", help="Print every base parameter with its uncertainty.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Identify inertias and friction, and write them as a simulation.
@@ -89,7 +92,7 @@ def command(  # one argument for each option
         Console().print_json(json.dumps(as_values(found) | {"rows": left_out}))
         return
     _say_what_was_left_out(measured, notes)
-    _show(found, out)
+    _show(found, out, base=base)
 
 
 def _identify(
@@ -125,10 +128,10 @@ def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
             console.print(f"{recording.source}: {item}", markup=False)
 
 
-def _show(found: Identification, out: Path) -> None:
+def _show(found: Identification, out: Path, *, base: bool) -> None:
     from rich.console import Console
 
-    from estimators.rigid_body.report import joint_table, link_table
+    from estimators.rigid_body.report import base_table, joint_table, link_table
 
     console = Console()
     console.print(
@@ -150,6 +153,8 @@ def _show(found: Identification, out: Path) -> None:
     )
     console.print(joint_table(found))
     console.print(link_table(found))
+    if base:
+        console.print(base_table(found))
     for warning in found.warnings:
         console.print(f"note: {warning}", highlight=False, markup=False)
     console.print(f"wrote {out}", highlight=False, markup=False)

@@ -76,6 +76,26 @@ def test_json_holds_the_findings(recording, identify):
     }
 
 
+def test_every_base_parameter_has_a_name_and_an_uncertainty(recording, identify):
+    _, printed, _ = identify(recording, "--json", "--no-offset", "--no-armature")
+    base = {item["name"]: item for item in json.loads(printed)["base"]}
+    assert len(base) == 57
+    assert base["my_3"]["combination"] == "my_3 - mz_4"
+    for j in range(1, 8):
+        coulomb = base[f"tau_c_{j}"]
+        assert 0 < coulomb["deviation"] < 0.05
+        assert abs(coulomb["value"] - 0.3 * j) < 5 * coulomb["deviation"] + 0.01
+    # the links are those of the description, as far as the motion shows them
+    far = [
+        abs(item["value"] - item["nominal"]) / item["deviation"]
+        for name, item in base.items()
+        if name[0] in "mI"
+    ]
+    assert np.median(far) < 2
+    _, table, _ = identify(recording, "--base")
+    assert "my_3 - mz_4" in table
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [

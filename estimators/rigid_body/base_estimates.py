@@ -1,0 +1,73 @@
+"""Every base parameter by name: which combination it is, its value, and how well it is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from estimators.rigid_body.identification import Identification
+
+_PER_LINK = (  # as in the regressor: mass, its first moments, inertia at the joint frame
+    *(("m", "kg"), ("mx", "kg m"), ("my", "kg m"), ("mz", "kg m")),
+    *((f"I{axes}", "kg m^2") for axes in ("xx", "xy", "yy", "xz", "yz", "zz")),
+)
+_ROUNDING = 1e-15  # of differences of nominal inertias [SI]
+
+
+@dataclass(frozen=True)
+class BaseEstimate:
+    """One base parameter: a parameter, and what motion can never tell apart from it."""
+
+    name: str  # of the parameter that stands for it, e.g. my_2 or tau_c_5
+    combination: str  # e.g. "my_2 + mz_3 + 0.4200 m_4"
+    unit: str
+    value: float
+    deviation: float  # standard deviation, with errors correlated in time as they are
+    nominal: float  # of the robot description; friction and offsets have 0 there
+
+
+def base_estimates(found: Identification) -> tuple[BaseEstimate, ...]:
+    """List the base parameters of an identification, (b,), links first."""
+    labels = _labels(found)
+    base, deviation = found.base, np.sqrt(np.diag(found.fit.covariance))
+    nominal = base.reduce(found.nominal)
+    nominal = np.where(np.abs(nominal) < _ROUNDING, 0.0, nominal)
+    estimates: list[BaseEstimate] = []
+    for row, (index, mixed) in enumerate(zip(base.independent, base.mixing, strict=True)):
+        name, unit = labels[index]
+        others = [
+            _summand(float(factor), labels[other][0])
+            for factor, other in zip(mixed, base.dependent, strict=True)
+            if factor
+        ]
+        value = float(found.fit.parameters[row])
+        estimates.append(
+            BaseEstimate(
+                name,
+                name + "".join(others),
+                unit,
+                value,
+                float(deviation[row]),
+                float(nominal[row]),
+            )
+        )
+    return tuple(estimates)
+
+
+def _labels(found: Identification) -> list[tuple[str, str]]:
+    """Return name and unit of every full parameter, in the order of the regressor."""
+    n = found.model.n
+    links = [(f"{name}_{i + 1}", unit) for i in range(n) for name, unit in _PER_LINK]
+    terms = [
+        (f"{term.parameter}_{j + 1}", term.unit) for term in found.terms.all() for j in range(n)
+    ]
+    return links + terms
+
+
+def _summand(factor: float, name: str) -> str:
+    sign = "-" if factor < 0 else "+"
+    size = "" if np.isclose(abs(factor), 1.0) else f"{abs(factor):.4g} "
+    return f" {sign} {size}{name}"
