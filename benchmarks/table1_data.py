@@ -49,7 +49,7 @@ def main(
     model = RobotModel.load("iiwa14")
     limo = plan(model, PlanRequest(scaffolds=scaffolds), seed).trajectory
     samples = SAMPLES * scaffolds / SCAFFOLDS
-    instruments = replace(instruments, rate=samples / limo.duration, jitter=0.0)
+    instruments = replace(instruments, rate=(samples - 0.5) / limo.duration, jitter=0.0)
     starts = [float(limo.time[max(s.start - 1, 0)]) for s in limo.segments if s.kind == REACHING]
     motions = {
         "excitation": excite(model, Conditioning(model), seed=seed).trajectory.resample(PERIOD),
