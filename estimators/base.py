@@ -47,7 +47,11 @@ class InverseDynamics(Protocol):
         ...
 
     def init(self) -> State:
-        """Return the memory before the first sample."""
+        """Return the memory before the first sample.
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+        """
         ...
 
     def step(self, state: State, sample: JointSample) -> tuple[FloatArray, State]:

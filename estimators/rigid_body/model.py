@@ -75,8 +75,7 @@ class RigidBodyModel:
             NotFittedError: `fit` has not been called.
             ShapeError: The motion has another number of joints.
         """
-        if not hasattr(self, "parameters_"):
-            raise NotFittedError("RigidBodyModel")
+        self._require_fitted()
         n = self.chain_.n
         if motion.n != n:
             raise ShapeError("motion", motion.position.shape, f"(T, {n})")
@@ -91,7 +90,12 @@ class RigidBodyModel:
         return torque + np.einsum("tjk,kj->tj", columns, own.reshape(-1, n))
 
     def init(self) -> None:
-        """Return no memory: the model has none."""
+        """Return no memory: the model has none.
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+        """
+        self._require_fitted()
 
     def step(self, state: None, sample: JointSample) -> tuple[FloatArray, None]:
         """Return the torque (n,) [N m] of one sample.
@@ -101,3 +105,7 @@ class RigidBodyModel:
         """
         motion = sample.motion()
         return self.torque(motion)[0], state
+
+    def _require_fitted(self) -> None:
+        if not hasattr(self, "parameters_"):
+            raise NotFittedError("RigidBodyModel")

@@ -154,8 +154,8 @@ def accumulate(
         progress: Called with the number of samples done since the last call.
 
     Raises:
-        RecordingError: A recording is of another robot or given twice, nothing moves, no torque was
-            measured, or no row is left.
+        RecordingError: There is no recording, one is of another robot or given twice, nothing
+            moves, no torque was measured, or no row is left.
     """
     for recording in recordings:
         recording.check_robot(model)
@@ -176,6 +176,8 @@ def accumulate(
 
 def _check_evidence(recordings: Sequence[Recording]) -> None:
     """Check that the recordings say anything, and none the same as another."""
+    if not recordings:
+        raise RecordingError("no recording to fit to")
     if not any(np.any(recording.torque) for recording in recordings):
         raise RecordingError("every torque is 0 N m; was it measured?", path=_sources(recordings))
     moved = max((np.ptp(recording.position, axis=0).max() for recording in recordings), default=0)

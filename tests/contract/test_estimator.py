@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
@@ -9,60 +12,126 @@ from estimators.base import InverseDynamics
 from estimators.hybrid import HybridModel
 from estimators.rigid_body import RigidBodyModel
 from estimators.training import TrainingSettings
-from limo_driver.errors import NotFittedError, ShapeError
+from limo_driver.errors import NotFittedError, RecordingError, ShapeError
+from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.recording import Recording
 from limo_driver.types import JointSample, Motion
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
 RATE = 200.0
-NOMINAL = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))
 BANDWIDTH = 10.0
 
 
-def hybrid(model: str, features: str) -> HybridModel:
+def hybrid(robot: str, model: str, features: str) -> HybridModel:
     settings = TrainingSettings(
         model=model, features=features, epochs=1, sequence_length=20, rate=50.0, hidden=4
     )
-    return HybridModel(NOMINAL, settings)
+    return HybridModel(nominal(robot), settings)
 
 
-ESTIMATORS = {
-    "rigid-body": lambda: RigidBodyModel("iiwa14"),
-    "mlp7": lambda: hybrid("mlp7", "all-joints"),
-    "mlp7 drive": lambda: hybrid("mlp7", "drive"),
-    "lstm-fcl": lambda: hybrid("lstm-fcl", "all-joints"),
-    "lstm-fcl own-joint": lambda: hybrid("lstm-fcl", "own-joint"),
+def nominal(robot: str) -> Simulation:
+    n = RobotModel.load(robot).n
+    return Simulation(robot, tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, n + 1)))
+
+
+# Each makes an estimator of a robot, which is not fitted yet.
+ESTIMATORS: dict[str, Callable[[str], InverseDynamics]] = {
+    "rigid-body": RigidBodyModel,
+    "mlp7": lambda robot: hybrid(robot, "mlp7", "all-joints"),
+    "mlp7 drive": lambda robot: hybrid(robot, "mlp7", "drive"),
+    "lstm-fcl": lambda robot: hybrid(robot, "lstm-fcl", "all-joints"),
+    "lstm-fcl own-joint": lambda robot: hybrid(robot, "lstm-fcl", "own-joint"),
 }
+
+
+def recorded(robot: str, seed: int = 0) -> Recording:
+    """Return 8 s of LIMO motion with a gap, torque from a hysteretic joint and noise."""
+    random, n = np.random.default_rng(seed), RobotModel.load(robot).n
+    t = np.arange(1600) / RATE
+    t[800:] += 0.5
+    angle = 2 * np.pi * t[:, None] * random.uniform(0.3, 1.2, n) + random.uniform(0, 6, n)
+    position = np.deg2rad([10, 40, -20, -70, 30, 50, -40])[:n] + 0.04 * np.sin(angle)
+    motion = Motion(t, position, np.gradient(position, t, axis=0), np.zeros_like(position))
+    slip = PreslidingHysteresis(joint=n, stiffness=(300.0,), width=(0.004,))
+    torque = Simulation(robot, (slip,)).predict(motion)
+    return Recording.from_arrays(t, position, torque + 0.02 * random.standard_normal(torque.shape))
 
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    """Return 8 s of LIMO motion with a gap, torque from hysteretic joints."""
-    random = np.random.default_rng(0)
-    t = np.arange(1600) / RATE
-    t[800:] += 0.5
-    angle = 2 * np.pi * t[:, None] * random.uniform(0.3, 1.2, 7) + random.uniform(0, 6, 7)
-    position = np.deg2rad([10, 40, -20, -70, 30, 50, -40]) + 0.04 * np.sin(angle)
-    motion = Motion(t, position, np.gradient(position, t, axis=0), np.zeros_like(position))
-    slip = PreslidingHysteresis(joint=2, stiffness=(300.0,), width=(0.004,))
-    torque = Simulation("iiwa14", (slip,)).predict(motion)
-    return Recording.from_arrays(t, position, torque + 0.02 * random.standard_normal(torque.shape))
+    return recorded("iiwa14")
 
 
 @pytest.fixture(scope="module", params=ESTIMATORS)
 def estimator(request: pytest.FixtureRequest, recording: Recording) -> InverseDynamics:
-    return ESTIMATORS[request.param]().fit([recording])
+    return ESTIMATORS[request.param]("iiwa14").fit([recording])
+
+
+@pytest.fixture(scope="module")
+def robots(two_links_urdf: Path) -> dict[int, str]:
+    """Name a robot of one joint and one of two."""
+    one = re.sub(r'<link name="lower">.*?</link>|<joint name="b".*?</joint>', "",
+                 two_links_urdf.read_text(), flags=re.DOTALL)  # fmt: skip
+    path = two_links_urdf.with_name("one_link.urdf")
+    path.write_text(one)
+    return {1: str(path), 2: str(two_links_urdf)}
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_follows_the_protocol(name: str) -> None:
-    assert isinstance(ESTIMATORS[name](), InverseDynamics)
+    assert isinstance(ESTIMATORS[name]("iiwa14"), InverseDynamics)
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_predicts_nothing_before_fit(name: str, recording: Recording) -> None:
     with pytest.raises(NotFittedError, match="not fitted"):
-        ESTIMATORS[name]().predict(recording)
+        ESTIMATORS[name]("iiwa14").predict(recording)
+    with pytest.raises(NotFittedError, match="not fitted"):
+        ESTIMATORS[name]("iiwa14").init()
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_fitting_again_forgets_what_was_fitted_before(name: str, recording: Recording) -> None:
+    other = recorded("iiwa14", seed=1)
+    estimator = ESTIMATORS[name]("iiwa14")
+    assert estimator.fit([other]) is estimator
+    again = estimator.fit([recording]).predict(recording)
+    fresh = ESTIMATORS[name]("iiwa14").fit([recording]).predict(recording)
+    np.testing.assert_array_equal(again, fresh)
+
+
+@pytest.mark.parametrize("joints", [1, 2])
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_robot_of_few_joints(name: str, joints: int, robots: dict[int, str]) -> None:
+    robot = robots[joints]
+    measured = recorded(robot)
+    predicted = ESTIMATORS[name](robot).fit([measured]).predict(measured)
+    assert predicted.shape == (1600, joints)
+    assert np.isfinite(predicted).all()
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_nothing_to_fit_to_is_refused(name: str) -> None:
+    with pytest.raises(RecordingError, match="no recording"):
+        ESTIMATORS[name]("iiwa14").fit([])
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_recording_of_another_robot_is_refused(
+    name: str, recording: Recording, robots: dict[int, str]
+) -> None:
+    with pytest.raises(RecordingError, match="2 joints"):
+        ESTIMATORS[name]("iiwa14").fit([recording, recorded(robots[2])])
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_recording_shorter_than_its_filter_is_refused(name: str, recording: Recording) -> None:
+    with pytest.raises(RecordingError, match=r"short|too low"):
+        ESTIMATORS[name]("iiwa14").fit([recording[:8]])
 
 
 def test_scanning_step_equals_predict(estimator: InverseDynamics, recording: Recording) -> None:
