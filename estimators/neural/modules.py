@@ -29,12 +29,13 @@ class Module(nn.Module):
 
     def columns_of_parts(self) -> NDArray[np.int64]:
         """Return the inputs that each part sees, (G, f)."""
-        return self.get_buffer("columns").numpy()
+        return self.get_buffer("columns").cpu().numpy()
 
     def weights(self) -> dict[str, FloatArray]:
         """Return the weights by the names that `Network` expects."""
         return {
-            name: value.detach().double().numpy().copy() for name, value in self.named_parameters()
+            name: value.detach().double().cpu().numpy().copy()
+            for name, value in self.named_parameters()
         }
 
     def _inputs(self, x: Tensor) -> Tensor:

@@ -9,15 +9,21 @@ import pytest
 from estimators.features import feature_set
 from estimators.hybrid import HybridModel
 from estimators.neural import Mlp, Network
-from estimators.training import Epoch, TrainingSettings, train, usual_settings
-from estimators.training_data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData, prepare
+from estimators.neural.modules import LstmModule, Memory
+from estimators.training import Epoch, TrainingSettings, paper_settings, train, usual_settings
+from estimators.training_data import TrainingData, prepare
 from estimators.training_gain import gain
+from estimators.training_passes import SequencePasses
+from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
+
+    from estimators.hybrid import FittedNetwork
 
 QUICK = TrainingSettings(features="own-joint", epochs=2, rate=100.0, hidden=8)
 
@@ -138,11 +144,8 @@ def test_a_fifth_is_held_out_in_blocks(rigid: Simulation, training_recording: Re
     data = prepare(
         rigid,
         [training_recording],
-        feature_set("own-joint", 2),
-        bandwidth=10.0,
-        rate=100.0,
-        held_out=0.2,
-        random=np.random.default_rng(0),
+        QUICK,
+        np.random.default_rng(0),
     )
     assert np.mean(data.use == HELD_OUT) == pytest.approx(0.2, abs=0.02)
     starts = np.flatnonzero(np.diff((data.use == HELD_OUT).astype(int)) == 1)
@@ -160,11 +163,8 @@ def test_a_gap_parts_the_training_motion(rigid: Simulation, training_recording: 
     data = prepare(
         rigid,
         [parted],
-        feature_set("own-joint", 2),
-        bandwidth=10.0,
-        rate=100.0,
-        held_out=0.2,
-        random=np.random.default_rng(0),
+        QUICK,
+        np.random.default_rng(0),
     )
     assert data.stretches == (slice(0, 3000), slice(3000, 6000))
 
@@ -202,11 +202,8 @@ def test_whole_recordings_judge_where_there_are_enough(
     data = prepare(
         rigid,
         [training_recording[:2000], training_recording[2000:]],
-        feature_set("own-joint", 2),
-        bandwidth=10.0,
-        rate=100.0,
-        held_out=0.2,
-        random=np.random.default_rng(0),
+        QUICK,
+        np.random.default_rng(0),
     )
     seen: list[TrainingData] = []
 
@@ -225,6 +222,115 @@ def test_whole_recordings_judge_where_there_are_enough(
         np.testing.assert_array_equal(rest.use[kept], data.use[kept])
         training = rest.inputs[rest.use == TRAINING]
         assert (rest.inputs[out] <= training.max(axis=0)).all()
+
+
+def test_the_paper_draws_neighbouring_sequences(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    """6000 rows at 100 Hz, of which the filter leaves a few at both ends out."""
+    settings = replace(paper_settings("lstm-fcl", 50), bandwidth=5.0)
+    data = prepare(rigid, [training_recording], settings, np.random.default_rng(0))
+    assert (data.stride, data.rate) == (1, pytest.approx(100.0))
+    sure = np.flatnonzero(data.use != LEFT_OUT)
+    pieces = data.use[sure[0] : sure[-1] + 1].reshape(-1, 50)
+    assert (pieces == pieces[:, :1]).all()
+    assert np.mean(pieces == HELD_OUT) == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_fixed_division_trains_on_what_is_not_held_out(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    import torch
+
+    settings = paper_settings("lstm-fcl", 50)
+    data = prepare(rigid, [training_recording], settings, np.random.default_rng(0))
+    passes = SequencePasses(data, 7, np.random.default_rng(1), torch.device("cpu"), 50, 1)
+    seen: list[torch.Tensor] = []
+
+    class Spy(LstmModule):
+        def forward(self, x: torch.Tensor, memory: Memory = None) -> tuple[torch.Tensor, Memory]:
+            if torch.is_grad_enabled():
+                seen.append(x)
+                assert memory is None
+            return super().forward(x, memory)
+
+    module = Spy(feature_set("all-joints", 2).columns[:1], 4, 2)
+    passes.epoch(module, torch.optim.AdamW(module.parameters()))
+    trained = torch.cat(seen).reshape(-1, 10).numpy()
+    expected = data.inputs[data.use == TRAINING]
+    np.testing.assert_array_equal(np.sort(trained, axis=0), np.sort(expected, axis=0))
+
+
+def test_whole_recordings_are_held_out(rigid: Simulation, training_recording: Recording) -> None:
+    parts = [training_recording[i * 1000 : (i + 1) * 1000] for i in range(6)]
+    settings = replace(QUICK, split="recordings")
+    data = prepare(rigid, parts, settings, np.random.default_rng(0))
+    held_out = [set(data.use[rows]) - {LEFT_OUT} == {HELD_OUT} for rows in data.recordings]
+    assert sum(held_out) == 1
+    with pytest.raises(RecordingError, match="the only recording"):
+        train(rigid, parts[:1], settings)
+
+
+def test_a_network_that_stands_alone_gives_the_whole_torque(
+    rigid: Simulation, training_recording: Recording, test_recording: Recording, tmp_path: Path
+) -> None:
+    settings = replace(
+        QUICK, standalone=True, without=("rotation_since_reversal",), epochs=20, folds=1, hidden=30
+    )
+    model = HybridModel(rigid, settings).fit([training_recording])
+    assert model.fitted.features.quantities == ("position", "velocity", "acceleration")
+    parts = model.parts(test_recording)
+    assert not parts.rigid_body.any()
+    nothing, network = mse(model, test_recording)
+    assert nothing / network > 4
+    model.save(tmp_path / "model")
+    loaded = HybridModel.load(tmp_path / "model")
+    np.testing.assert_array_equal(loaded.predict(test_recording), parts.network)
+    state, motion = loaded.init(100.0), test_recording.motion(10.0)
+    for t in range(50):
+        torque, state = loaded.step(state, motion.sample(t))
+        np.testing.assert_allclose(torque, parts.network[t], atol=1e-6)
+
+
+def test_the_last_weights_are_kept_where_asked(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    settings = replace(
+        QUICK, keep="last", epochs=3, learning_rate=0.05, schedule="plateau", folds=1
+    )
+    first, second = (
+        train(rigid, [training_recording], replace(settings, epochs=epochs)) for epochs in (3, 2)
+    )
+    last = [epoch["held_out_loss"] for epoch in first.record["epochs"]]
+    assert last[:2] == [epoch["held_out_loss"] for epoch in second.record["epochs"]]
+    found = mse_of_held_out(rigid, first, training_recording, settings)
+    assert found == pytest.approx(last[-1], rel=1e-3)
+
+
+def mse_of_held_out(
+    rigid: Simulation, fitted: FittedNetwork, recording: Recording, settings: TrainingSettings
+) -> float:
+    """Return the normalised loss of a memoryless network."""
+    data = prepare(rigid, [recording], settings, np.random.default_rng(settings.seed))
+    y, _ = fitted.network.advance(fitted.network.init(1), data.inputs.astype(np.float64))
+    return float(np.mean((y - data.targets)[data.use == HELD_OUT] ** 2))
+
+
+def test_the_papers_protocol() -> None:
+    settings = paper_settings("lstm-fcl", 500, without=("rotation_since_reversal",))
+    assert (settings.batch, settings.epochs, settings.learning_rate) == (50, 100, 1e-3)
+    assert (settings.split, settings.carried, settings.keep) == ("sequences", 1, "last")
+    assert (settings.rate, settings.folds, settings.hidden) == (0.0, 1, 35)
+    assert len(settings.features_for(7).inputs) == 28
+    assert paper_settings("mlp7", 500).hidden == 100
+
+
+def test_a_gpu_that_is_not_there_is_refused(
+    rigid: Simulation, training_recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(ConfigError, match="no CUDA device"):
+        train(rigid, [training_recording], replace(QUICK, device="cuda"))
 
 
 def test_a_recording_shorter_than_a_sequence_is_refused(
@@ -257,7 +363,18 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-fcl"),
+        ({"split": "rows"}, "no split is called 'rows'; known: blocks, sequences, recordings"),
+        ({"keep": "first"}, "'first'; known: best, last"),
+        ({"device": "tpu"}, "'tpu'; known: auto, cpu, cuda"),
+        ({"carried": 0}, "carried = 0"),
+        ({"rate": -1.0}, "rate = -1.0"),
+        ({"layers": 0}, "layers = 0"),
+        ({"layers": 2}, "layers = 2, but mlp7 has at most 1"),
+        ({"model": "lstm-fcl", "layers": 3}, "layers = 3, but lstm-fcl has at most 2"),
+        ({"model": "transformer", "hidden": 30}, "hidden = 30 has to be a multiple of heads = 4"),
+        ({"features": "every"}, "no feature set is called 'every'"),
+        ({"without": ("velocity", "temperature")}, "has no 'temperature'; known: acceleration, "),
+        ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-2, lstm-fcl, transformer"),
         ({"schedule": "step"}, "'step'; known: cosine, plateau"),
         ({"epochs": 0}, "epochs = 0"),
         ({"folds": 0}, "folds = 0"),
