@@ -36,7 +36,7 @@ __all__ = ["Epoch", "TrainingSettings", "paper_settings", "train", "usual_settin
 
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
-_WIDTHS: Final = {"mlp7": 100, "lstm-fcl": 16}  # hidden units for one joint
+_WIDTHS: Final = {"mlp7": 100, "lstm": 16}  # hidden units for one joint
 
 
 @dataclass(frozen=True)
@@ -172,14 +172,17 @@ def _reproducible(seed: int) -> Generator[None]:
 
 
 def _build(settings: TrainingSettings, features: Features) -> Module:
-    from estimators.neural.modules import LstmModule, MlpModule
+    from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule
 
     columns = features.columns
     if settings.model == "mlp7":
         return MlpModule(columns, settings.hidden or _WIDTHS["mlp7"], 1)
-    if features.own_joint:
-        return LstmModule(columns, settings.hidden or _WIDTHS["lstm-fcl"], 1)
-    return LstmModule(columns[:1], settings.hidden or columns.shape[1], features.n)
+    outputs, hidden = 1, settings.hidden or _WIDTHS["lstm"]
+    if not features.own_joint:  # one network for all joints
+        outputs, hidden, columns = features.n, settings.hidden or columns.shape[1], columns[:1]
+    if settings.model == "lstm-2":
+        return LstmModule(columns, (hidden, outputs))
+    return LstmFclModule(columns, hidden, outputs, settings.layers)
 
 
 def _fit(

@@ -9,7 +9,7 @@ import pytest
 from estimators.features import feature_set
 from estimators.hybrid import HybridModel
 from estimators.neural import Mlp, Network
-from estimators.neural.modules import LstmModule, Memory
+from estimators.neural.modules import LstmFclModule, Memory
 from estimators.training import Epoch, TrainingSettings, paper_settings, train, usual_settings
 from estimators.training_data import TrainingData, prepare
 from estimators.training_gain import gain
@@ -247,7 +247,7 @@ def test_a_fixed_division_trains_on_what_is_not_held_out(
     passes = SequencePasses(data, 7, np.random.default_rng(1), torch.device("cpu"), 50, 1)
     seen: list[torch.Tensor] = []
 
-    class Spy(LstmModule):
+    class Spy(LstmFclModule):
         def forward(self, x: torch.Tensor, memory: Memory = None) -> tuple[torch.Tensor, Memory]:
             if torch.is_grad_enabled():
                 seen.append(x)
