@@ -36,7 +36,8 @@ __all__ = ["Epoch", "TrainingSettings", "paper_settings", "train", "usual_settin
 
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
-_WIDTHS: Final = {"mlp7": 100, "lstm": 16}  # hidden units for one joint
+# Hidden units for one joint, and the width of a transformer.
+_WIDTHS: Final = {"mlp7": 100, "lstm-2": 16, "lstm-fcl": 16, "transformer": 32}
 
 
 @dataclass(frozen=True)
@@ -173,13 +174,19 @@ def _reproducible(seed: int) -> Generator[None]:
 
 def _build(settings: TrainingSettings, features: Features) -> Module:
     from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule
+    from estimators.neural.transformer_module import TransformerModule
 
-    columns = features.columns
+    columns, outputs = features.columns, 1
+    hidden = settings.hidden or _WIDTHS[settings.model]
     if settings.model == "mlp7":
-        return MlpModule(columns, settings.hidden or _WIDTHS["mlp7"], 1)
-    outputs, hidden = 1, settings.hidden or _WIDTHS["lstm"]
+        return MlpModule(columns, hidden, outputs)
     if not features.own_joint:  # one network for all joints
-        outputs, hidden, columns = features.n, settings.hidden or columns.shape[1], columns[:1]
+        outputs, columns = features.n, columns[:1]
+    if settings.model == "transformer":
+        size = settings.sequence_length, hidden, settings.layers, settings.heads
+        return TransformerModule(columns, outputs, *size)
+    if not features.own_joint:
+        hidden = settings.hidden or columns.shape[1]
     if settings.model == "lstm-2":
         return LstmModule(columns, (hidden, outputs))
     return LstmFclModule(columns, hidden, outputs, settings.layers)
@@ -201,14 +208,13 @@ def _fit(
 
 
 def _passes(settings: TrainingSettings, data: TrainingData, device: torch.device) -> Passes:
-    from estimators.training_passes import RowPasses, SequencePasses
+    from estimators.training_passes import BlockPasses, RowPasses, SequencePasses
 
     random = np.random.default_rng(settings.seed)
     if not NETWORKS[settings.model].recurrent:
         return RowPasses(data, settings.batch, random, device)
-    return SequencePasses(
-        data, settings.batch, random, device, settings.sequence_length, settings.carried
-    )
+    passes = BlockPasses if settings.model == "transformer" else SequencePasses
+    return passes(data, settings.batch, random, device, settings.sequence_length, settings.carried)
 
 
 def _descend(

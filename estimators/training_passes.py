@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
 
-    from estimators.neural.modules import LstmModule, MlpModule
+    from estimators.neural.modules import Memory, Module
     from estimators.training_data import TrainingData
 
 _FEWEST_CHUNKS: Final = 4  # in the longest stretch, even of a short recording
@@ -62,9 +62,7 @@ class Passes(ABC):
         self.targets = torch.from_numpy(data.targets).to(device)
 
     @abstractmethod
-    def epoch(
-        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
-    ) -> tuple[float, float]:
+    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train for one pass; return training and held-out loss."""
 
     def _phase(self) -> int:
@@ -84,23 +82,21 @@ class RowPasses(Passes):
         super().__init__(data, batch, random, device)
         self.held_out = self._on_device(np.flatnonzero(data.use == HELD_OUT)[:: data.stride])
 
-    def epoch(
-        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
-    ) -> tuple[float, float]:
+    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train on shuffled rows, then evaluate the held-out ones."""
         rows = np.flatnonzero(self.data.use == TRAINING)[self._phase() :: self.data.stride]
         order = self._on_device(self.random.permutation(rows))
         training, held_out = _Mean(), _Mean()
         for batch in order.split(self.batch):
-            loss = self._loss(cast("MlpModule", module), batch)
+            loss = self._loss(module, batch)
             _descend(loss, module, optimizer)
             training.add(loss, len(batch))
         with torch.no_grad():
             for batch in self.held_out.split(_EVALUATED_ROWS) if self.held_out.numel() else ():
-                held_out.add(self._loss(cast("MlpModule", module), batch), len(batch))
+                held_out.add(self._loss(module, batch), len(batch))
         return training.value, held_out.value
 
-    def _loss(self, module: MlpModule, rows: Tensor) -> Tensor:
+    def _loss(self, module: Module, rows: Tensor) -> Tensor:
         x, y = self.inputs.index_select(0, rows), self.targets.index_select(0, rows)
         return torch.nn.functional.mse_loss(module(x), y)
 
@@ -147,36 +143,39 @@ class SequencePasses(Passes):
             )
         self.chunk = max(1, min(carried, longest // (length * _FEWEST_CHUNKS))) * length
 
-    def epoch(
-        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
-    ) -> tuple[float, float]:
+    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train on shuffled chunks, then evaluate those that are held out whole."""
         starts = self.random.permutation(self._starts())
         rows = starts[:, None] + self.data.stride * np.arange(self.chunk)
         trained = (self.data.use[rows] == TRAINING).any(axis=1)
         training, held_out = _Mean(), _Mean()
-        for squares, use in self._scan(cast("LstmModule", module), rows[trained]):
+        for squares, use in self._scan(module, rows[trained]):
             loss, count = _mean_at(squares, use == TRAINING)
             if count:
                 _descend(loss, module, optimizer)
                 training.add(loss, count)
             held_out.add(*_mean_at(squares.detach(), use == HELD_OUT))
         with torch.no_grad():
-            for squares, use in self._scan(cast("LstmModule", module), rows[~trained]):
+            for squares, use in self._scan(module, rows[~trained]):
                 held_out.add(*_mean_at(squares, use == HELD_OUT))
         return training.value, held_out.value
 
     def _scan(
-        self, module: LstmModule, rows: NDArray[np.int64]
+        self, module: Module, rows: NDArray[np.int64]
     ) -> Iterator[tuple[Tensor, NDArray[np.int8]]]:
         """Give the squared errors (B, length, n) of each batch and sequence, and who sees which."""
         for first in range(0, len(rows), self.batch):
             batch, memory = rows[first : first + self.batch], None
             for start in range(0, self.chunk, self.length):
                 part = batch[:, start : start + self.length]
-                x, y = self._gather(self.inputs, part), self._gather(self.targets, part)
-                predicted, memory = module(x, memory)
-                yield (predicted - y) ** 2, self.data.use[part]
+                predicted, memory = self._predict(module, part, memory)
+                yield (predicted - self._gather(self.targets, part)) ** 2, self.data.use[part]
+
+    def _predict(
+        self, module: Module, rows: NDArray[np.int64], memory: Memory
+    ) -> tuple[Tensor, Memory]:
+        """Give the outputs (B, length, n) for rows (B, length) and the memory after them."""
+        return module(self._gather(self.inputs, rows), memory)
 
     def _gather(self, values: Tensor, rows: NDArray[np.int64]) -> Tensor:
         """Return (B, length, d); `index_select` copies whole rows, which indexing does not."""
@@ -204,6 +203,39 @@ class SequencePasses(Passes):
         return np.concatenate(starts) + (self._phase() if self.fixed else 0)
 
 
+class BlockPasses(SequencePasses):
+    """For a transformer, which starts anew in each sequence and is shown its previous outputs.
+
+    In use these are its own. In training they are what it gave for the same rows in the epoch
+    before, from zeros in the first: nothing has to be computed twice, and the closer it comes to
+    rest, the closer this is to use. Shown the measured torque instead, which hardly changes from a
+    sample to the next, it would learn to repeat it, and drift away on its own outputs.
+    """
+
+    def __init__(
+        self,
+        data: TrainingData,
+        batch: int,
+        random: np.random.Generator,
+        device: torch.device,
+        length: int,
+        carried: int,
+    ) -> None:
+        super().__init__(data, batch, random, device, length, carried)
+        self.given = torch.zeros_like(self.targets)
+
+    def _predict(
+        self,
+        module: Module,
+        rows: NDArray[np.int64],
+        memory: Memory,  # noqa: ARG002  # starts anew
+    ) -> tuple[Tensor, Memory]:
+        before = torch.nn.functional.pad(self._gather(self.given, rows)[:, :-1], (0, 0, 1, 0))
+        y = module(self._gather(self.inputs, rows), before)
+        self.given.index_copy_(0, self._on_device(rows.reshape(-1)), y.detach().flatten(0, 1))
+        return y, None
+
+
 def _mean_at(squares: Tensor, where: NDArray[np.bool_]) -> tuple[Tensor, int]:
     """Return the mean of squares (B, T, n) over the samples (B, T) that count, and how many do."""
     count = int(where.sum())
@@ -213,7 +245,7 @@ def _mean_at(squares: Tensor, where: NDArray[np.bool_]) -> tuple[Tensor, int]:
     return (squares.mean(dim=-1) * weights).sum(), count
 
 
-def _descend(loss: Tensor, module: torch.nn.Module, optimizer: torch.optim.Optimizer) -> None:
+def _descend(loss: Tensor, module: Module, optimizer: torch.optim.Optimizer) -> None:
     optimizer.zero_grad(set_to_none=True)
     loss.backward()
     torch.nn.utils.clip_grad_norm_(module.parameters(), _LARGEST_GRADIENT)

@@ -3,7 +3,10 @@
 from estimators.neural.lstm import Lstm2, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.neural.network import Network
+from estimators.neural.transformer import Transformer
 
-NETWORKS: dict[str, type[Network]] = {network.kind: network for network in (Mlp, Lstm2, LstmFcl)}
+NETWORKS: dict[str, type[Network]] = {
+    network.kind: network for network in (Mlp, Lstm2, LstmFcl, Transformer)
+}
 
-__all__ = ["NETWORKS", "Lstm2", "LstmFcl", "Mlp", "Network"]
+__all__ = ["NETWORKS", "Lstm2", "LstmFcl", "Mlp", "Network", "Transformer"]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-Memory: TypeAlias = "list[tuple[Tensor, Tensor]] | None"
+Memory: TypeAlias = "list[tuple[Tensor, Tensor]] | None"  # h and c of each cell
 
 
 class Module(nn.Module):

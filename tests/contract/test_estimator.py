@@ -32,6 +32,7 @@ ESTIMATORS = {
     "mlp7 drive": lambda: hybrid("mlp7", "drive"),
     "lstm-fcl": lambda: hybrid("lstm-fcl", "all-joints"),
     "lstm-2": lambda: hybrid("lstm-2", "all-joints"),
+    "transformer": lambda: hybrid("transformer", "all-joints"),
     "lstm-fcl own-joint": lambda: hybrid("lstm-fcl", "own-joint"),
 }
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from estimators.features import feature_set
-from estimators.neural import Lstm2, LstmFcl, Mlp
+from estimators.neural import Lstm2, LstmFcl, Mlp, Transformer
 from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule
+from estimators.neural.transformer import position_encoding
+from estimators.neural.transformer_module import TransformerModule
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
@@ -92,6 +94,78 @@ def test_memory_carried_in_training_is_that_of_the_scan(lstm: tuple[Network, Mod
     np.testing.assert_allclose(
         torch.cat([first, second], dim=1).detach().numpy(), whole.detach().numpy(), atol=1e-12
     )
+
+
+BLOCK = 40
+TRANSFORMERS = {
+    "all-joints": lambda: TransformerModule(ALL[:1], 7, BLOCK, 16, 2, 4),
+    "own-joint": lambda: TransformerModule(OWN, 1, BLOCK, 8, 1, 2),
+}
+
+
+@pytest.fixture(params=TRANSFORMERS)
+def transformer(request: pytest.FixtureRequest) -> tuple[Transformer, TransformerModule]:
+    module = TRANSFORMERS[request.param]().double()
+    for name, value in module.named_parameters():  # biases and norms too, that start at 0 and 1
+        torch.nn.init.normal_(value, std=0.3) if "qkv" not in name else None
+    return Transformer(module.columns_of_parts(), module.weights()), module
+
+
+def test_transformer_computes_what_was_trained_from_its_own_outputs(
+    transformer: tuple[Transformer, TransformerModule],
+) -> None:
+    network, module = transformer
+    x = inputs(network.columns, 100)
+    y, _ = network.advance(network.init(1), x)
+    for start in range(0, 100, BLOCK):
+        rows = slice(start, start + BLOCK)
+        before = np.concatenate([np.zeros((1, 7)), y[rows][:-1]])
+        expected = module(torch.from_numpy(x[rows])[None], torch.from_numpy(before)[None])
+        np.testing.assert_allclose(y[rows], expected[0].detach().numpy(), atol=1e-6)
+
+
+def test_scanning_a_transformer_by_the_sample_equals_scanning_the_whole(
+    transformer: tuple[Transformer, TransformerModule],
+) -> None:
+    network, _ = transformer
+    x = inputs(network.columns, 100)
+    whole, _ = network.advance(network.init(3), x)
+    memory = network.init(3)
+    for t in range(100):
+        before = memory.copy()
+        y, after = network.advance(memory, x[t : t + 1])
+        np.testing.assert_allclose(y[0], whole[t], atol=1e-12)
+        np.testing.assert_array_equal(memory, before)
+        memory = after
+    alone, _ = network.advance(network.init(1), x[1::3])
+    np.testing.assert_allclose(whole[1::3], alone, atol=1e-12)
+
+
+def test_a_transformer_looks_back_only_and_forgets_the_block_before(
+    transformer: tuple[Transformer, TransformerModule],
+) -> None:
+    network, _ = transformer
+    x = inputs(network.columns, 2 * BLOCK)
+    changed = x.copy()
+    changed[BLOCK - 1] += 1.0
+    y, other = (network.advance(network.init(1), given)[0] for given in (x, changed))
+    np.testing.assert_array_equal(y[: BLOCK - 1], other[: BLOCK - 1])
+    assert np.abs(y[BLOCK - 1] - other[BLOCK - 1]).max() > 1e-3
+    np.testing.assert_array_equal(y[BLOCK:], other[BLOCK:])
+
+
+def test_positions_are_encoded_by_sinusoids() -> None:
+    encoding = position_encoding(50, 6)
+    np.testing.assert_allclose(encoding[:, 0], np.sin(np.arange(50)))
+    np.testing.assert_allclose(encoding[:, 5], np.cos(np.arange(50) / 10_000 ** (4 / 6)))
+
+
+def test_transformer_weights_that_do_not_fit_are_named() -> None:
+    weights = TransformerModule(ALL[:1], 7, BLOCK, 16, 2, 4).weights()
+    with pytest.raises(ModelStoreError, match="transformer: no weight 'cross_join'"):
+        Transformer(ALL[:1], {k: v for k, v in weights.items() if k != "cross_join"})
+    with pytest.raises(ModelStoreError, match=r"'decoder_qkv' .* expected \(1, 2, 3, 16, 4, 4\)"):
+        Transformer(ALL[:1], {**weights, "decoder_qkv": weights["decoder_qkv"][:, :1]})
 
 
 def test_initial_weights_are_xavier_and_biases_zero() -> None:

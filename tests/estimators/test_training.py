@@ -8,12 +8,13 @@ import pytest
 
 from estimators.features import feature_set
 from estimators.hybrid import HybridModel
-from estimators.neural import Mlp, Network
+from estimators.neural import NETWORKS, Mlp, Network
 from estimators.neural.modules import LstmFclModule, Memory
+from estimators.neural.transformer_module import TransformerModule
 from estimators.training import Epoch, TrainingSettings, paper_settings, train, usual_settings
 from estimators.training_data import TrainingData, prepare
 from estimators.training_gain import gain
-from estimators.training_passes import SequencePasses
+from estimators.training_passes import BlockPasses, SequencePasses
 from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation
@@ -98,9 +99,15 @@ def test_recurrent_memory_does_not_drift(
 
 
 def test_same_seed_same_weights(rigid: Simulation, training_recording: Recording) -> None:
-    for model in ("mlp7", "lstm-fcl"):
+    for model in NETWORKS:
         settings = TrainingSettings(
-            model=model, features="own-joint", epochs=1, hidden=4, seed=3, folds=2
+            model=model,
+            features="own-joint",
+            epochs=1,
+            hidden=4,
+            seed=3,
+            folds=2,
+            sequence_length=20,
         )
         first, second = (train(rigid, [training_recording], settings).network for _ in range(2))
         for name, weight in first.weights.items():
@@ -261,6 +268,36 @@ def test_a_fixed_division_trains_on_what_is_not_held_out(
     np.testing.assert_array_equal(np.sort(trained, axis=0), np.sort(expected, axis=0))
 
 
+def test_a_transformer_is_shown_what_it_gave_before(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    import torch
+
+    settings = replace(paper_settings("transformer", 50), hidden=8)
+    data = prepare(rigid, [training_recording], settings, np.random.default_rng(0))
+    passes = BlockPasses(data, 7, np.random.default_rng(1), torch.device("cpu"), 50, 1)
+    shown: list[tuple[torch.Tensor, torch.Tensor]] = []
+
+    class Spy(TransformerModule):
+        def forward(self, x: torch.Tensor, before: torch.Tensor) -> torch.Tensor:
+            y = super().forward(x, before)
+            shown.append((before, y.detach()))
+            return y
+
+    module = Spy(feature_set("all-joints", 2).columns[:1], 2, 50, 8, 1, 2)
+    optimizer = torch.optim.AdamW(module.parameters())
+    passes.epoch(module, optimizer)
+    assert not any(before.any() for before, _ in shown)
+    gave = torch.cat([y for _, y in shown])
+    shown.clear()
+    passes.epoch(module, optimizer)
+    before = torch.cat([before for before, _ in shown])
+    assert not before[:, 0].any()
+    np.testing.assert_array_equal(  # in another order
+        np.sort(before[:, 1:].reshape(-1)), np.sort(gave[:, :-1].reshape(-1))
+    )
+
+
 def test_whole_recordings_are_held_out(rigid: Simulation, training_recording: Recording) -> None:
     parts = [training_recording[i * 1000 : (i + 1) * 1000] for i in range(6)]
     settings = replace(QUICK, split="recordings")
@@ -369,9 +406,9 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
         ({"carried": 0}, "carried = 0"),
         ({"rate": -1.0}, "rate = -1.0"),
         ({"layers": 0}, "layers = 0"),
-        ({"layers": 2}, "layers = 2, but mlp7 has at most 1"),
-        ({"model": "lstm-fcl", "layers": 3}, "layers = 3, but lstm-fcl has at most 2"),
-        ({"model": "transformer", "hidden": 30}, "hidden = 30 has to be a multiple of heads = 4"),
+        ({"layers": 2}, "layers = 2, but mlp7 is built with at most 1"),
+        ({"model": "lstm-fcl", "layers": 3}, "layers = 3, but lstm-fcl is built with at most 2"),
+        ({"model": "transformer", "hidden": 33}, "hidden = 33 has to be a multiple of heads = 2"),
         ({"features": "every"}, "no feature set is called 'every'"),
         ({"without": ("velocity", "temperature")}, "has no 'temperature'; known: acceleration, "),
         ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-2, lstm-fcl, transformer"),
