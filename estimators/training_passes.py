@@ -80,25 +80,27 @@ class RowPasses(Passes):
         self, data: TrainingData, batch: int, random: np.random.Generator, device: torch.device
     ) -> None:
         super().__init__(data, batch, random, device)
-        self.held_out = self._on_device(np.flatnonzero(data.use == HELD_OUT)[:: data.stride])
+        self.held_out = np.flatnonzero(data.use == HELD_OUT)[:: data.stride]
 
     def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train on shuffled rows, then evaluate the held-out ones."""
         rows = np.flatnonzero(self.data.use == TRAINING)[self._phase() :: self.data.stride]
-        order = self._on_device(self.random.permutation(rows))
         training, held_out = _Mean(), _Mean()
-        for batch in order.split(self.batch):
-            loss = self._loss(module, batch)
+        for x, y in self._batches(self.random.permutation(rows), self.batch):
+            loss = torch.nn.functional.mse_loss(module(x), y)
             _descend(loss, module, optimizer)
-            training.add(loss, len(batch))
+            training.add(loss, len(x))
         with torch.no_grad():
-            for batch in self.held_out.split(_EVALUATED_ROWS) if self.held_out.numel() else ():
-                held_out.add(self._loss(module, batch), len(batch))
+            for x, y in self._batches(self.held_out, _EVALUATED_ROWS):
+                held_out.add(torch.nn.functional.mse_loss(module(x), y), len(x))
         return training.value, held_out.value
 
-    def _loss(self, module: Module, rows: Tensor) -> Tensor:
-        x, y = self.inputs.index_select(0, rows), self.targets.index_select(0, rows)
-        return torch.nn.functional.mse_loss(module(x), y)
+    def _batches(self, rows: NDArray[np.int64], size: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Give inputs and targets of rows, gathered at once: cheaper than batch by batch."""
+        order = self._on_device(rows)
+        x, y = self.inputs.index_select(0, order), self.targets.index_select(0, order)
+        if len(rows):
+            yield from zip(x.split(size), y.split(size), strict=True)
 
 
 class SequencePasses(Passes):
