@@ -85,7 +85,7 @@ def train(
     device = _device(settings.device)
     features = settings.features_for(simulation.model.n)
     data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
-    with _reproducible(settings.seed):
+    with _reproducible(settings.seed, device):
         network, history = _fit(data, features, settings, device, on_epoch)
         gains = gain(
             data,
@@ -158,12 +158,13 @@ def _device(name: str) -> torch.device:
 
 
 @contextmanager
-def _reproducible(seed: int) -> Generator[None]:
+def _reproducible(seed: int, device: torch.device) -> Generator[None]:
     """Seed PyTorch and keep it on one thread, which is faster here; restore both after."""
     import torch
 
     threads = torch.get_num_threads()
-    with torch.random.fork_rng():
+    gpus = [torch.cuda.current_device()] if device.type == "cuda" else []
+    with torch.random.fork_rng(devices=gpus):
         torch.manual_seed(seed)
         torch.set_num_threads(1)
         try:
