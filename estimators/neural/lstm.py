@@ -56,10 +56,10 @@ class Lstm(Network):
     def _hidden(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scan T samples; return the output of the last cells (T, G H) and the memory after."""
         after = memory.copy()
-        weights = [self._every(n) for n in ("input_weight", "recurrent_weight", "gate_bias")]
-        units = sum(weight.shape[1] for weight in weights[1])
+        V, W, bias = (self._every(n) for n in ("input_weight", "recurrent_weight", "gate_bias"))
+        units = sum(weight.shape[1] for weight in W)
         cells = after[1:].reshape(-1, 2 * len(self.columns) * units)
-        h = _scan(np.ascontiguousarray(x), self.columns, *weights, cells, int(after[0]))
+        h = _scan(np.ascontiguousarray(x), self.columns, V, W, bias, cells, int(after[0]))
         after[0] = (int(after[0]) + x.shape[0]) % cells.shape[0]
         return h, after
 

@@ -87,8 +87,9 @@ class LstmModule(Module):
         for g in range(self.parts):
             y = x if self._sees_all else x[..., self.columns[g]]  # type: ignore[index]
             for i, count in enumerate(self.units):
-                before = memory[len(after)] if memory is not None else None
-                y, cell = self._cell(y, before or (x.new_zeros(1, len(x), count),) * 2, g, i)
+                zero = x.new_zeros(1, len(x), count)
+                before = memory[len(after)] if memory is not None else (zero, zero)
+                y, cell = self._cell(y, before, g, i)
                 after.append(cell)
             outputs.append(self._output(y, g))
         return torch.cat(outputs, dim=-1) if self.parts > 1 else outputs[0], after

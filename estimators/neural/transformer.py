@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 NORM_EPSILON: Final = 1e-5
 _LONGEST_PERIOD: Final = 10_000.0  # of the position encoding [rad^-1], as in the original
 _ATTENTIONS: Final = 3  # with keys and values of their own: encoder, decoder, decoder to encoder
-_KERNEL_WEIGHTS: Final = (  # the arguments of `_scan`, each a tuple of arrays of one type
+_KERNEL_WEIGHTS: Final = (  # as `_scan` unpacks them; arrays of a tuple have one type
     ("input_weight", "feedback_weight", "output_weight"),
     ("input_bias", "feedback_bias", "output_bias"),
     ("encoder_qkv", "decoder_qkv", "cross_qkv"),
@@ -95,10 +95,10 @@ class Transformer(Network):
         positions, first = memories[:, 0].astype(np.int64), int(after[0])
         outputs: list[FloatArray] = []
         for g, columns in enumerate(self.columns):
-            weights = (tuple(w[name][g] for name in names) for names in _KERNEL_WEIGHTS)
+            weights = tuple(tuple(w[name][g] for name in names) for names in _KERNEL_WEIGHTS)
             seen, encoding = np.ascontiguousarray(x[:, columns]), w["position_encoding"]
-            at = positions.copy(), memories, g, parts, first
-            outputs.append(_scan(seen, encoding, *weights, *at))
+            at = positions.copy()  # each part starts where all of them are
+            outputs.append(_scan(seen, encoding, weights, at, memories, g, parts, first))
         after[0] = (first + x.shape[0]) % memories.shape[0]
         return np.concatenate(outputs, axis=1), after
 
@@ -140,15 +140,7 @@ def position_encoding(length: int, d: int) -> FloatArray:
 def _scan(
     x: FloatArray,
     encoding: FloatArray,
-    weights: tuple[FloatArray, ...],
-    biases: tuple[FloatArray, ...],
-    qkv: tuple[FloatArray, ...],
-    join: tuple[FloatArray, ...],
-    norm: tuple[FloatArray, ...],
-    widen: tuple[FloatArray, ...],
-    widen_bias: tuple[FloatArray, ...],
-    narrow: tuple[FloatArray, ...],
-    narrow_bias: tuple[FloatArray, ...],
+    weights: tuple[tuple[FloatArray, ...], ...],
     positions: NDArray[np.int64],
     memories: FloatArray,
     g: int,
@@ -156,6 +148,7 @@ def _scan(
     first: int,
 ) -> FloatArray:
     """Advance the memories (stride, size) of part g in place; return its outputs (T, m)."""
+    linear, biases, qkv, join, norm, widen, widen_bias, narrow, narrow_bias = weights
     (block, d), layers, m = encoding.shape, qkv[0].shape[0], biases[2].size
     size = layers * 3 * block * d
     start = memories.shape[1] - size * 2 * (parts - g)  # what is kept of the parts stands last
@@ -168,20 +161,20 @@ def _scan(
         values = memories[i, start + size : start + 2 * size].reshape(layers, 3, d, block)
         if p == 0:
             last[:] = 0.0
-        h = x[t] @ weights[0] + biases[0] + encoding[p]
+        h = x[t] @ linear[0] + biases[0] + encoding[p]
         for a in range(qkv[0].shape[0]):
             k, v = keys[a], values[a]
             h = _norm(h + _attend(h, h, qkv[0][a], join[0][a], k[0], v[0], p), norm[0][a, 0])
             f = np.maximum(h @ widen[0][a] + widen_bias[0][a], 0.0)
             h = _norm(h + f @ narrow[0][a] + narrow_bias[0][a], norm[0][a, 1])
-        o = last @ weights[1] + biases[1] + encoding[p]
+        o = last @ linear[1] + biases[1] + encoding[p]
         for a in range(qkv[1].shape[0]):
             k, v = keys[a], values[a]
             o = _norm(o + _attend(o, o, qkv[1][a], join[1][a], k[1], v[1], p), norm[1][a, 0])
             o = _norm(o + _attend(o, h, qkv[2][a], join[2][a], k[2], v[2], p), norm[1][a, 1])
             f = np.maximum(o @ widen[1][a] + widen_bias[1][a], 0.0)
             o = _norm(o + f @ narrow[1][a] + narrow_bias[1][a], norm[1][a, 2])
-        y[t] = o @ weights[2] + biases[2]
+        y[t] = o @ linear[2] + biases[2]
         last[:] = y[t]
         positions[i] = memories[i, 0] = (p + 1) % block
     return y
