@@ -15,7 +15,12 @@ from estimators.hybrid import FittedNetwork, HybridModel
 from estimators.neural import NETWORKS
 from estimators.training_data import prepare
 from estimators.training_gain import gain
-from estimators.training_settings import TrainingSettings, paper_settings, usual_settings
+from estimators.training_settings import (
+    DEVICES,
+    TrainingSettings,
+    paper_settings,
+    usual_settings,
+)
 from estimators.training_split import HELD_OUT, TRAINING
 from limo_driver.errors import ConfigError, DivergedError
 
@@ -32,7 +37,15 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
-__all__ = ["Epoch", "TrainingSettings", "paper_settings", "train", "usual_settings"]
+__all__ = [
+    "Epoch",
+    "TrainingSettings",
+    "find_device",
+    "fit_prepared",
+    "paper_settings",
+    "train",
+    "usual_settings",
+]
 
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
@@ -82,9 +95,36 @@ def train(
     Source: Çallar and Böttger, RA-L 2022, sec. III-E, whose recurrent networks answer only the last
     sample of each sequence.
     """
-    device = _device(settings.device)
-    features = settings.features_for(simulation.model.n)
+    find_device(settings.device)  # refused before the inputs are computed, which takes a while
     data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
+    fitted = fit_prepared(data, settings, on_epoch)
+    record = {
+        **fitted.record,
+        "recordings": [_provenance(recording) for recording in recordings],
+        "rmse": _rmse(simulation, fitted, recordings, data),
+    }
+    return replace(fitted, record=record)
+
+
+def fit_prepared(
+    data: TrainingData,
+    settings: TrainingSettings,
+    on_epoch: Callable[[Epoch], None] = lambda _: None,
+) -> FittedNetwork:
+    """Train a network on data that are prepared already; as `train`, but without its errors.
+
+    Args:
+        data: What `prepare` gives for these settings.
+        settings: How to train.
+        on_epoch: Called after each epoch.
+
+    Raises:
+        ConfigError: The device is not there.
+        RecordingError: No stretch is as long as a sequence.
+        DivergedError: The loss is no longer finite.
+    """
+    device = find_device(settings.device)
+    features = settings.features_for(data.targets.shape[1])
     with _reproducible(settings.seed, device):
         network, history = _fit(data, features, settings, device, on_epoch)
         gains = gain(
@@ -92,7 +132,7 @@ def train(
             settings.folds,
             lambda rest, fold: _fit(rest, features, settings, device, on_epoch, fold)[0],
         )
-    fitted = FittedNetwork(
+    return FittedNetwork(
         features,
         network,
         data.input_scaling,
@@ -100,15 +140,13 @@ def train(
         gains,
         data.rate,
         settings.bandwidth,
+        record={
+            "settings": asdict(settings),
+            "device": str(device),
+            "epochs": [asdict(epoch) for epoch in history],
+        },
         standalone=settings.standalone,
     )
-    record = {
-        "settings": asdict(settings),
-        "recordings": [_provenance(recording) for recording in recordings],
-        "rmse": _rmse(simulation, fitted, recordings, data),
-        "epochs": [asdict(epoch) for epoch in history],
-    }
-    return replace(fitted, record=record)
 
 
 def _provenance(recording: Recording) -> dict[str, Any]:
@@ -147,10 +185,16 @@ def _rmse(
     }
 
 
-def _device(name: str) -> torch.device:
-    """Return where to train: a GPU where PyTorch sees one, unless told otherwise."""
+def find_device(name: str) -> torch.device:
+    """Return where to train: a GPU where PyTorch sees one, unless told otherwise.
+
+    Raises:
+        ConfigError: The name is unknown, or the device is not there.
+    """
     import torch
 
+    if name not in DEVICES:
+        raise ConfigError(f"no device is called {name!r}; known: {', '.join(DEVICES)}")
     found = torch.cuda.is_available()
     if name == "cuda" and not found:
         raise ConfigError("device: PyTorch sees no CUDA device; take auto or cpu")

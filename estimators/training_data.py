@@ -74,7 +74,7 @@ def prepare(
     inputs: list[NDArray[np.float32]] = []
     targets: list[FloatArray] = []
     for recording in recordings:
-        x, torque = _inputs(simulation, recording, features, settings)
+        x, torque = inputs_and_torque(simulation, recording, features, settings)
         inputs.append(x)
         targets.append(recording.filtered_torque(bandwidth) - torque)
     stride = max(1, round(recordings[0].rate / settings.rate)) if settings.rate else 1
@@ -111,12 +111,21 @@ def _check(recordings: Sequence[Recording], simulation: Simulation) -> None:
             )
 
 
-def _inputs(
+def inputs_and_torque(
     simulation: Simulation, recording: Recording, features: Features, settings: TrainingSettings
 ) -> tuple[NDArray[np.float32], FloatArray]:
-    """Return the inputs (T, d) and tau_RBD (T, n) [N m]; memory starts anew in each segment.
+    """Compute what the network of a hybrid is given, not normalised, and the rigid body's part.
 
-    A network that stands alone is given no tau_RBD: it is zero.
+    Memory starts anew in each segment. A network that stands alone is given no tau_RBD: it is zero.
+
+    Args:
+        simulation: Gives tau_RBD.
+        recording: T samples; their torque is not looked at.
+        features: The inputs.
+        settings: Say the bandwidth, and whether the network stands alone.
+
+    Returns:
+        The inputs (T, d) and tau_RBD (T, n) [N m].
     """
     motion = recording.motion(settings.bandwidth)
     inputs = np.empty((len(recording), len(features.inputs)), np.float32)
