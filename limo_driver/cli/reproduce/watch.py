@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from estimators.reproduction.rows import RBD
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
@@ -99,8 +101,11 @@ class Watch:
         )
 
     def _left(self) -> str:
-        """Say how long the rest will take, if each row takes as long as it took before."""
-        every = [s for values in self.seconds.values() for s in values]
+        """Say how long the rest will take, if each row takes as long as it took before.
+
+        Rows without any finished trial are taken to be like the others that are trained.
+        """
+        every = [s for name, own in self.seconds.items() if name != RBD.name for s in own]
         if not every or not self.rest:
             return ""
         seconds = sum(
