@@ -137,8 +137,7 @@ class Table:
 
     def headline(self) -> str:
         """Say in a sentence or two what data these are and how much of the table is done."""
-        data, left = self.data, self.left
-        done = len(self.results)
+        data, done = self.data, len(self.results)
         return (
             f"Data: {data.folder}, made by {data.made_by}: {len(data.limo)} samples of "
             f"{data.model.name} at {data.limo.rate:.4g} Hz, {data.limo.duration / 60:.1f} min of "
@@ -146,5 +145,5 @@ class Table:
             f"{data.validation.duration / 60:.1f} min. "
             f"{self.protocol.runs} run{'s' if self.protocol.runs > 1 else ''} of "
             f"{self.protocol.epochs} epochs, batches of {self.protocol.batch}; "
-            f"{done} trials done, {left} left."
+            f"{done} of {done + self.left} trials done."
         )

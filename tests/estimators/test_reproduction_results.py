@@ -172,7 +172,7 @@ def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: 
     text = (tmp_path / "table1.md").read_text()
     assert "| LSTM-2 100 | 0, 3 left | - (0.6039) |" in text
     assert "made by random sinusoids" in text
-    assert "1 trials done, 98 left" in text
+    assert "; 1 of 99 trials done" in text
     values = json.loads((tmp_path / "table1.json").read_text())
     assert len(values["table"]) == 84
     assert len(values["topologies"]) == 18
@@ -235,7 +235,7 @@ def test_a_killed_command_goes_on_where_it_was(folder: Path, tmp_path: Path) -> 
     assert len(after) == 33
     assert {name: after[name] for name in before} == before
     assert not list((out / "trials").glob(".*.partial"))
-    assert "33 trials done, 0 left" in (out / "table1.md").read_text()
+    assert "; 33 of 33 trials done" in (out / "table1.md").read_text()
     assert "| - " not in (out / "table1.md").read_text()
 
 
@@ -256,5 +256,5 @@ def test_ctrl_c_stops_at_once_and_keeps_what_is_done(folder: Path, tmp_path: Pat
     assert running.returncode == 130
     assert "finished trials are kept" in complaints
     assert "Traceback" not in complaints
-    assert "1 trials done, 32 left" in said.replace("\n", " ")
+    assert "; 1 of 33 trials done" in " ".join(said.split())
     assert all(row.name in (out / "table1.md").read_text() for row in ROWS)
