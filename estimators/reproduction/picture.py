@@ -36,8 +36,7 @@ def draw(table: Table, path: Path) -> None:
     figure.suptitle(
         f"Table I of Çallar and Böttger 2022 on {table.data.model.name} data of "
         f"{table.data.limo.duration / 60:.0f} min made by {table.data.made_by}\n"
-        f"{table.protocol.runs} runs, {table.protocol.epochs} epochs{left}; whiskers: standard "
-        "deviation over runs",
+        f"{table.protocol}{left}; whiskers: standard deviation over runs",
         fontsize="medium",
     )
     partial = path.with_name(f".{path.name}.partial")

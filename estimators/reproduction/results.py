@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SCHEMA: Final = 1
+SPLIT_WORDS: Final = {SEQUENCES: "random", SCAFFOLDS: "by scaffold"}  # in tables
 SPLIT_NAMES: Final = {
     SEQUENCES: "random split of sub-sequences, as in the paper",
     SCAFFOLDS: "split by scaffold: the poses of the test were never trained on",
@@ -25,8 +26,9 @@ SPLIT_NAMES: Final = {
 SCORED: Final = (
     "Mean squared error [(N m)²] against the measured torque behind a zero-phase low-pass of "
     "10 Hz. Motion is cut into sub-sequences of T samples; a network starts each from zero memory "
-    "and answers all of its samples, and all count. Validation motion is never trained on. "
-    "± is the standard deviation over runs; in brackets, the paper's figure, of another arm."
+    "and answers all of its samples, and all count. Validation motion is never trained on. Each "
+    "run draws its split and initial weights anew; ± is the standard deviation over runs; in "
+    "brackets, the paper's figure, of another arm."
 )
 
 
@@ -143,7 +145,6 @@ class Table:
             f"{data.model.name} at {data.limo.rate:.4g} Hz, {data.limo.duration / 60:.1f} min of "
             f"LIMOPA motion around {data.scaffold_starts.size} scaffolds; validation "
             f"{data.validation.duration / 60:.1f} min. "
-            f"{self.protocol.runs} run{'s' if self.protocol.runs > 1 else ''} of "
-            f"{self.protocol.epochs} epochs, batches of {self.protocol.batch}; "
+            f"{self.protocol}; "
             f"{done} of {done + self.left} trials done."
         )

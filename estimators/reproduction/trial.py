@@ -40,6 +40,12 @@ class Protocol:
             if value < 1:
                 raise ConfigError(f"{name} = {value} has to be 1 or more")
 
+    def __str__(self) -> str:
+        """Name the numbers, as `10 runs of 100 epochs, batches of 50 sub-sequences`."""
+        runs = f"{self.runs} run{'s' if self.runs > 1 else ''}"
+        epochs = f"{self.epochs} epoch{'s' if self.epochs > 1 else ''}"
+        return f"{runs} of {epochs}, batches of {self.batch} sub-sequences"
+
     def trials(self, digests: Mapping[str, str]) -> tuple[Trial, ...]:
         """Return all trials, one run after the other, so that the first run fills the table.
 

@@ -8,7 +8,7 @@ from io import StringIO
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.reproduction.claims import CLAIMS, best, judge
-from estimators.reproduction.results import SCHEMA, SCORED, SPLIT_NAMES
+from estimators.reproduction.results import SCHEMA, SCORED, SPLIT_NAMES, SPLIT_WORDS
 from estimators.reproduction.rows import PARTS
 from estimators.reproduction.trial import SPLITS, write_whole
 
@@ -154,7 +154,7 @@ def _claims(table: Table) -> str:
                 ["part", "split", "first", "second", "factor", "paper's", "runs", "verdict"],
                 (
                     [
-                        *(j.part, j.split, j.worse, j.better, factor(j)),
+                        *(j.part, SPLIT_WORDS[j.split], j.worse, j.better, factor(j)),
                         NOTHING if j.paper is None else f"{j.paper:.3g}",
                         *(str(j.runs), j.verdict),
                     ]
@@ -170,7 +170,7 @@ def _winners(table: Table) -> Iterable[str]:
     found = [(split, part, best(table, part, split)) for split in SPLITS for part in PARTS]
     return _grid(
         ["split", "part", "ours", "paper's"],
-        ([split, part, *(names or (NOTHING, NOTHING))] for split, part, names in found),
+        ([SPLIT_WORDS[split], part, *(names or (NOTHING,) * 2)] for split, part, names in found),
     )
 
 

@@ -229,6 +229,7 @@ def test_a_killed_command_goes_on_where_it_was(folder: Path, tmp_path: Path) -> 
             time.sleep(0.05)
         first.send_signal(signal.SIGKILL)
     before = finished(out)
+    assert "LSTM-FCL 500 | 0, 1 left | - (" in (out / "table1.md").read_text()
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 0, again.stderr
     after = finished(out)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rich.console import Console
 
@@ -97,9 +97,14 @@ def command(
     with notes.status("identifying the rigid body"):
         job = Job(folder, rigid_body(read, out / "prepared"), out / "trials", device)
     store = TrialStore(out / "trials")
-    status = _run(job, protocol.trials(read.digests), store, processes, notes)
-    table = Table.gather(read, protocol, store)
-    write(table, out)
+
+    def update() -> Table:
+        table = Table.gather(read, protocol, store)
+        write(table, out)
+        return table
+
+    status = _run(job, protocol.trials(read.digests), store, processes, update, notes)
+    table = update()
     draw(table, out / PICTURE)
     _print(table, out)
     if status:
@@ -139,9 +144,14 @@ def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
 
 
 def _run(
-    job: Job, trials: Sequence[Trial], store: TrialStore, processes: int, notes: Console
+    job: Job,
+    trials: Sequence[Trial],
+    store: TrialStore,
+    processes: int,
+    update: Callable[[], object],
+    notes: Console,
 ) -> int:
-    """Run what is not finished yet, and return the exit status."""
+    """Run what is not finished yet, update the files after each, and return the exit status."""
     from estimators.reproduction.workers import Advanced, Failed, Finished, run_trials
     from limo_driver.cli.reproduce.watch import Watch
 
@@ -158,6 +168,7 @@ def _run(
                         watch.advanced(event.trial, event.epoch)
                     case Finished():
                         watch.finished(event.trial, event.seconds)
+                        update()
                     case Failed():
                         watch.failed(event.trial, event.reason)
                         failed.append(event)
