@@ -1,5 +1,7 @@
 """Data that `limo reproduce table1` makes with the simulated arm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from limo_driver.cli.reproduce.simulated_data import (
     simulated_arm,
 )
 from limo_driver.trajectory import Segment, Trajectory
+from limo_driver.types import Motion
 from limopa.exciter import ExcitationRequest
 
 
@@ -44,9 +47,7 @@ def test_scaffolds_start_with_their_reach():
     motion = swing()
     kinds = (("exploring", 0, 50), ("reaching", 50, 80), ("exploring", 80, 150))
     segments = (*(Segment(*kind) for kind in kinds), Segment("reaching", 150, 201))
-    planned = Trajectory(
-        motion.time, motion.position, motion.velocity, motion.acceleration, "arm", segments
-    )
+    planned = replace(motion, segments=segments)
     assert scaffold_starts(planned) == [0.0, motion.time[50], motion.time[150]]
 
 
@@ -56,7 +57,7 @@ def test_the_arm_is_the_one_of_the_examples(hysteretic):
     position = 0.3 + 0.2 * np.sin(angle)
     torques = [
         arm.predict(
-            Trajectory(time, position, np.gradient(position, time, axis=0), 0 * position, "iiwa14")
+            Motion(time, position, np.gradient(position, time, axis=0), np.zeros_like(position))
         )
         for arm in (simulated_arm(), hysteretic)
     ]
