@@ -100,6 +100,11 @@ class Features:
         return [i for i, quantity in enumerate(self._every) if quantity.name not in self.without]
 
     @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the quantities of a joint that the network sees, in order."""
+        return tuple(self._every[i].name for i in self._kept)
+
+    @property
     def inputs(self) -> tuple[Feature, ...]:
         """All inputs, in order: each quantity of all joints, 1-based."""
         return tuple(

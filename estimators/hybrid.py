@@ -78,11 +78,12 @@ class FittedNetwork:
     features: Features
     network: Network
     inputs: InputScaling
-    outputs: Scaling  # of the residual torque [N m]
+    outputs: Scaling  # of the residual torque, or of the whole if it stands alone [N m]
     gain: FloatArray  # (n,) in [0, 1], how much of its torque carried over to motion held out
     rate: float  # rate of the samples that follow each other in the network's memory [Hz]
     bandwidth: float  # of the filters on motion and torque in training [Hz]
     record: Mapping[str, Any] = field(default_factory=dict)  # settings, data and metrics, as JSON
+    standalone: bool = False  # no rigid-body torque goes into it or is added to it
 
     def stride(self, rate: float) -> int:
         """Return how many samples at `rate` [Hz] the network's memory spans at a time.
@@ -128,12 +129,13 @@ class HybridModel:
 
     tau_RBD is the prediction of a simulation, normally an identified one; the network learns
     tau_meas - tau_RBD. Its inputs are clipped to what training saw, and the gain g of each joint,
-    in [0, 1], is what motion held out from training confirms; g = 1 is the paper's. Neither
-    `predict` nor `step` needs PyTorch.
+    in [0, 1], is what motion held out from training confirms; g = 1 is the paper's. A network that
+    was trained to stand alone predicts the whole torque; tau_RBD is then zero. Neither `predict`
+    nor `step` needs PyTorch.
 
     Args:
         simulation: Gives tau_RBD.
-        settings: How to train; the defaults are the paper's.
+        settings: How to train.
 
     Source: Çallar and Böttger, "Hybrid Learning of Time-Series Inverse Dynamics Models for Locally
     Isotropic Robot Motion", RA-L 2022, eq. (3).
@@ -250,7 +252,9 @@ class HybridModel:
 
     def _advance(self, state: HybridState, motion: Motion) -> tuple[TorqueParts, HybridState]:
         fitted = self.fitted
-        rigid_body, bodies = self.simulation.advance(state.rigid_body, motion)
+        rigid_body, bodies = np.zeros(motion.position.shape), state.rigid_body
+        if not fitted.standalone:
+            rigid_body, bodies = self.simulation.advance(state.rigid_body, motion)
         x, history = fitted.features.advance(
             state.features, motion, rigid_body, self.simulation.body
         )

@@ -58,6 +58,7 @@ def save(model: HybridModel, folder: Path | str) -> None:
         "joints": list(model.simulation.model.joint_names),
         "rate": fitted.rate,
         "bandwidth": fitted.bandwidth,
+        "standalone": fitted.standalone,
         "features": _feature_settings(fitted.features),
         "inputs": _described(
             fitted.features.inputs,
@@ -67,7 +68,7 @@ def save(model: HybridModel, folder: Path | str) -> None:
             highest=fitted.inputs.highest,
         ),
         "outputs": _described(
-            _outputs(fitted.features.n),
+            _outputs(fitted.features.n, standalone=fitted.standalone),
             mean=fitted.outputs.mean,
             std=fitted.outputs.std,
             gain=fitted.gain,
@@ -204,7 +205,8 @@ def _fitted(manifest: dict[str, Any], weights: bytes, n: int) -> FittedNetwork:
         float(settings["saturation"]),
         tuple(settings["without"]),
     )
-    outputs, gain = _output_scaling(manifest["outputs"], _outputs(n))
+    standalone = bool(manifest.get("standalone", False))
+    outputs, gain = _output_scaling(manifest["outputs"], _outputs(n, standalone=standalone))
     network = NETWORKS[manifest["network"]](tensors.pop(_COLUMNS), tensors)
     if network.outputs != n or int(network.columns.max()) >= len(features.inputs):
         raise ModelStoreError(f"{WEIGHTS}: {network.outputs} outputs for {n} joints")
@@ -217,6 +219,7 @@ def _fitted(manifest: dict[str, Any], weights: bytes, n: int) -> FittedNetwork:
         float(manifest["rate"]),
         float(manifest["bandwidth"]),
         manifest.get("training", {}),
+        standalone,
     )
 
 
@@ -226,8 +229,9 @@ def _feature_settings(features: Features) -> dict[str, Any]:
     return {name: getattr(features, name) for name in names}
 
 
-def _outputs(n: int) -> tuple[Feature, ...]:
-    return tuple(Feature(f"residual_torque_{j + 1}", "N m") for j in range(n))
+def _outputs(n: int, *, standalone: bool) -> tuple[Feature, ...]:
+    name = "torque" if standalone else "residual_torque"
+    return tuple(Feature(f"{name}_{j + 1}", "N m") for j in range(n))
 
 
 def _described(features: tuple[Feature, ...], **numbers: FloatArray) -> list[dict[str, Any]]:

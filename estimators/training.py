@@ -11,15 +11,23 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.features import feature_set
 from estimators.hybrid import FittedNetwork, HybridModel
 from estimators.neural import NETWORKS
-from estimators.training_data import HELD_OUT, TRAINING, prepare
+from estimators.training_data import prepare
 from estimators.training_gain import gain
+from estimators.training_settings import (
+    DEVICES,
+    TrainingSettings,
+    paper_settings,
+    usual_settings,
+)
+from estimators.training_split import HELD_OUT, TRAINING
 from limo_driver.errors import ConfigError, DivergedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
+
+    import torch
 
     from estimators.features import Features
     from estimators.neural import Network
@@ -29,66 +37,20 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
+__all__ = [
+    "Epoch",
+    "TrainingSettings",
+    "find_device",
+    "fit_prepared",
+    "paper_settings",
+    "train",
+    "usual_settings",
+]
+
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
-_SCHEDULES: Final = ("cosine", "plateau")
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
-_WIDTHS: Final = {"mlp7": 100, "lstm-fcl": 16}  # hidden units for one joint
-
-
-@dataclass(frozen=True)
-class TrainingSettings:
-    """How to train; the defaults are the paper's unless said."""
-
-    model: str = "mlp7"  # mlp7 or lstm-fcl
-    features: str = "all-joints"  # all-joints, own-joint or drive
-    epochs: int = 100
-    seed: int = 0
-    bandwidth: float = 10.0  # of the filters on motion and torque [Hz]
-    rate: float = 200.0  # of the network's samples [Hz]; the paper's data have 223 Hz
-    sequence_length: int = 100  # samples through which a recurrent network is differentiated
-    batch: int = 50  # rows of an mlp7, sequences of an lstm-fcl
-    schedule: str = "cosine"  # of the learning rate; the paper has plateau
-    learning_rate: float = 1e-3
-    weight_decay: float = 0.01
-    held_out: float = 0.2  # part of the motion
-    folds: int = 3  # stretches of motion that judge how the network carries over; 1: none do
-    hidden: int = 0  # units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM
-
-    def __post_init__(self) -> None:
-        if self.model not in NETWORKS:
-            raise ConfigError(f"no network is called {self.model!r}; known: {', '.join(NETWORKS)}")
-        if self.schedule not in _SCHEDULES:
-            raise ConfigError(
-                f"no schedule is called {self.schedule!r}; known: {', '.join(_SCHEDULES)}"
-            )
-        for name in (
-            "epochs",
-            "sequence_length",
-            "batch",
-            "bandwidth",
-            "rate",
-            "learning_rate",
-            "folds",
-        ):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0")
-        for name in ("seed", "hidden", "weight_decay"):
-            if not getattr(self, name) >= 0:
-                raise ConfigError(f"{name} = {getattr(self, name)} has to be 0 or more")
-        if not 0 < self.held_out < 1:
-            raise ConfigError(f"held_out = {self.held_out} has to lie between 0 and 1")
-
-
-def usual_settings(features: str) -> TrainingSettings:
-    """Return the settings that suit a feature set: the paper's but for what follows.
-
-    The few inputs of `drive` are learned within fewer passes and samples; more of either only teach
-    the recordings by heart.
-    """
-    settings = TrainingSettings(features=features)
-    if features == "drive":
-        return replace(settings, epochs=20, rate=50.0, learning_rate=3e-3)
-    return settings
+# Hidden units for one joint, and the width of a transformer.
+_WIDTHS: Final = {"mlp7": 100, "lstm-2": 16, "lstm-fcl": 16, "transformer": 32}
 
 
 @dataclass(frozen=True)
@@ -108,17 +70,16 @@ def train(
     settings: TrainingSettings,
     on_epoch: Callable[[Epoch], None] = lambda _: None,
 ) -> FittedNetwork:
-    """Train a network on tau_meas - tau_RBD; keep the weights that were best on held-out motion.
+    """Train a network on tau_meas - tau_RBD, or on tau_meas alone.
 
     After it, networks that do not see a part of the motion show how much of what is learned carries
     over to other motion: the gain of each joint.
 
     The loss is the MSE of the normalised residual, so that every joint counts the same. AdamW
     starts at `learning_rate`, which falls to zero along a cosine, or is halved when the training
-    loss stops falling. A recurrent
-    network answers every sample of a sequence, not only the last, and its memory is carried from
-    a sequence to the next: it is trained as it is used, scanning long motion, and each sequence
-    gives as many targets as it has samples.
+    loss stops falling. A recurrent network answers every sample of a sequence, not only the last,
+    so that each sequence gives as many targets as it has samples. Its memory is carried through
+    `carried` sequences: it is trained as it is used, scanning long motion.
 
     Args:
         simulation: Gives tau_RBD.
@@ -127,32 +88,51 @@ def train(
         on_epoch: Called after each epoch, for a progress bar.
 
     Raises:
-        ConfigError: A setting names nothing known.
+        ConfigError: The device is not there.
         RecordingError: A recording is of another robot, or too short for a sequence.
         DivergedError: The loss is no longer finite.
 
-    Source: Çallar and Böttger, RA-L 2022, sec. III-D, whose recurrent networks answer only the last
+    Source: Çallar and Böttger, RA-L 2022, sec. III-E, whose recurrent networks answer only the last
     sample of each sequence.
     """
-    features = feature_set(settings.features, simulation.model.n)
-    random = np.random.default_rng(settings.seed)
-    data = prepare(
-        simulation,
-        recordings,
-        features,
-        bandwidth=settings.bandwidth,
-        rate=settings.rate,
-        held_out=settings.held_out,
-        random=random,
-    )
-    with _reproducible(settings.seed):
-        network, history = _fit(data, features, settings, on_epoch)
+    find_device(settings.device)  # refused before the inputs are computed, which takes a while
+    data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
+    fitted = fit_prepared(data, settings, on_epoch)
+    record = {
+        **fitted.record,
+        "recordings": [_provenance(recording) for recording in recordings],
+        "rmse": _rmse(simulation, fitted, recordings, data),
+    }
+    return replace(fitted, record=record)
+
+
+def fit_prepared(
+    data: TrainingData,
+    settings: TrainingSettings,
+    on_epoch: Callable[[Epoch], None] = lambda _: None,
+) -> FittedNetwork:
+    """Train a network on data that are prepared already; as `train`, but without its errors.
+
+    Args:
+        data: What `prepare` gives for these settings.
+        settings: How to train.
+        on_epoch: Called after each epoch.
+
+    Raises:
+        ConfigError: The device is not there.
+        RecordingError: No stretch is as long as a sequence.
+        DivergedError: The loss is no longer finite.
+    """
+    device = find_device(settings.device)
+    features = settings.features_for(data.targets.shape[1])
+    with _reproducible(settings.seed, device):
+        network, history = _fit(data, features, settings, device, on_epoch)
         gains = gain(
             data,
             settings.folds,
-            lambda rest, fold: _fit(rest, features, settings, on_epoch, fold)[0],
+            lambda rest, fold: _fit(rest, features, settings, device, on_epoch, fold)[0],
         )
-    fitted = FittedNetwork(
+    return FittedNetwork(
         features,
         network,
         data.input_scaling,
@@ -160,14 +140,13 @@ def train(
         gains,
         data.rate,
         settings.bandwidth,
+        record={
+            "settings": asdict(settings),
+            "device": str(device),
+            "epochs": [asdict(epoch) for epoch in history],
+        },
+        standalone=settings.standalone,
     )
-    record = {
-        "settings": asdict(settings),
-        "recordings": [_provenance(recording) for recording in recordings],
-        "rmse": _rmse(simulation, fitted, recordings, data),
-        "epochs": [asdict(epoch) for epoch in history],
-    }
-    return replace(fitted, record=record)
 
 
 def _provenance(recording: Recording) -> dict[str, Any]:
@@ -206,13 +185,30 @@ def _rmse(
     }
 
 
+def find_device(name: str) -> torch.device:
+    """Return where to train: a GPU where PyTorch sees one, unless told otherwise.
+
+    Raises:
+        ConfigError: The name is unknown, or the device is not there.
+    """
+    import torch
+
+    if name not in DEVICES:
+        raise ConfigError(f"no device is called {name!r}; known: {', '.join(DEVICES)}")
+    found = torch.cuda.is_available()
+    if name == "cuda" and not found:
+        raise ConfigError("device: PyTorch sees no CUDA device; take auto or cpu")
+    return torch.device("cuda" if found and name != "cpu" else "cpu")
+
+
 @contextmanager
-def _reproducible(seed: int) -> Generator[None]:
+def _reproducible(seed: int, device: torch.device) -> Generator[None]:
     """Seed PyTorch and keep it on one thread, which is faster here; restore both after."""
     import torch
 
     threads = torch.get_num_threads()
-    with torch.random.fork_rng(devices=[]):
+    gpus = [torch.cuda.current_device()] if device.type == "cuda" else []
+    with torch.random.fork_rng(devices=gpus):
         torch.manual_seed(seed)
         torch.set_num_threads(1)
         try:
@@ -222,46 +218,61 @@ def _reproducible(seed: int) -> Generator[None]:
 
 
 def _build(settings: TrainingSettings, features: Features) -> Module:
-    from estimators.neural.modules import LstmModule, MlpModule
+    from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule
+    from estimators.neural.transformer_module import TransformerModule
 
-    columns = features.columns
+    columns, outputs = features.columns, 1
+    hidden = settings.hidden or _WIDTHS[settings.model]
     if settings.model == "mlp7":
-        return MlpModule(columns, settings.hidden or _WIDTHS["mlp7"], 1)
-    if features.own_joint:
-        return LstmModule(columns, settings.hidden or _WIDTHS["lstm-fcl"], 1)
-    return LstmModule(columns[:1], settings.hidden or columns.shape[1], features.n)
+        return MlpModule(columns, hidden, outputs)
+    if not features.own_joint:  # one network for all joints
+        outputs, columns = features.n, columns[:1]
+    if settings.model == "transformer":
+        size = settings.sequence_length, hidden, settings.layers, settings.heads
+        return TransformerModule(columns, outputs, *size)
+    if not features.own_joint:
+        hidden = settings.hidden or columns.shape[1]
+    if settings.model == "lstm-2":
+        return LstmModule(columns, (hidden, outputs))
+    return LstmFclModule(columns, hidden, outputs, settings.layers)
 
 
 def _fit(
     data: TrainingData,
     features: Features,
     settings: TrainingSettings,
+    device: torch.device,
     on_epoch: Callable[[Epoch], None],
     fold: int = 0,
 ) -> tuple[Network, list[Epoch]]:
     """Train a network on the data of a fold."""
-    module = _build(settings, features)
-    passes = _passes(settings, data, np.random.default_rng(settings.seed))
+    module = _build(settings, features).to(device)
+    passes = _passes(settings, data, device)
     history = _descend(module, passes, settings, lambda epoch: on_epoch(replace(epoch, fold=fold)))
     return NETWORKS[settings.model](module.columns_of_parts(), module.weights()), history
 
 
-def _passes(settings: TrainingSettings, data: TrainingData, random: np.random.Generator) -> Passes:
-    from estimators.training_passes import RowPasses, SequencePasses
+def _passes(settings: TrainingSettings, data: TrainingData, device: torch.device) -> Passes:
+    from estimators.training_passes import BlockPasses, RowPasses, SequencePasses
 
-    if NETWORKS[settings.model].recurrent:
-        return SequencePasses(data, settings.batch, random, settings.sequence_length)
-    return RowPasses(data, settings.batch, random)
+    random = np.random.default_rng(settings.seed)
+    if not NETWORKS[settings.model].recurrent:
+        return RowPasses(data, settings.batch, random, device)
+    passes = BlockPasses if settings.model == "transformer" else SequencePasses
+    return passes(data, settings.batch, random, device, settings.sequence_length, settings.carried)
 
 
 def _descend(
     module: Module, passes: Passes, settings: TrainingSettings, on_epoch: Callable[[Epoch], None]
 ) -> list[Epoch]:
-    """Run the epochs and leave the best weights in the module."""
+    """Run the epochs and leave the weights in the module that are to be kept."""
     import torch
 
     optimizer = torch.optim.AdamW(
-        module.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        module.parameters(),
+        lr=settings.learning_rate,
+        weight_decay=settings.weight_decay,
+        fused=True,  # one pass over each weight; a step of a small network is all overhead
     )
     cosine = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs)
     plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.5, patience=_PATIENCE)
@@ -285,7 +296,7 @@ def _descend(
         else:
             plateau.step(epoch.training_loss)
         loss = epoch.held_out_loss if judged else epoch.training_loss
-        if loss < best:
+        if settings.keep == "last" or loss < best:
             best, weights = loss, copy.deepcopy(module.state_dict())
     module.load_state_dict(weights)
     return history

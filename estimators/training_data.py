@@ -1,4 +1,4 @@
-"""Training data of a hybrid: inputs and residual torques of recordings, and who sees which rows."""
+"""Training data of a hybrid: inputs and torques of recordings, normalised."""
 
 from __future__ import annotations
 
@@ -8,6 +8,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.hybrid import InputScaling, Scaling
+from estimators.training_split import (
+    LEFT_OUT,
+    TRAINING,
+    split_blocks,
+    split_recordings,
+    split_sequences,
+)
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -16,13 +23,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.features import Features
+    from estimators.training_settings import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 
-LEFT_OUT, TRAINING, HELD_OUT = 0, 1, 2
-_LONGEST_BLOCK: Final = 10.0  # [s] of held-out motion at a stretch: about a LIMO pose
-_BLOCKS: Final = 20  # at least, into which a recording is cut
 _ROWS: Final = 50_000  # whose inputs are computed at once, to bound memory
 _SAME_RATE: Final = 0.05
 
@@ -32,7 +37,7 @@ class TrainingData:
     """Rows of all recordings, one below the other; a stretch has no gap."""
 
     inputs: NDArray[np.float32]  # (T, d), normalised
-    targets: NDArray[np.float32]  # (T, n), normalised residual torque
+    targets: NDArray[np.float32]  # (T, n), normalised torque that the network is to give
     use: NDArray[np.int8]  # (T,): LEFT_OUT, TRAINING or HELD_OUT
     stretches: tuple[slice, ...]
     recordings: tuple[slice, ...]
@@ -45,45 +50,41 @@ class TrainingData:
 def prepare(
     simulation: Simulation,
     recordings: Sequence[Recording],
-    features: Features,
-    *,
-    bandwidth: float,
-    rate: float,
-    held_out: float,
+    settings: TrainingSettings,
     random: np.random.Generator,
 ) -> TrainingData:
-    """Compute inputs and targets and set blocks of motion aside.
+    """Compute inputs and targets and hold motion out.
 
     Motion and torque go through the same zero-phase filter. Inputs are computed at the recorded
-    rate, so that the rotational history misses no reversal. Whole blocks of up to 10 s are held
-    out: neighbouring samples are too alike for a split by sample to say anything. Rows near the
-    ends of a stretch, whose derivatives are unsure, are in neither part.
+    rate, so that the rotational history misses no reversal. Rows near the ends of a stretch, whose
+    derivatives are unsure, are neither trained on nor held out. The target is tau_meas - tau_RBD,
+    or tau_meas for a network that stands alone.
 
     Args:
         simulation: Gives tau_RBD.
         recordings: Measured motion; all at about one rate.
-        features: The inputs.
-        bandwidth: Of the filters [Hz].
-        rate: Wanted rate of the network's samples [Hz].
-        held_out: Part of the blocks that is held out.
-        random: Draws the blocks.
+        settings: Features, bandwidth, rate of the network's samples, and what is held out.
+        random: Draws what is held out.
 
     Raises:
         RecordingError: There is none, one is of another robot, or their rates differ.
     """
     _check(recordings, simulation)
+    features, bandwidth = settings.features_for(simulation.model.n), settings.bandwidth
     inputs: list[NDArray[np.float32]] = []
     targets: list[FloatArray] = []
     for recording in recordings:
-        x, torque = _inputs(simulation, recording, features, bandwidth)
+        x, torque = inputs_and_torque(simulation, recording, features, settings)
         inputs.append(x)
         targets.append(recording.filtered_torque(bandwidth) - torque)
-    uses = [_split(recording, bandwidth, held_out, random) for recording in recordings]
-    x, y, use = np.concatenate(inputs), np.concatenate(targets), np.concatenate(uses)
+    stride = max(1, round(recordings[0].rate / settings.rate)) if settings.rate else 1
+    use = np.concatenate(_split(recordings, settings, stride, random))
+    x, y = np.concatenate(inputs), np.concatenate(targets)
     if not (use == TRAINING).any():
-        raise RecordingError("the recordings are too short to train on", path=recordings[0].source)
+        raise RecordingError(
+            "the recordings are too short to train on", path=recordings[0].source or None
+        )
     scalings = InputScaling.of(x[use == TRAINING]), Scaling.of(y[use == TRAINING])
-    stride = max(1, round(recordings[0].rate / rate))
     return TrainingData(
         scalings[0].normalise(x).astype(np.float32),
         scalings[1].normalise(y).astype(np.float32),
@@ -110,18 +111,31 @@ def _check(recordings: Sequence[Recording], simulation: Simulation) -> None:
             )
 
 
-def _inputs(
-    simulation: Simulation, recording: Recording, features: Features, bandwidth: float
+def inputs_and_torque(
+    simulation: Simulation, recording: Recording, features: Features, settings: TrainingSettings
 ) -> tuple[NDArray[np.float32], FloatArray]:
-    """Return the inputs (T, d) and tau_RBD (T, n) [N m]; memory starts anew in each segment."""
-    motion = recording.motion(bandwidth)
+    """Compute what the network of a hybrid is given, not normalised, and the rigid body's part.
+
+    Memory starts anew in each segment. A network that stands alone is given no tau_RBD: it is zero.
+
+    Args:
+        simulation: Gives tau_RBD.
+        recording: T samples; their torque is not looked at.
+        features: The inputs.
+        settings: Say the bandwidth, and whether the network stands alone.
+
+    Returns:
+        The inputs (T, d) and tau_RBD (T, n) [N m].
+    """
+    motion = recording.motion(settings.bandwidth)
     inputs = np.empty((len(recording), len(features.inputs)), np.float32)
-    torque = np.empty(motion.position.shape)
+    torque = np.zeros(motion.position.shape)
     for rows in recording.segments:
         bodies, memory = simulation.init(), features.init()
         for start in range(rows.start, rows.stop, _ROWS):
             piece = slice(start, min(start + _ROWS, rows.stop))
-            torque[piece], bodies = simulation.advance(bodies, motion[piece])
+            if not settings.standalone:
+                torque[piece], bodies = simulation.advance(bodies, motion[piece])
             inputs[piece], memory = features.advance(
                 memory, motion[piece], torque[piece], simulation.body
             )
@@ -129,16 +143,22 @@ def _inputs(
 
 
 def _split(
-    recording: Recording, bandwidth: float, held_out: float, random: np.random.Generator
-) -> NDArray[np.int8]:
-    """Assign whole blocks of a recording to training or held-out."""
-    use = np.full(len(recording), TRAINING, np.int8)
-    block = max(1, int(min(_LONGEST_BLOCK, recording.duration / _BLOCKS) * recording.rate))
-    blocks = -(-len(recording) // block)
-    for i in random.permutation(blocks)[: round(held_out * blocks)]:
-        use[i * block : (i + 1) * block] = HELD_OUT
-    use[recording.edges(bandwidth)] = LEFT_OUT
-    return use
+    recordings: Sequence[Recording],
+    settings: TrainingSettings,
+    stride: int,
+    random: np.random.Generator,
+) -> list[NDArray[np.int8]]:
+    """Say for each row of each recording who sees it."""
+    if settings.split == "sequences":
+        length = settings.sequence_length * stride
+        uses = split_sequences(recordings, settings.held_out, random, length, settings.bandwidth)
+    elif settings.split == "recordings":
+        uses = split_recordings(recordings, settings.held_out, random)
+    else:
+        uses = split_blocks(recordings, settings.held_out, random)
+    for use, recording in zip(uses, recordings, strict=True):
+        use[recording.edges(settings.bandwidth)] = LEFT_OUT
+    return uses
 
 
 def _stretches(recordings: Sequence[Recording]) -> Iterator[slice]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.training_data import LEFT_OUT, TRAINING
+from estimators.training_split import LEFT_OUT, TRAINING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

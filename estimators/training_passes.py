@@ -3,41 +3,45 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import torch
 
-from estimators.training_data import HELD_OUT, TRAINING, TrainingData
+from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
     from torch import Tensor
 
-    from estimators.neural.modules import LstmModule, MlpModule
+    from estimators.neural.modules import Memory, Module
+    from estimators.training_data import TrainingData
 
-CARRIED: Final = 10  # sequences that a recurrent memory is carried through
 _FEWEST_CHUNKS: Final = 4  # in the longest stretch, even of a short recording
 _LARGEST_GRADIENT: Final = 1.0  # norm
 _EVALUATED_ROWS: Final = 16384
 
 
-@dataclass
 class _Mean:
-    """Mean of squared errors, gathered batch by batch."""
+    """Mean of squared errors, gathered batch by batch without waiting for the device."""
 
-    total: float = 0.0
-    count: int = 0
+    def __init__(self) -> None:
+        self.means: list[Tensor] = []
+        self.counts: list[int] = []
 
-    def add(self, squares: Tensor) -> None:
-        self.total += float(squares.detach().sum())
-        self.count += squares.numel()
+    def add(self, mean: Tensor, count: int) -> None:
+        if count:
+            self.means.append(mean.detach())
+            self.counts.append(count)
 
     @property
     def value(self) -> float:
-        return self.total / self.count if self.count else 0.0
+        if not self.means:
+            return 0.0
+        return float(np.average(torch.stack(self.means).cpu().numpy(), weights=self.counts))
 
 
 class Passes(ABC):
@@ -47,108 +51,203 @@ class Passes(ABC):
         data: Inputs, targets and who sees which rows.
         batch: Rows, or sequences, of one step of the optimiser.
         random: Draws the order.
+        device: Where the data lie while training.
     """
 
-    def __init__(self, data: TrainingData, batch: int, random: np.random.Generator) -> None:
-        self.data, self.batch, self.random = data, batch, random
-        self.inputs = torch.from_numpy(data.inputs)
-        self.targets = torch.from_numpy(data.targets)
+    def __init__(
+        self, data: TrainingData, batch: int, random: np.random.Generator, device: torch.device
+    ) -> None:
+        self.data, self.batch, self.random, self.device = data, batch, random, device
+        self.inputs = torch.from_numpy(data.inputs).to(device)
+        self.targets = torch.from_numpy(data.targets).to(device)
 
     @abstractmethod
-    def epoch(
-        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
-    ) -> tuple[float, float]:
+    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train for one pass; return training and held-out loss."""
 
     def _phase(self) -> int:
         """Draw which of every `stride` rows are used: each epoch sees others."""
         return int(self.random.integers(self.data.stride))
 
+    def _on_device(self, values: NDArray[np.int64]) -> Tensor:
+        return torch.from_numpy(values).to(self.device)
+
 
 class RowPasses(Passes):
     """For networks without memory."""
 
-    def __init__(self, data: TrainingData, batch: int, random: np.random.Generator) -> None:
-        super().__init__(data, batch, random)
-        self.held_out = torch.from_numpy(np.flatnonzero(data.use == HELD_OUT)[:: data.stride])
+    def __init__(
+        self, data: TrainingData, batch: int, random: np.random.Generator, device: torch.device
+    ) -> None:
+        super().__init__(data, batch, random, device)
+        self.held_out = np.flatnonzero(data.use == HELD_OUT)[:: data.stride]
 
-    def epoch(
-        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
-    ) -> tuple[float, float]:
+    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train on shuffled rows, then evaluate the held-out ones."""
         rows = np.flatnonzero(self.data.use == TRAINING)[self._phase() :: self.data.stride]
-        order = torch.from_numpy(self.random.permutation(rows))
         training, held_out = _Mean(), _Mean()
-        for batch in order.split(self.batch):
-            squares = self._squares(cast("MlpModule", module), batch)
-            _descend(squares.mean(), module, optimizer)
-            training.add(squares)
+        for x, y in self._batches(self.random.permutation(rows), self.batch):
+            loss = torch.nn.functional.mse_loss(module(x), y)
+            _descend(loss, module, optimizer)
+            training.add(loss, len(x))
         with torch.no_grad():
-            for batch in self.held_out.split(_EVALUATED_ROWS) if self.held_out.numel() else ():
-                held_out.add(self._squares(cast("MlpModule", module), batch))
+            for x, y in self._batches(self.held_out, _EVALUATED_ROWS):
+                held_out.add(torch.nn.functional.mse_loss(module(x), y), len(x))
         return training.value, held_out.value
 
-    def _squares(self, module: MlpModule, rows: Tensor) -> Tensor:
-        return (module(self.inputs[rows]) - self.targets[rows]) ** 2
+    def _batches(self, rows: NDArray[np.int64], size: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Give inputs and targets of rows, gathered at once: cheaper than batch by batch."""
+        order = self._on_device(rows)
+        x, y = self.inputs.index_select(0, order), self.targets.index_select(0, order)
+        if len(rows):
+            yield from zip(x.split(size), y.split(size), strict=True)
 
 
 class SequencePasses(Passes):
     """For networks with memory: chunks of several sequences, whose memory is carried along.
 
-    The network scans the whole chunk, held-out motion included, as it will in use; the loss is
-    taken at training rows only.
+    The network scans a whole chunk, held-out motion included, as it will in use; the loss is taken
+    at training rows only. Chunks without any training row are evaluated after the others. Those of
+    several sequences start at other rows in each epoch; single sequences are always the same, and
+    are those that a split by sequences holds out.
+
+    Args:
+        data: Inputs, targets and who sees which rows.
+        batch: Sequences of one step of the optimiser.
+        random: Draws the order.
+        device: Where the data lie while training.
+        length: Samples of a sequence.
+        carried: Sequences of a chunk.
 
     Raises:
         RecordingError: No stretch is as long as a sequence.
     """
 
     def __init__(
-        self, data: TrainingData, batch: int, random: np.random.Generator, length: int
+        self,
+        data: TrainingData,
+        batch: int,
+        random: np.random.Generator,
+        device: torch.device,
+        length: int,
+        carried: int,
     ) -> None:
-        super().__init__(data, batch, random)
-        self.use = torch.from_numpy(data.use)
+        super().__init__(data, batch, random, device)
         self.length = length
-        longest = max((rows.stop - rows.start) // data.stride for rows in data.stretches)
+        self.fixed = carried == 1
+        self.stretches = [self._sure(rows) for rows in data.stretches]
+        longest = max((rows.stop - rows.start) // data.stride for rows in self.stretches)
         if longest < length:
             raise RecordingError(
                 f"the longest stretch without a gap has {longest} samples at {data.rate:.4g} Hz "
                 f"({longest / data.rate:.3g} s), but a sequence needs {length}; record longer "
                 "motion or ask for shorter sequences"
             )
-        carried = min(CARRIED, longest // (length * _FEWEST_CHUNKS))
-        self.chunk = max(1, carried) * length
+        self.chunk = max(1, min(carried, longest // (length * _FEWEST_CHUNKS))) * length
 
-    def epoch(
-        self, module: torch.nn.Module, optimizer: torch.optim.Optimizer
-    ) -> tuple[float, float]:
-        """Train on shuffled chunks; the held-out loss comes from the same scan."""
-        starts = torch.from_numpy(self.random.permutation(self._starts()))
+    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
+        """Train on shuffled chunks, then evaluate those that are held out whole."""
+        starts = self.random.permutation(self._starts())
+        rows = starts[:, None] + self.data.stride * np.arange(self.chunk)
+        trained = (self.data.use[rows] == TRAINING).any(axis=1)
         training, held_out = _Mean(), _Mean()
-        for batch in starts.split(self.batch):
-            rows = batch[:, None] + self.data.stride * torch.arange(self.chunk)
-            memory = None
-            for part in rows.split(self.length, dim=1):
-                y, memory = cast("LstmModule", module)(self.inputs[part], memory)
-                squares, use = (y - self.targets[part]) ** 2, self.use[part]
-                if (use == TRAINING).any():
-                    _descend(squares[use == TRAINING].mean(), module, optimizer)
-                training.add(squares[use == TRAINING])
-                held_out.add(squares[use == HELD_OUT])
+        for squares, use in self._scan(module, rows[trained]):
+            loss, count = _mean_at(squares, use == TRAINING)
+            if count:
+                _descend(loss, module, optimizer)
+                training.add(loss, count)
+            held_out.add(*_mean_at(squares.detach(), use == HELD_OUT))
+        with torch.no_grad():
+            for squares, use in self._scan(module, rows[~trained]):
+                held_out.add(*_mean_at(squares, use == HELD_OUT))
         return training.value, held_out.value
 
+    def _scan(
+        self, module: Module, rows: NDArray[np.int64]
+    ) -> Iterator[tuple[Tensor, NDArray[np.int8]]]:
+        """Give the squared errors (B, length, n) of each batch and sequence, and who sees which."""
+        for first in range(0, len(rows), self.batch):
+            batch, memory = rows[first : first + self.batch], None
+            for start in range(0, self.chunk, self.length):
+                part = batch[:, start : start + self.length]
+                predicted, memory = self._predict(module, part, memory)
+                yield (predicted - self._gather(self.targets, part)) ** 2, self.data.use[part]
+
+    def _predict(
+        self, module: Module, rows: NDArray[np.int64], memory: Memory
+    ) -> tuple[Tensor, Memory]:
+        """Give the outputs (B, length, n) for rows (B, length) and the memory after them."""
+        return module(self._gather(self.inputs, rows), memory)
+
+    def _gather(self, values: Tensor, rows: NDArray[np.int64]) -> Tensor:
+        """Return (B, length, d); `index_select` copies whole rows, which indexing does not."""
+        flat = values.index_select(0, self._on_device(rows.reshape(-1)))
+        return flat.reshape(*rows.shape, values.shape[1])
+
+    def _sure(self, rows: slice) -> slice:
+        """Leave out the ends of a stretch that no sequence of a fixed division may reach into."""
+        if not self.fixed:
+            return rows
+        used = np.flatnonzero(self.data.use[rows] != LEFT_OUT)
+        if not used.size:
+            return slice(rows.start, rows.start)
+        return slice(rows.start + int(used[0]), rows.start + int(used[-1]) + 1)
+
     def _starts(self) -> NDArray[np.int64]:
-        """Cut each stretch into chunks from a random row on."""
+        """Cut each stretch into chunks, from a random row on unless they are fixed."""
         span = self.chunk * self.data.stride
         starts: list[NDArray[np.int64]] = []
-        for rows in self.data.stretches:
+        for rows in self.stretches:
             spare = rows.stop - rows.start - span
             if spare >= 0:
-                first = rows.start + int(self.random.integers(min(spare, span - 1) + 1))
-                starts.append(np.arange(first, rows.stop - span + 1, span))
-        return np.concatenate(starts)
+                shift = 0 if self.fixed else int(self.random.integers(min(spare, span - 1) + 1))
+                starts.append(np.arange(rows.start + shift, rows.stop - span + 1, span))
+        return np.concatenate(starts) + (self._phase() if self.fixed else 0)
 
 
-def _descend(loss: Tensor, module: torch.nn.Module, optimizer: torch.optim.Optimizer) -> None:
+class BlockPasses(SequencePasses):
+    """For a transformer, which starts anew in each sequence and is shown its previous outputs.
+
+    In use these are its own. In training they are what it gave for the same rows in the epoch
+    before, from zeros in the first: nothing has to be computed twice, and the closer it comes to
+    rest, the closer this is to use. Shown the measured torque instead, which hardly changes from a
+    sample to the next, it would learn to repeat it, and drift away on its own outputs.
+    """
+
+    def __init__(
+        self,
+        data: TrainingData,
+        batch: int,
+        random: np.random.Generator,
+        device: torch.device,
+        length: int,
+        carried: int,
+    ) -> None:
+        super().__init__(data, batch, random, device, length, carried)
+        self.given = torch.zeros_like(self.targets)
+
+    def _predict(
+        self,
+        module: Module,
+        rows: NDArray[np.int64],
+        memory: Memory,  # noqa: ARG002  # starts anew
+    ) -> tuple[Tensor, Memory]:
+        before = torch.nn.functional.pad(self._gather(self.given, rows)[:, :-1], (0, 0, 1, 0))
+        y = module(self._gather(self.inputs, rows), before)
+        self.given.index_copy_(0, self._on_device(rows.reshape(-1)), y.detach().flatten(0, 1))
+        return y, None
+
+
+def _mean_at(squares: Tensor, where: NDArray[np.bool_]) -> tuple[Tensor, int]:
+    """Return the mean of squares (B, T, n) over the samples (B, T) that count, and how many do."""
+    count = int(where.sum())
+    if count == where.size:
+        return squares.mean(), count
+    weights = torch.from_numpy(where.astype(np.float32) / max(count, 1)).to(squares.device)
+    return (squares.mean(dim=-1) * weights).sum(), count
+
+
+def _descend(loss: Tensor, module: Module, optimizer: torch.optim.Optimizer) -> None:
     optimizer.zero_grad(set_to_none=True)
     loss.backward()
     torch.nn.utils.clip_grad_norm_(module.parameters(), _LARGEST_GRADIENT)

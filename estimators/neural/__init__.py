@@ -1,9 +1,12 @@
 """Networks: what they compute, in NumPy and Numba; PyTorch only trains them."""
 
-from estimators.neural.lstm import LstmFcl
+from estimators.neural.lstm import Lstm2, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.neural.network import Network
+from estimators.neural.transformer import Transformer
 
-NETWORKS: dict[str, type[Network]] = {network.kind: network for network in (Mlp, LstmFcl)}
+NETWORKS: dict[str, type[Network]] = {
+    network.kind: network for network in (Mlp, Lstm2, LstmFcl, Transformer)
+}
 
-__all__ = ["NETWORKS", "LstmFcl", "Mlp", "Network"]
+__all__ = ["NETWORKS", "Lstm2", "LstmFcl", "Mlp", "Network", "Transformer"]

@@ -1,4 +1,4 @@
-"""LSTM-FCL: a recurrent cell and a linear layer, scanned over time."""
+"""LSTM-FCL and LSTM-2: recurrent cells scanned over time, with and without a linear layer."""
 
 from __future__ import annotations
 
@@ -17,19 +17,60 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-class LstmFcl(Network):
-    """Per part, y = Vᵀ h + c with h the output of an LSTM with forget gate.
+def cell_name(name: str, layer: int) -> str:
+    """Return the name of a weight of the cell of a layer, counted from 0."""
+    return name if layer == 0 else f"{name}_{layer + 1}"
 
-    The cell is trained at its own rate, below that of most recordings. It then runs `stride` times
-    interleaved: sample t continues what sample t - stride left, so that every sample is answered
-    at its own time and nothing is held or interpolated.
 
-    Source: Çallar and Böttger, RA-L 2022, sec. III-B.3 (LSTM-FCL); Gers, Schmidhuber and Cummins,
-    "Learning to forget", Neural Computation 2000.
+class Lstm(Network):
+    """Per part, LSTM cells with forget gates, each of which sees the output of the one before.
+
+    The cells are trained at their own rate, below that of most recordings. They then run `stride`
+    times interleaved: sample t continues what sample t - stride left, so that every sample is
+    answered at its own time and nothing is held or interpolated.
+
+    Source: Gers, Schmidhuber and Cummins, "Learning to forget", Neural Computation 2000.
+    """
+
+    recurrent: ClassVar[bool] = True
+
+    @property
+    def layers(self) -> int:
+        """Number of cells, one above the other."""
+        return sum(name.startswith("recurrent_weight") for name in self.weights)
+
+    @property
+    def hidden(self) -> int:
+        """Units of the first cell of each part."""
+        return self.weights["recurrent_weight"].shape[1]
+
+    def init(self, stride: int) -> FloatArray:
+        """Return (which of the interleaved memories is next, their h and c), all zero."""
+        units = sum(weight.shape[1] for weight in self._every("recurrent_weight"))
+        return np.zeros(1 + stride * 2 * len(self.columns) * units)
+
+    def _every(self, name: str) -> tuple[FloatArray, ...]:
+        """Return a weight of all cells."""
+        return tuple(self.weights[cell_name(name, i)] for i in range(self.layers))
+
+    def _hidden(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Scan T samples; return the output of the last cells (T, G H) and the memory after."""
+        after = memory.copy()
+        V, W, bias = (self._every(n) for n in ("input_weight", "recurrent_weight", "gate_bias"))
+        units = sum(weight.shape[1] for weight in W)
+        cells = after[1:].reshape(-1, 2 * len(self.columns) * units)
+        h = _scan(np.ascontiguousarray(x), self.columns, V, W, bias, cells, int(after[0]))
+        after[0] = (int(after[0]) + x.shape[0]) % cells.shape[0]
+        return h, after
+
+
+class LstmFcl(Lstm):
+    """Per part, y = Vᵀ h + c with h the output of one LSTM cell or two.
+
+    Source: Çallar and Böttger, RA-L 2022, sec. III-B.3 (LSTM-FCL).
     """
 
     kind: ClassVar[str] = "lstm-fcl"
-    recurrent: ClassVar[bool] = True
 
     @staticmethod
     def shapes(
@@ -38,73 +79,131 @@ class LstmFcl(Network):
         """Return the shape of each weight; gates are in the order input, forget, cell, output."""
         hidden = free_size(weights, "output_weight", 1)
         outputs = free_size(weights, "output_weight", 2)
+        second = _cell_shapes(parts, hidden, hidden, 1)
         return {
-            "input_weight": (parts, inputs, 4 * hidden),
-            "recurrent_weight": (parts, hidden, 4 * hidden),
-            "gate_bias": (parts, 4 * hidden),
+            **_cell_shapes(parts, inputs, hidden, 0),
+            **(second if any(name in weights for name in second) else {}),
             "output_weight": (parts, hidden, outputs),
             "output_bias": (parts, outputs),
         }
 
-    def init(self, stride: int) -> FloatArray:
-        """Return (which of the interleaved memories is next, their h and c), all zero."""
-        return np.zeros(1 + stride * 2 * len(self.columns) * self.hidden)
+    def advance(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Scan T samples."""
+        h, after = self._hidden(memory, x)
+        return _linear(h, self.weights["output_weight"], self.weights["output_bias"]), after
+
+
+class Lstm2(Lstm):
+    """Per part, y = h of the second of two cells, whose units are the outputs: |y| < 1.
+
+    Source: Çallar and Böttger, RA-L 2022, sec. III-B.3 (LSTM-2: 35-35-7).
+    """
+
+    kind: ClassVar[str] = "lstm-2"
+
+    @staticmethod
+    def shapes(
+        parts: int, inputs: int, weights: Mapping[str, FloatArray]
+    ) -> dict[str, tuple[int, ...]]:
+        """Return the shape of each weight; gates are in the order input, forget, cell, output."""
+        hidden = free_size(weights, "recurrent_weight", 1)
+        outputs = free_size(weights, cell_name("recurrent_weight", 1), 1)
+        return {
+            **_cell_shapes(parts, inputs, hidden, 0),
+            **_cell_shapes(parts, hidden, outputs, 1),
+        }
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs."""
+        parts, m, _ = self.weights[cell_name("recurrent_weight", 1)].shape
+        return parts * m
 
     def advance(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scan T samples."""
-        after = memory.copy()
-        cells = after[1:].reshape(-1, 2, len(self.columns), self.hidden)
-        w = self.weights
-        y = _scan(
-            np.ascontiguousarray(x),
-            self.columns,
-            w["input_weight"],
-            w["recurrent_weight"],
-            w["gate_bias"],
-            w["output_weight"],
-            w["output_bias"],
-            cells,
-            int(after[0]),
-        )
-        after[0] = (int(after[0]) + x.shape[0]) % cells.shape[0]
-        return y, after
+        return self._hidden(memory, x)
+
+
+def _cell_shapes(parts: int, inputs: int, units: int, layer: int) -> dict[str, tuple[int, ...]]:
+    return {
+        cell_name("input_weight", layer): (parts, inputs, 4 * units),
+        cell_name("recurrent_weight", layer): (parts, units, 4 * units),
+        cell_name("gate_bias", layer): (parts, 4 * units),
+    }
 
 
 @njit(cache=True)
 def _scan(
     x: FloatArray,
     columns: NDArray[np.int64],
-    input_weight: FloatArray,
-    recurrent_weight: FloatArray,
-    gate_bias: FloatArray,
-    output_weight: FloatArray,
-    output_bias: FloatArray,
+    input_weights: tuple[FloatArray, ...],
+    recurrent_weights: tuple[FloatArray, ...],
+    gate_biases: tuple[FloatArray, ...],
     cells: FloatArray,
     first: int,
 ) -> FloatArray:
-    """Advance `cells` (stride, 2, G, H) in place; return the outputs (T, G m)."""
-    G, H, m = output_weight.shape
-    y = np.empty((x.shape[0], G * m))
-    gates = np.empty(4 * H)
+    """Advance `cells` (stride, h and c of each layer and part) in place; return (T, G H)."""
+    layers, G = len(recurrent_weights), columns.shape[0]
+    widest = columns.shape[1]
+    for i in range(layers):
+        widest = max(widest, recurrent_weights[i].shape[1])
+    H = recurrent_weights[layers - 1].shape[1]
+    y = np.empty((x.shape[0], G * H))
+    seen, gates = np.empty(widest), np.empty(4 * widest)
     for t in range(x.shape[0]):
-        cell = cells[(first + t) % cells.shape[0]]
+        memory = cells[(first + t) % cells.shape[0]]
         for g in range(G):
-            h, c = cell[0, g], cell[1, g]
-            gates[:] = gate_bias[g]
             for k in range(columns.shape[1]):
-                value = x[t, columns[g, k]]
-                for u in range(4 * H):
-                    gates[u] += value * input_weight[g, k, u]
-            for k in range(H):
-                for u in range(4 * H):
-                    gates[u] += h[k] * recurrent_weight[g, k, u]
-            for u in range(H):
-                keep = c[u] / (1.0 + np.exp(-gates[H + u]))
-                c[u] = keep + np.tanh(gates[2 * H + u]) / (1.0 + np.exp(-gates[u]))
-                h[u] = np.tanh(c[u]) / (1.0 + np.exp(-gates[3 * H + u]))
+                seen[k] = x[t, columns[g, k]]
+            start = 0
+            for i in range(layers):
+                U = recurrent_weights[i].shape[1]
+                h = memory[start + 2 * g * U : start + (2 * g + 1) * U]
+                c = memory[start + (2 * g + 1) * U : start + (2 * g + 2) * U]
+                V, W = input_weights[i][g], recurrent_weights[i][g]
+                _advance_cell(seen[: V.shape[0]], V, W, gate_biases[i][g], gates, h, c)
+                seen[:U] = h
+                start += 2 * G * U
+            y[t, g * H : (g + 1) * H] = seen[:H]
+    return y
+
+
+@njit(cache=True)
+def _advance_cell(
+    x: FloatArray,
+    input_weight: FloatArray,
+    recurrent_weight: FloatArray,
+    bias: FloatArray,
+    gates: FloatArray,
+    h: FloatArray,
+    c: FloatArray,
+) -> None:
+    """Advance h and c (U,) of one cell in place; `gates` is working memory."""
+    U = h.size
+    for u in range(4 * U):
+        gates[u] = bias[u]
+    for k in range(x.size):
+        for u in range(4 * U):
+            gates[u] += x[k] * input_weight[k, u]
+    for k in range(U):
+        for u in range(4 * U):
+            gates[u] += h[k] * recurrent_weight[k, u]
+    for u in range(U):
+        keep = c[u] / (1.0 + np.exp(-gates[U + u]))
+        c[u] = keep + np.tanh(gates[2 * U + u]) / (1.0 + np.exp(-gates[u]))
+        h[u] = np.tanh(c[u]) / (1.0 + np.exp(-gates[3 * U + u]))
+
+
+@njit(cache=True)
+def _linear(h: FloatArray, weight: FloatArray, bias: FloatArray) -> FloatArray:
+    """Map (T, G H) to (T, G m) by the weights (G, H, m) and biases (G, m) of each part."""
+    G, H, m = weight.shape
+    y = np.empty((h.shape[0], G * m))
+    for t in range(h.shape[0]):
+        for g in range(G):
             for i in range(m):
-                total = output_bias[g, i]
+                total = bias[g, i]
                 for u in range(H):
-                    total += h[u] * output_weight[g, u, i]
+                    total += h[t, g * H + u] * weight[g, u, i]
                 y[t, g * m + i] = total
     return y

@@ -4,37 +4,39 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from estimators.neural.lstm import cell_name
+
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
 
-Memory: TypeAlias = "list[tuple[Tensor, Tensor]] | None"
+Memory: TypeAlias = "list[tuple[Tensor, Tensor]] | None"  # h and c of each cell
 
 
 class Module(nn.Module):
     """G parts side by side; part g sees `columns[g]` of the inputs."""
 
-    def __init__(self, columns: NDArray[np.int64], hidden: int, outputs: int) -> None:
+    def __init__(self, columns: NDArray[np.int64]) -> None:
         super().__init__()
         self.parts, self.inputs = columns.shape
         self.shared = bool((columns == columns[:1]).all())  # all parts see the same inputs
         self.register_buffer("columns", torch.from_numpy(columns.copy()))
-        self.output_weight = _xavier(self.parts, hidden, outputs)
-        self.output_bias = nn.Parameter(torch.zeros(self.parts, outputs))
+        self._sees_all = bool((columns == np.arange(self.inputs)).all())  # in their order
 
     def columns_of_parts(self) -> NDArray[np.int64]:
         """Return the inputs that each part sees, (G, f)."""
-        return self.get_buffer("columns").numpy()
+        return self.get_buffer("columns").cpu().numpy()
 
     def weights(self) -> dict[str, FloatArray]:
         """Return the weights by the names that `Network` expects."""
         return {
-            name: value.detach().double().numpy().copy() for name, value in self.named_parameters()
+            name: value.detach().double().cpu().numpy().copy()
+            for name, value in self.named_parameters()
         }
 
     def _inputs(self, x: Tensor) -> Tensor:
@@ -48,7 +50,9 @@ class MlpModule(Module):
     """One hidden layer with ReLU for each part."""
 
     def __init__(self, columns: NDArray[np.int64], hidden: int, outputs: int) -> None:
-        super().__init__(columns, hidden, outputs)
+        super().__init__(columns)
+        self.output_weight = _xavier(self.parts, hidden, outputs)
+        self.output_bias = nn.Parameter(torch.zeros(self.parts, outputs))
         self.hidden_weight = _xavier(self.parts, self.inputs, hidden)
         self.hidden_bias = nn.Parameter(torch.zeros(self.parts, hidden))
 
@@ -60,35 +64,63 @@ class MlpModule(Module):
 
 
 class LstmModule(Module):
-    """An LSTM and a linear layer for each part."""
+    """LSTM cells for each part, one above the other, of the given units."""
 
-    def __init__(self, columns: NDArray[np.int64], hidden: int, outputs: int) -> None:
-        super().__init__(columns, hidden, outputs)
-        self.input_weight = _xavier(self.parts, self.inputs, 4 * hidden)
-        self.recurrent_weight = _xavier(self.parts, hidden, 4 * hidden)
-        self.gate_bias = nn.Parameter(torch.zeros(self.parts, 4 * hidden))
-        self.hidden = hidden
+    def __init__(self, columns: NDArray[np.int64], units: tuple[int, ...]) -> None:
+        super().__init__(columns)
+        self.units = units
+        below = (self.inputs, *units)
+        for i, count in enumerate(units):
+            weights = (
+                _xavier(self.parts, below[i], 4 * count),
+                _xavier(self.parts, count, 4 * count),
+            )
+            self.register_parameter(cell_name("input_weight", i), weights[0])
+            self.register_parameter(cell_name("recurrent_weight", i), weights[1])
+            bias = nn.Parameter(torch.zeros(self.parts, 4 * count))
+            self.register_parameter(cell_name("gate_bias", i), bias)
 
     def forward(self, x: Tensor, memory: Memory = None) -> tuple[Tensor, Memory]:
         """Map (B, T, d) and the memory before to (B, T, outputs) and the memory after."""
         outputs: list[Tensor] = []
         after: list[tuple[Tensor, Tensor]] = []
         for g in range(self.parts):
-            zero = x.new_zeros(1, x.shape[0], self.hidden)
-            h, c = memory[g] if memory is not None else (zero, zero)
-            weights = [
-                self.input_weight[g].T,
-                self.recurrent_weight[g].T,
-                self.gate_bias[g],
-                torch.zeros_like(self.gate_bias[g]),
-            ]
-            seen = x[..., self.columns[g]]  # type: ignore[index]
-            hidden, h, c = torch.lstm(
-                seen, (h, c), weights, True, 1, 0.0, self.training, False, True
-            )
-            outputs.append(hidden @ self.output_weight[g] + self.output_bias[g])
-            after.append((h.detach(), c.detach()))
-        return torch.cat(outputs, dim=-1), after
+            y = x if self._sees_all else x[..., self.columns[g]]  # type: ignore[index]
+            for i, count in enumerate(self.units):
+                zero = x.new_zeros(1, len(x), count)
+                before = memory[len(after)] if memory is not None else (zero, zero)
+                y, cell = self._cell(y, before, g, i)
+                after.append(cell)
+            outputs.append(self._output(y, g))
+        return torch.cat(outputs, dim=-1) if self.parts > 1 else outputs[0], after
+
+    def _cell(
+        self, x: Tensor, memory: tuple[Tensor, Tensor], g: int, i: int
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """Scan the cell of part g in layer i; the memory after it has no gradient."""
+        names = ("input_weight", "recurrent_weight", "gate_bias")
+        V, W, bias = (self.get_parameter(cell_name(name, i))[g] for name in names)
+        weights = [V.T, W.T, bias, torch.zeros_like(bias)]
+        y, h, c = torch.lstm(x, memory, weights, True, 1, 0.0, self.training, False, True)
+        return y, (h.detach(), c.detach())
+
+    def _output(self, h: Tensor, g: int) -> Tensor:  # noqa: ARG002  # a subclass needs the part
+        """Map the output of the last cell of part g to what the part gives."""
+        return h
+
+
+class LstmFclModule(LstmModule):
+    """LSTM cells and a linear layer for each part."""
+
+    def __init__(
+        self, columns: NDArray[np.int64], hidden: int, outputs: int, layers: int = 1
+    ) -> None:
+        super().__init__(columns, (hidden,) * layers)
+        self.output_weight = _xavier(self.parts, hidden, outputs)
+        self.output_bias = nn.Parameter(torch.zeros(self.parts, outputs))
+
+    def _output(self, h: Tensor, g: int) -> Tensor:
+        return torch.nn.functional.linear(h, self.output_weight[g].T, self.output_bias[g])
 
 
 def _xavier(parts: int, inputs: int, outputs: int) -> nn.Parameter:

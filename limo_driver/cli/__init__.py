@@ -1,7 +1,8 @@
 """The `limo` command: one file of this folder is one command, found by its name.
 
-A command's module defines `command`, a typer function whose docstring is its help; it imports
-anything heavy inside the function, so that `limo --help` stays fast.
+A command's module defines `command`, a typer function whose docstring is its help, or a folder of
+such functions defines `command`, a typer group; anything heavy is imported inside the functions, so
+that `limo --help` stays fast.
 """
 
 from __future__ import annotations
@@ -57,7 +58,11 @@ def main() -> None:
     """Run the command line; bad input ends with one clear line and exit status 2."""
     for module in sorted(iter_modules(__path__), key=lambda item: item.name):
         command = import_module(f"{__name__}.{module.name}").command
-        app.command(name=module.name.replace("_", "-"))(command)
+        name = module.name.replace("_", "-")
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name=name)(command)
     try:
         app()
     except LimoError as error:

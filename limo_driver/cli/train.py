@@ -20,7 +20,9 @@ def command(  # one argument for each option
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
     sim: Annotated[Path, typer.Option(help="The identified simulation, a sim.yaml.")],
     out: Annotated[Path, typer.Option(help="Model folder to write.")],
-    model: Annotated[str, typer.Option(help="Network: mlp7, lstm-fcl.")] = "mlp7",
+    model: Annotated[
+        str, typer.Option(help="Network: mlp7, lstm-2, lstm-fcl, transformer.")
+    ] = "mlp7",
     features: Annotated[
         str,
         typer.Option(
@@ -43,10 +45,16 @@ def command(  # one argument for each option
         ),
     ] = None,
     sequence_length: Annotated[
-        int, typer.Option(help="Samples that an LSTM is differentiated through.")
+        int,
+        typer.Option(
+            help="Samples that an LSTM is differentiated through; of a transformer's block."
+        ),
     ] = 100,
-    batch: Annotated[int, typer.Option(help="Rows (mlp7) or sequences (lstm-fcl) of a step.")] = 50,
+    batch: Annotated[int, typer.Option(help="Rows (mlp7) or sequences (others) of a step.")] = 50,
     hidden: Annotated[int, typer.Option(help="Hidden units of a network; 0: as the paper.")] = 0,
+    layers: Annotated[
+        int, typer.Option(help="LSTM layers of lstm-fcl, 1 or 2; of a transformer's coders.")
+    ] = 1,
     schedule: Annotated[
         str, typer.Option(help="How the step shrinks: cosine, plateau (the paper's).")
     ] = "cosine",
@@ -64,6 +72,9 @@ def command(  # one argument for each option
             "the gain of each joint; 1: none do, and the gain is 1."
         ),
     ] = 3,
+    device: Annotated[
+        str, typer.Option(help="cpu, cuda, or auto: a GPU where PyTorch sees one.")
+    ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Train a network on the torque that a simulation leaves unexplained.
@@ -106,6 +117,8 @@ def command(  # one argument for each option
         held_out=held_out,
         hidden=hidden,
         folds=folds,
+        layers=layers,
+        device=device,
     )
     simulation = Simulation.load(sim)
     measured = [Recording.load(path) for path in recordings]

@@ -44,6 +44,8 @@ ESTIMATORS: dict[str, Callable[[str], InverseDynamics]] = {
     "mlp7": lambda robot: hybrid(robot, "mlp7", "all-joints"),
     "mlp7 drive": lambda robot: hybrid(robot, "mlp7", "drive"),
     "lstm-fcl": lambda robot: hybrid(robot, "lstm-fcl", "all-joints"),
+    "lstm-2": lambda robot: hybrid(robot, "lstm-2", "all-joints"),
+    "transformer": lambda robot: hybrid(robot, "transformer", "all-joints"),
     "lstm-fcl own-joint": lambda robot: hybrid(robot, "lstm-fcl", "own-joint"),
 }
 

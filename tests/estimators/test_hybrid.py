@@ -11,6 +11,7 @@ import pytest
 
 from estimators.hybrid import HybridModel
 from estimators.model_store import check_simulation
+from estimators.neural import NETWORKS
 from estimators.training import TrainingSettings
 from limo_driver.errors import ModelStoreError
 from limo_driver.physics import CoulombFriction, Simulation
@@ -41,6 +42,26 @@ def test_a_loaded_model_predicts_the_same(
 ) -> None:
     loaded = HybridModel.load(folder)
     np.testing.assert_array_equal(loaded.predict(test_recording), model.predict(test_recording))
+
+
+@pytest.mark.parametrize(
+    ("kind", "layers"), [*((kind, 1) for kind in NETWORKS), ("lstm-fcl", 2), ("transformer", 2)]
+)
+def test_every_network_is_stored_and_streams(
+    rigid: Simulation, test_recording: Recording, tmp_path: Path, kind: str, layers: int
+) -> None:
+    settings = replace(SETTINGS, model=kind, layers=layers, folds=1)
+    recording = test_recording[:1000]
+    model = HybridModel(rigid, settings).fit([recording])
+    model.save(tmp_path / "model")
+    loaded = HybridModel.load(tmp_path / "model")
+    assert type(loaded.fitted.network) is NETWORKS[kind]
+    predicted = loaded.predict(recording)
+    np.testing.assert_array_equal(predicted, model.predict(recording))
+    state, motion = loaded.init(100.0), recording.motion(10.0)
+    for t in range(50):  # more than two blocks of a transformer
+        torque, state = loaded.step(state, motion.sample(t))
+        np.testing.assert_allclose(torque, predicted[t], atol=1e-9)
 
 
 def test_hybrid_is_the_sum_of_its_parts(model: HybridModel, test_recording: Recording) -> None:
@@ -108,7 +129,7 @@ def edit(folder: Path, **changes: object) -> None:
     ("changes", "message"),
     [
         ({"schema": 2}, "schema is not 1"),
-        ({"network": "gpt"}, "'gpt' is unknown; known: mlp7, lstm-fcl"),
+        ({"network": "gpt"}, "'gpt' is unknown; known: mlp7, lstm-2, lstm-fcl, transformer"),
         ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
         ({"inputs": []}, "inputs: number 1 is nothing"),
         ({"outputs": [{"name": "x", "unit": "N m", "mean": 0, "std": 1}]}, "number 1 is"),

@@ -8,16 +8,20 @@ import pytest
 
 from estimators.features import feature_set
 from estimators.hybrid import HybridModel
-from estimators.neural import Mlp, Network
-from estimators.training import Epoch, TrainingSettings, train, usual_settings
-from estimators.training_data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData, prepare
+from estimators.neural import NETWORKS, Mlp, Network
+from estimators.training import Epoch, TrainingSettings, paper_settings, train, usual_settings
+from estimators.training_data import TrainingData, prepare
 from estimators.training_gain import gain
+from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
+
+    from estimators.hybrid import FittedNetwork
 
 QUICK = TrainingSettings(features="own-joint", epochs=2, rate=100.0, hidden=8)
 
@@ -92,9 +96,15 @@ def test_recurrent_memory_does_not_drift(
 
 
 def test_same_seed_same_weights(rigid: Simulation, training_recording: Recording) -> None:
-    for model in ("mlp7", "lstm-fcl"):
+    for model in NETWORKS:
         settings = TrainingSettings(
-            model=model, features="own-joint", epochs=1, hidden=4, seed=3, folds=2
+            model=model,
+            features="own-joint",
+            epochs=1,
+            hidden=4,
+            seed=3,
+            folds=2,
+            sequence_length=20,
         )
         first, second = (train(rigid, [training_recording], settings).network for _ in range(2))
         for name, weight in first.weights.items():
@@ -134,41 +144,6 @@ def test_epochs_are_reported_and_recorded(rigid: Simulation, training_recording:
     assert set(fitted.record["rmse"]) == {"training", "held_out"}
 
 
-def test_a_fifth_is_held_out_in_blocks(rigid: Simulation, training_recording: Recording) -> None:
-    data = prepare(
-        rigid,
-        [training_recording],
-        feature_set("own-joint", 2),
-        bandwidth=10.0,
-        rate=100.0,
-        held_out=0.2,
-        random=np.random.default_rng(0),
-    )
-    assert np.mean(data.use == HELD_OUT) == pytest.approx(0.2, abs=0.02)
-    starts = np.flatnonzero(np.diff((data.use == HELD_OUT).astype(int)) == 1)
-    assert len(starts) <= 4  # of 20 blocks
-    assert data.use[0] == data.use[-1] == LEFT_OUT
-    normalised = data.inputs[data.use == TRAINING]
-    np.testing.assert_allclose(normalised.mean(axis=0), 0.0, atol=1e-4)
-    np.testing.assert_allclose(normalised.std(axis=0), 1.0, atol=1e-3)
-
-
-def test_a_gap_parts_the_training_motion(rigid: Simulation, training_recording: Recording) -> None:
-    whole = training_recording
-    later = np.where(np.arange(len(whole)) < 3000, 0.0, 5.0)
-    parted = Recording.from_arrays(whole.time + later, whole.position, whole.torque)
-    data = prepare(
-        rigid,
-        [parted],
-        feature_set("own-joint", 2),
-        bandwidth=10.0,
-        rate=100.0,
-        held_out=0.2,
-        random=np.random.default_rng(0),
-    )
-    assert data.stretches == (slice(0, 3000), slice(3000, 6000))
-
-
 def test_a_network_that_carries_over_is_trusted(
     rigid: Simulation, training_recording: Recording
 ) -> None:
@@ -202,11 +177,8 @@ def test_whole_recordings_judge_where_there_are_enough(
     data = prepare(
         rigid,
         [training_recording[:2000], training_recording[2000:]],
-        feature_set("own-joint", 2),
-        bandwidth=10.0,
-        rate=100.0,
-        held_out=0.2,
-        random=np.random.default_rng(0),
+        QUICK,
+        np.random.default_rng(0),
     )
     seen: list[TrainingData] = []
 
@@ -225,6 +197,68 @@ def test_whole_recordings_judge_where_there_are_enough(
         np.testing.assert_array_equal(rest.use[kept], data.use[kept])
         training = rest.inputs[rest.use == TRAINING]
         assert (rest.inputs[out] <= training.max(axis=0)).all()
+
+
+def test_a_network_that_stands_alone_gives_the_whole_torque(
+    rigid: Simulation, training_recording: Recording, test_recording: Recording, tmp_path: Path
+) -> None:
+    settings = replace(
+        QUICK, standalone=True, without=("rotation_since_reversal",), epochs=20, folds=1, hidden=30
+    )
+    model = HybridModel(rigid, settings).fit([training_recording])
+    assert model.fitted.features.quantities == ("position", "velocity", "acceleration")
+    parts = model.parts(test_recording)
+    assert not parts.rigid_body.any()
+    nothing, network = mse(model, test_recording)
+    assert nothing / network > 4
+    model.save(tmp_path / "model")
+    loaded = HybridModel.load(tmp_path / "model")
+    np.testing.assert_array_equal(loaded.predict(test_recording), parts.network)
+    state, motion = loaded.init(100.0), test_recording.motion(10.0)
+    for t in range(50):
+        torque, state = loaded.step(state, motion.sample(t))
+        np.testing.assert_allclose(torque, parts.network[t], atol=1e-6)
+
+
+def test_the_last_weights_are_kept_where_asked(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    settings = replace(
+        QUICK, keep="last", epochs=3, learning_rate=0.05, schedule="plateau", folds=1
+    )
+    first, second = (
+        train(rigid, [training_recording], replace(settings, epochs=epochs)) for epochs in (3, 2)
+    )
+    last = [epoch["held_out_loss"] for epoch in first.record["epochs"]]
+    assert last[:2] == [epoch["held_out_loss"] for epoch in second.record["epochs"]]
+    found = mse_of_held_out(rigid, first, training_recording, settings)
+    assert found == pytest.approx(last[-1], rel=1e-3)
+
+
+def mse_of_held_out(
+    rigid: Simulation, fitted: FittedNetwork, recording: Recording, settings: TrainingSettings
+) -> float:
+    """Return the normalised loss of a memoryless network."""
+    data = prepare(rigid, [recording], settings, np.random.default_rng(settings.seed))
+    y, _ = fitted.network.advance(fitted.network.init(1), data.inputs.astype(np.float64))
+    return float(np.mean((y - data.targets)[data.use == HELD_OUT] ** 2))
+
+
+def test_the_papers_protocol() -> None:
+    settings = paper_settings("lstm-fcl", 500, without=("rotation_since_reversal",))
+    assert (settings.batch, settings.epochs, settings.learning_rate) == (50, 100, 1e-3)
+    assert (settings.split, settings.carried, settings.keep) == ("sequences", 1, "last")
+    assert (settings.rate, settings.folds, settings.hidden) == (0.0, 1, 35)
+    assert len(settings.features_for(7).inputs) == 28
+    assert paper_settings("mlp7", 500).hidden == 100
+
+
+def test_a_gpu_that_is_not_there_is_refused(
+    rigid: Simulation, training_recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(ConfigError, match="no CUDA device"):
+        train(rigid, [training_recording], replace(QUICK, device="cuda"))
 
 
 def test_a_recording_shorter_than_a_sequence_is_refused(
@@ -257,7 +291,18 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-fcl"),
+        ({"split": "rows"}, "no split is called 'rows'; known: blocks, sequences, recordings"),
+        ({"keep": "first"}, "'first'; known: best, last"),
+        ({"device": "tpu"}, "'tpu'; known: auto, cpu, cuda"),
+        ({"carried": 0}, "carried = 0"),
+        ({"rate": -1.0}, "rate = -1.0"),
+        ({"layers": 0}, "layers = 0"),
+        ({"layers": 2}, "layers = 2, but mlp7 is built with at most 1"),
+        ({"model": "lstm-fcl", "layers": 3}, "layers = 3, but lstm-fcl is built with at most 2"),
+        ({"model": "transformer", "hidden": 33}, "hidden = 33 has to be a multiple of heads = 2"),
+        ({"features": "every"}, "no feature set is called 'every'"),
+        ({"without": ("velocity", "temperature")}, "has no 'temperature'; known: acceleration, "),
+        ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-2, lstm-fcl, transformer"),
         ({"schedule": "step"}, "'step'; known: cosine, plateau"),
         ({"epochs": 0}, "epochs = 0"),
         ({"folds": 0}, "folds = 0"),

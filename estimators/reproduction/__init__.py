@@ -1,0 +1,1 @@
+"""Table I of Çallar and Böttger 2022, on any data of the same kind."""

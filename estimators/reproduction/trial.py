@@ -1,0 +1,168 @@
+"""A trial: one row of the table, trained once under one split; and where finished ones are kept."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any, Final
+
+from estimators.reproduction.rows import PARTS, PERCEPTRON, ROWS, TOPOLOGIES, Row
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from estimators.training_settings import TrainingSettings
+
+SCHEMA: Final = 1
+SEQUENCES, SCAFFOLDS = "sequences", "recordings"  # splits, as `TrainingSettings` calls them
+SPLITS: Final = (SEQUENCES, SCAFFOLDS)
+_DIGITS: Final = 10  # of the digest in a file name
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How much of the table is computed; the defaults are the paper's.
+
+    Raises:
+        ConfigError: A number is below 1.
+    """
+
+    runs: int = 10  # trainings of each row, from other seeds
+    epochs: int = 100
+    batch: int = 50  # sub-sequences of one step of the optimiser; an MLP keeps the paper's rows
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if value < 1:
+                raise ConfigError(f"{name} = {value} has to be 1 or more")
+
+    def __str__(self) -> str:
+        """Name the numbers, as `10 runs of 100 epochs, batches of 50 sub-sequences`."""
+        runs = f"{self.runs} run{'s' if self.runs > 1 else ''}"
+        epochs = f"{self.epochs} epoch{'s' if self.epochs > 1 else ''}"
+        return f"{runs} of {epochs}, batches of {self.batch} sub-sequences"
+
+    def trials(self, digests: Mapping[str, str]) -> tuple[Trial, ...]:
+        """Return all trials, one run after the other, so that the first run fills the table.
+
+        Args:
+            digests: sha256 of the data.
+        """
+        topologies = [row for row in TOPOLOGIES.values() if row not in ROWS]
+        once = [(SEQUENCES, row) for row in ROWS]
+        once += [(SCAFFOLDS, row) for row in ROWS]
+        once += [(SEQUENCES, row) for row in topologies]
+        return tuple(
+            Trial(row, split, run, self._settings(row, split, run), digests)
+            for run in range(self.runs)
+            for split, row in once
+        )
+
+    def _settings(self, row: Row, split: str, run: int) -> TrainingSettings:
+        settings = replace(row.settings(), split=split, seed=run, epochs=self.epochs)
+        return settings if settings.model == PERCEPTRON else replace(settings, batch=self.batch)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One training, and what it is told apart by."""
+
+    row: Row
+    split: str  # of SPLITS
+    run: int  # from 0; the seed
+    settings: TrainingSettings
+    digests: Mapping[str, str]  # sha256 of each file of the data
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """All that the figures depend on, as JSON values; not the device they come from."""
+        settings = asdict(self.settings)
+        del settings["device"]
+        identity = {
+            "schema": SCHEMA,
+            "row": asdict(self.row),
+            "split": self.split,
+            "run": self.run,
+            "settings": settings,
+            "data": dict(self.digests),
+        }
+        return json.loads(json.dumps(identity))  # tuples as lists, as they are read back
+
+    @cached_property
+    def file_name(self) -> str:
+        """Name that another setting or other data would change."""
+        digest = sha256(json.dumps(self.identity, sort_keys=True).encode()).hexdigest()
+        words = "".join(c if c.isalnum() else "_" for c in self.row.name.lower())
+        return f"{words}-{self.split}-run{self.run}-{digest[:_DIGITS]}.json"
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """Figures of a finished trial."""
+
+    trial: Trial
+    mse: Mapping[str, tuple[float, ...]]  # of PARTS, each joint [(N m)²]
+    epochs: int  # trained
+    seconds: float
+    device: str
+    packages: Mapping[str, str]  # versions
+
+
+@dataclass(frozen=True)
+class TrialStore:
+    """Folder of finished trials, each a file that is there whole or not at all."""
+
+    folder: Path
+
+    def load(self, trial: Trial) -> TrialResult | None:
+        """Return what an equal trial gave, or None if none is finished.
+
+        Raises:
+            ConfigError: Its file was damaged.
+        """
+        path = self.folder / trial.file_name
+        if not path.exists():
+            return None
+        try:
+            values = json.loads(path.read_text())
+            mse = {part: tuple(map(float, values["mse"][part])) for part in PARTS}
+            if values["trial"] != trial.identity:
+                raise ValueError("it is of another trial than its name says")
+            return TrialResult(
+                trial,
+                mse,
+                int(values["epochs"]),
+                float(values["seconds"]),
+                str(values["device"]),
+                dict(values["packages"]),
+            )
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise ConfigError(
+                f"cannot be read as a finished trial ({error}); delete it to have it done again",
+                path=path,
+            ) from None
+
+    def save(self, result: TrialResult) -> None:
+        """Write a finished trial."""
+        values = {
+            "trial": result.trial.identity,
+            "mse": {part: list(result.mse[part]) for part in PARTS},
+            "epochs": result.epochs,
+            "seconds": result.seconds,
+            "device": result.device,
+            "packages": dict(result.packages),
+        }
+        write_whole(
+            self.folder / result.trial.file_name, json.dumps(values, indent=1, allow_nan=False)
+        )
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file at once, so that a killed process leaves the old one or the new."""
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(text + "\n", encoding="utf-8")
+    partial.replace(path)

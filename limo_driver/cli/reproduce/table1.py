@@ -1,0 +1,204 @@
+"""`limo reproduce table1`: the errors of all networks of Çallar and Böttger 2022, Table I."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from rich.console import Console
+
+    from estimators.reproduction.results import Table
+    from estimators.reproduction.trial import Trial, TrialStore
+    from estimators.reproduction.workers import Job
+
+OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
+FILES = ("table1.md", "table1.csv", "table1.json", "table1.png", "claims.md")
+INTERRUPTED = 130
+FAILED = 1
+
+
+def command(
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of excitation, limo and validation recordings and data.json; "
+            "OUT/data if not given, which is simulated if it is not there."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help=f"Folder for trials and table; {OUT}, or {QUICK_OUT} with --quick."),
+    ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="Minutes instead of days: little motion, few epochs, one run."
+        ),
+    ] = False,
+    runs: Annotated[
+        int | None, typer.Option(help="Trainings of each row, from other seeds; 10.")
+    ] = None,
+    device: Annotated[
+        str,
+        typer.Option(help="Where networks are trained: auto (a GPU if there is one), cpu, cuda."),
+    ] = "auto",
+    jobs: Annotated[
+        int | None,
+        typer.Option(help="Trials side by side; one for each physical core, or one on a GPU."),
+    ] = None,
+    epochs: Annotated[int | None, typer.Option(help="Passes over the motion; 100.")] = None,
+) -> None:
+    """Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
+
+    Rigid body, perceptrons, LSTMs and Transformer, standalone and hybrid, with and without the
+    rotational history: errors on training, test and validation motion for each joint, mean and
+    spread over runs. The paper's random split of sub-sequences stands beside an honest one, which
+    tests on scaffolds that were never trained on.
+
+    Finished trials are kept: started again, the command goes on where it was stopped or killed.
+
+    [bold]Examples[/bold]
+
+        limo reproduce table1 --quick
+
+        limo reproduce table1 --data recordings/ --runs 3 --out out/table1
+    """
+    from dataclasses import replace
+
+    from rich.console import Console
+
+    from estimators.reproduction.data import TableData
+    from estimators.reproduction.picture import PICTURE, draw
+    from estimators.reproduction.results import Table
+    from estimators.reproduction.rigid_body import rigid_body
+    from estimators.reproduction.trial import Protocol, TrialStore
+    from estimators.reproduction.workers import Job
+    from estimators.reproduction.writing import write
+    from limo_driver.outputs import require_folder
+
+    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
+    given = {name: n for name, n in (("runs", runs), ("epochs", epochs)) if n is not None}
+    protocol = replace(protocol, **given)
+    processes = _processes(jobs, device)
+    out = out or (QUICK_OUT if quick else OUT)
+    require_folder(out, "the table")
+    folder = data or out / "data"
+    if data is None and not folder.exists():
+        _make_data(folder, quick=quick, notes=notes)
+    read = TableData.load(folder)
+    for name in ("trials", "prepared"):
+        require_folder(out / name, "the table")
+    with notes.status("identifying the rigid body"):
+        job = Job(folder, rigid_body(read, out / "prepared"), out / "trials", device)
+    store = TrialStore(out / "trials")
+
+    def update() -> Table:
+        table = Table.gather(read, protocol, store)
+        write(table, out)
+        return table
+
+    status = _run(job, protocol.trials(read.digests), store, processes, update, notes)
+    table = update()
+    draw(table, out / PICTURE)
+    _print(table, out)
+    if status:
+        raise typer.Exit(status)
+
+
+def _processes(jobs: int | None, device: str) -> int:
+    """Return how many trials run side by side; one where they share a GPU."""
+    from estimators.reproduction.workers import physical_cores
+    from estimators.training import find_device
+    from limo_driver.errors import ConfigError
+
+    gpu = find_device(device).type == "cuda"
+    if jobs is not None and jobs < 1:
+        raise ConfigError(f"--jobs is {jobs}, expected 1 or more")
+    return jobs or (1 if gpu else physical_cores())
+
+
+def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
+    """Make a data folder behind a progress bar."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from limo_driver.cli.reproduce.simulated_data import FULL, QUICK, make
+
+    notes.print(f"{folder} is not there: making it with the simulated arm", markup=False)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    disable = not notes.is_terminal
+    with Progress(*columns, console=notes, transient=True, disable=disable) as bar:
+        task = bar.add_task("making data", total=1.0)
+
+        def tell(what: str, share: float) -> None:
+            bar.update(task, description=what, completed=share)
+
+        made = make(folder, QUICK if quick else FULL, tell)
+    if not made:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _run(
+    job: Job,
+    trials: Sequence[Trial],
+    store: TrialStore,
+    processes: int,
+    update: Callable[[], object],
+    notes: Console,
+) -> int:
+    """Run what is not finished yet, update the files after each, and return the exit status."""
+    from estimators.reproduction.workers import Advanced, Failed, Finished, run_trials
+    from limo_driver.cli.reproduce.watch import Watch
+
+    finished = {trial.file_name: store.load(trial) for trial in trials}
+    waiting = [trial for trial in trials if finished[trial.file_name] is None]
+    if not waiting:
+        return 0
+    failed: list[Failed] = []
+    with Watch(notes, trials, [r for r in finished.values() if r is not None], processes) as watch:
+        try:
+            for event in run_trials(job, waiting, processes):
+                match event:
+                    case Advanced():
+                        watch.advanced(event.trial, event.epoch)
+                    case Finished():
+                        watch.finished(event.trial, event.seconds)
+                        update()
+                    case Failed():
+                        watch.failed(event.trial, event.reason)
+                        failed.append(event)
+        except KeyboardInterrupt:
+            notes.print("stopped; finished trials are kept, the same command goes on with the rest")
+            return INTERRUPTED
+    return FAILED if failed else 0
+
+
+def _print(table: Table, out: Path) -> None:
+    """Print the joint averages; all joints are in the files."""
+    from rich.console import Console
+    from rich.table import Table as Grid
+
+    from estimators.reproduction.results import SCORED, SPLIT_NAMES
+    from estimators.reproduction.rows import PARTS, ROWS
+    from estimators.reproduction.trial import SPLITS
+    from estimators.reproduction.writing import cell, done
+
+    console = Console(highlight=False)
+    console.print(table.headline(), markup=False)
+    for split in SPLITS:
+        grid = Grid(
+            "architecture", "runs", *PARTS,
+            title=f"Table I, joint average: {SPLIT_NAMES[split]}",
+            title_justify="left",
+        )  # fmt: skip
+        for row in ROWS:
+            figures = [table.figures(row, part, split) for part in PARTS]
+            grid.add_row(row.name, done(figures[0]), *(cell(f, -1) for f in figures))
+        console.print(grid)
+    console.print(SCORED, markup=False)
+    console.print(f"wrote {out}: {', '.join(FILES)}", markup=False, soft_wrap=True)

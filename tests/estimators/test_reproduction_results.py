@@ -1,0 +1,261 @@
+"""What finished trials say: figures, claims, files, and the command that computes them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from table_data import write_data
+
+from estimators.reproduction import rows as r
+from estimators.reproduction.claims import CLAIMS, best, judge
+from estimators.reproduction.data import TableData
+from estimators.reproduction.picture import draw
+from estimators.reproduction.results import Table
+from estimators.reproduction.rows import PARTS, ROWS, paper_table
+from estimators.reproduction.trial import (
+    SCAFFOLDS,
+    SEQUENCES,
+    Protocol,
+    Trial,
+    TrialResult,
+    TrialStore,
+)
+from estimators.reproduction.writing import write
+from limo_driver.cli import main
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PROTOCOL = Protocol(runs=3, epochs=1)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_data(tmp_path_factory.mktemp("table") / "data")
+
+
+@pytest.fixture(scope="module")
+def data(folder: Path) -> TableData:
+    return TableData.load(folder)
+
+
+def result(trial: Trial, size: float) -> TrialResult:
+    """Return figures of the paper's size: joint j has `size` times the paper's MSE."""
+    mse = {
+        part: tuple((size * paper_table()[part, trial.row.name.split(", ")[0]][:7]).tolist())
+        if (part, trial.row.name) in paper_table()
+        else (size,) * 7
+        for part in PARTS
+    }
+    return TrialResult(trial, mse, 1, 2.5, "cpu", {"limo": "0"})
+
+
+def table_of(data: TableData, sizes: dict[int, float]) -> Table:
+    """Return a table in which the runs in `sizes` are finished."""
+    trials = PROTOCOL.trials(data.digests)
+    found = tuple(result(trial, sizes[trial.run]) for trial in trials if trial.run in sizes)
+    return Table(data, PROTOCOL, found)
+
+
+def test_mean_and_spread_are_those_of_the_runs(data: TableData) -> None:
+    figures = table_of(data, {0: 1.0, 1: 2.0, 2: 6.0}).figures(r.MLP_FULL, "test", SCAFFOLDS)
+    paper = paper_table()["test", r.MLP_FULL.name]
+    assert figures.mean is not None
+    assert figures.spread is not None
+    np.testing.assert_allclose(figures.mean[:7], 3.0 * paper[:7])
+    np.testing.assert_allclose(figures.mean[7], 3.0 * paper[:7].mean())
+    np.testing.assert_allclose(figures.spread[:7], np.std([1, 2, 6], ddof=1) * paper[:7])
+    assert (figures.numbers, figures.left) == ((0, 1, 2), 0)
+    assert figures.paper is not None
+    np.testing.assert_array_equal(figures.paper, paper)
+
+
+def test_one_run_has_no_spread_and_none_has_no_mean(data: TableData) -> None:
+    one = table_of(data, {1: 1.0}).figures(r.RBD, "training")
+    assert one.mean is not None
+    assert one.spread is None
+    assert (one.numbers, one.left) == ((1,), 2)
+    none = table_of(data, {}).figures(r.RBD, "training")
+    assert none.mean is None
+    assert none.left == 3
+
+
+def test_only_finished_trials_of_these_data_and_settings_are_gathered(
+    data: TableData, tmp_path: Path
+) -> None:
+    store = TrialStore(tmp_path)
+    trial = PROTOCOL.trials(data.digests)[0]
+    store.save(result(trial, 1.0))
+    assert Table.gather(data, PROTOCOL, store).results[0].trial.row == r.RBD
+    longer = replace(PROTOCOL, epochs=2)
+    assert Table.gather(data, longer, store).results == ()
+    other = replace(data, digests={**data.digests, "limo.parquet": "changed"})
+    assert Table.gather(other, PROTOCOL, store).results == ()
+
+
+def test_claims_are_judged_against_the_spread(data: TableData) -> None:
+    """Every run has the paper's ratios; but a row whose runs scatter proves nothing."""
+    sure = table_of(data, {0: 1.0, 1: 1.1, 2: 0.9})
+    hybrid = list(judge(sure, CLAIMS[0]))
+    assert {j.verdict for j in hybrid} == {"holds"}
+    for judgement in hybrid:
+        assert judgement.factor == pytest.approx(judgement.paper, rel=0.03)
+        assert judgement.runs == 3
+    scattered = tuple(
+        replace(found, mse=dict.fromkeys(PARTS, (10.0**found.trial.run,) * 7))
+        if found.trial.row == r.MLP_HYBRID
+        else found
+        for found in sure.results
+    )
+    first = next(iter(judge(replace(sure, results=scattered), CLAIMS[0])))
+    assert first.verdict == "within the spread"
+    assert first.low is not None
+    assert first.high is not None
+    assert first.low < 1 < first.high
+
+
+def test_a_claim_that_is_contradicted_does_not_hold(data: TableData) -> None:
+    (attention,) = (claim for claim in CLAIMS if claim.title == "Recurrence against attention")
+    table = table_of(data, {0: 1.0, 1: 1.1, 2: 0.9})
+    turned = tuple(
+        replace(found, mse={part: tuple(1e-3 * v for v in found.mse[part]) for part in PARTS})
+        if found.trial.row == r.TRANSFORMER
+        else found
+        for found in table.results
+    )
+    verdicts = {j.verdict for j in judge(replace(table, results=turned), attention)}
+    assert verdicts == {"does not hold"}
+
+
+def test_claims_of_one_run_or_none_say_so(data: TableData) -> None:
+    assert {j.verdict for j in judge(table_of(data, {0: 1.0}), CLAIMS[1])} == {
+        "as claimed in the one run"
+    }
+    nothing = list(judge(table_of(data, {}), CLAIMS[1]))
+    assert {j.verdict for j in nothing} == {"-"}
+    assert {j.factor for j in nothing} == {None}
+
+
+def test_the_best_row_is_named_beside_the_papers(data: TableData) -> None:
+    assert best(table_of(data, {0: 1.0}), "validation", SEQUENCES) == (
+        "MLP-7 with tau_rbd,r",
+        "MLP-7 with tau_rbd,r",
+    )
+    assert best(table_of(data, {}), "validation", SEQUENCES) is None
+
+
+def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: Path) -> None:
+    trials = PROTOCOL.trials(data.digests)
+    table = Table(data, PROTOCOL, (result(trials[1], 1.0),))
+    write(table, tmp_path)
+    draw(table, tmp_path / "table1.png")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("claims.md", "table1.csv", "table1.json", "table1.md", "table1.png"),
+    ]
+    with (tmp_path / "table1.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == 2 * 3 * 14
+    (done,) = (line for line in lines if line["runs"] != "0" and line["part"] == "test")
+    assert (done["architecture"], done["split"]) == ("MLP-7", "sequences")
+    assert float(done["joint_2"]) == float(done["joint_2_paper"]) == 207.1595
+    assert done["left"] == "2"
+    text = (tmp_path / "table1.md").read_text()
+    assert "| LSTM-2 100 | 0, 3 left | - (0.6039) |" in text
+    assert "made by random sinusoids" in text
+    assert "; 1 of 99 trials done" in text
+    values = json.loads((tmp_path / "table1.json").read_text())
+    assert len(values["table"]) == 84
+    assert len(values["topologies"]) == 18
+    assert {item["verdict"] for item in values["claims"]} == {"-"}
+    claims = (tmp_path / "claims.md").read_text()
+    assert all(claim.title in claims for claim in CLAIMS)
+
+
+# The command
+
+
+def limo(*arguments: object) -> list[str]:
+    code = "from limo_driver.cli import main; main()"
+    return [sys.executable, "-c", code, *map(str, arguments)]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--device", "tpu"], "no device is called 'tpu'; known: auto, cpu, cuda"),
+        (["--jobs", "0"], "--jobs is 0, expected 1 or more"),
+        (["--epochs", "0"], "epochs = 0 has to be 1 or more"),
+        (["--data", "nowhere"], "nowhere/data.json: cannot be read"),
+    ],
+)
+def test_the_command_refuses(
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["limo", "reproduce", "table1", *options])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def finished(out: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in (out / "trials").glob("*.json")}
+
+
+def test_a_killed_command_goes_on_where_it_was(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = limo(
+        "reproduce", "table1", "--data", folder, "--out", out, "--device", "cpu",
+        "--runs", 1, "--epochs", 1, "--jobs", 1,
+    )  # fmt: skip
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
+        while not len(finished(out)) > 2:
+            assert first.poll() is None
+            time.sleep(0.05)
+        first.send_signal(signal.SIGKILL)
+    before = finished(out)
+    assert "LSTM-FCL 500 | 0, 1 left | - (" in (out / "table1.md").read_text()
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    after = finished(out)
+    assert len(after) == 33
+    assert {name: after[name] for name in before} == before
+    assert not list((out / "trials").glob(".*.partial"))
+    assert "; 33 of 33 trials done" in (out / "table1.md").read_text()
+    assert "| - " not in (out / "table1.md").read_text()
+
+
+def test_ctrl_c_stops_at_once_and_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = limo(
+        "reproduce", "table1", "--data", folder, "--out", out, "--device", "cpu",
+        "--runs", 1, "--epochs", 100_000, "--jobs", 1,
+    )  # fmt: skip
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as running:
+        while not finished(out):
+            assert running.poll() is None
+            time.sleep(0.05)
+        os.killpg(running.pid, signal.SIGINT)  # as a terminal does: to the workers, too
+        said, complaints = running.communicate(timeout=120)
+    assert running.returncode == 130
+    assert "finished trials are kept" in complaints
+    assert "Traceback" not in complaints
+    assert "; 1 of 33 trials done" in " ".join(said.split())
+    assert all(row.name in (out / "table1.md").read_text() for row in ROWS)
