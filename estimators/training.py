@@ -92,7 +92,7 @@ def train(
         RecordingError: A recording is of another robot, or too short for a sequence.
         DivergedError: The loss is no longer finite.
 
-    Source: Çallar and Böttger, RA-L 2022, sec. III-E, whose recurrent networks answer only the last
+    Source: Çallar and Böttger, RA-L 2022, sec. III-D, whose recurrent networks answer only the last
     sample of each sequence.
     """
     find_device(settings.device)  # refused before the inputs are computed, which takes a while

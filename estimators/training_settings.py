@@ -156,7 +156,7 @@ def paper_settings(
     Raises:
         ConfigError: There is no such network or quantity.
 
-    Source: Çallar and Böttger, RA-L 2022, sec. III-B and III-E.
+    Source: Çallar and Böttger, RA-L 2022, sec. III-B and III-D.
     """
     return TrainingSettings(
         model=model,

@@ -47,7 +47,7 @@ def command(  # one argument for each option
     sequence_length: Annotated[
         int,
         typer.Option(
-            help="Samples that an LSTM is differentiated through; of a transformer's block."
+            help="Samples that an LSTM is differentiated through, or a transformer looks back over."
         ),
     ] = 100,
     batch: Annotated[int, typer.Option(help="Rows (mlp7) or sequences (others) of a step.")] = 50,
