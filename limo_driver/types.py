@@ -153,13 +153,15 @@ class JointSample(ArrayFields):
 
     def motion(self) -> Motion:
         """Return the sample as a motion of one row."""
-        return Motion(
-            np.array([self.time]),
-            self.position[None],
-            self.velocity[None],
-            self.acceleration[None],
-            None if self.temperature is None else self.temperature[None],
+        motion = object.__new__(Motion)  # all is checked already, and this runs at 1 kHz
+        motion.__dict__.update(
+            time=np.array([self.time]),
+            position=self.position[None],
+            velocity=self.velocity[None],
+            acceleration=self.acceleration[None],
+            temperature=None if self.temperature is None else self.temperature[None],
         )
+        return motion
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
+from limo_driver.physics.friction import Frictions, VelocityFriction
 from limo_driver.physics.sensing import Sensors
 
 if TYPE_CHECKING:
@@ -210,19 +211,37 @@ class Simulation:
             raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
         body = self.body
         load = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        after = list(state)
         terms = _Terms(ArmMotion(motion, load, body))
-        after = [
-            terms.add(effect, memory) for effect, memory in zip(self.effects, state, strict=True)
-        ]
+        self._frictions.add(terms.torque, motion.velocity)
+        for index, effect in self._acting:
+            after[index] = terms.add(effect, state[index])
         if terms.displacement:
             load = body.inverse_dynamics(*terms.links(bandwidth))
         torque = load + terms.torque
-        for index, effect in enumerate(self.effects):
-            if isinstance(effect, SensorEffect):
-                sensed = SensedTorque(motion.time, torque)
-                values, after[index] = effect.advance(state[index], sensed)
-                torque[:, effect.joint - 1] += values
+        for index, effect in self._sensing:
+            sensed = SensedTorque(motion.time, torque)
+            values, after[index] = effect.advance(state[index], sensed)
+            torque[:, effect.joint - 1] += values
         return torque, tuple(after)
+
+    @cached_property
+    def _frictions(self) -> Frictions:
+        """The frictions that are functions of velocity alone, which are evaluated together."""
+        return Frictions.of([item for item in self.effects if isinstance(item, VelocityFriction)])
+
+    @cached_property
+    def _acting(self) -> tuple[tuple[int, Effect], ...]:
+        """The other effects on motion or torque, and where they stand."""
+        elsewhere = (BodyEffect, VelocityFriction, SensorEffect)
+        numbered = enumerate(self.effects)
+        return tuple((i, item) for i, item in numbered if not isinstance(item, elsewhere))
+
+    @cached_property
+    def _sensing(self) -> tuple[tuple[int, SensorEffect], ...]:
+        """The effects of sensors, and where they stand."""
+        numbered = enumerate(self.effects)
+        return tuple((i, item) for i, item in numbered if isinstance(item, SensorEffect))
 
 
 class _Terms:
@@ -230,11 +249,11 @@ class _Terms:
 
     def __init__(self, arm: ArmMotion) -> None:
         self.arm = arm
-        self.torque = np.zeros_like(arm.load)  # (T, n) [N m]
+        self.torque = np.zeros(arm.load.shape)  # (T, n) [N m]
         self.displacement: dict[float, FloatArray] = {}  # by agility, (T, n) each [rad]
 
     def add(self, effect: Effect, state: State) -> State:
-        """Add an effect on motion or torque and return its memory; others add nothing here."""
+        """Add an effect on motion or torque and return its memory."""
         if isinstance(effect, ArmEffect):
             values, state = effect.advance(state, self.arm)
             self.torque += values
