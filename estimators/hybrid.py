@@ -184,7 +184,7 @@ class HybridModel:
         state = self.init(rate)
         chunks: list[TorqueParts] = []
         for start in range(0, len(motion), _ROWS):
-            parts, state = self._advance(state, motion[start : start + _ROWS])
+            parts, state = self.advance(state, motion[start : start + _ROWS])
             chunks.append(parts)
         return TorqueParts(
             np.concatenate([c.rigid_body for c in chunks]),
@@ -213,10 +213,19 @@ class HybridModel:
         """
         self._check_joints(sample.position.shape)
         motion = sample.motion()
-        parts, after = self._advance(state, motion)
+        parts, after = self.advance(state, motion)
         return parts.hybrid[0], after
 
-    def _advance(self, state: HybridState, motion: Motion) -> tuple[TorqueParts, HybridState]:
+    def advance(self, state: HybridState, motion: Motion) -> tuple[TorqueParts, HybridState]:
+        """Predict T samples that follow `state`: `predict` and `step` in one.
+
+        Args:
+            state: Memory after the sample before; not changed.
+            motion: T samples of as many joints as the model has.
+
+        Returns:
+            The parts of the torque, and the memory after the last sample.
+        """
         fitted = self.fitted
         rigid_body, bodies = np.zeros(motion.position.shape), state.rigid_body
         if not fitted.standalone:

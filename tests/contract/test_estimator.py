@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from estimators.base import InverseDynamics
+from estimators.features import FEATURE_SETS
 from estimators.hybrid import HybridModel
+from estimators.neural import NETWORKS
 from estimators.rigid_body import RigidBodyModel
 from estimators.training import TrainingSettings
 from limo_driver.errors import NotFittedError, ShapeError
@@ -28,12 +30,11 @@ def hybrid(model: str, features: str) -> HybridModel:
 
 ESTIMATORS = {
     "rigid-body": lambda: RigidBodyModel("iiwa14"),
-    "mlp7": lambda: hybrid("mlp7", "all-joints"),
-    "mlp7 drive": lambda: hybrid("mlp7", "drive"),
-    "lstm-fcl": lambda: hybrid("lstm-fcl", "all-joints"),
-    "lstm-2": lambda: hybrid("lstm-2", "all-joints"),
-    "transformer": lambda: hybrid("transformer", "all-joints"),
-    "lstm-fcl own-joint": lambda: hybrid("lstm-fcl", "own-joint"),
+    **{
+        f"{model} {features}": lambda model=model, features=features: hybrid(model, features)
+        for model in NETWORKS
+        for features in FEATURE_SETS
+    },
 }
 
 
