@@ -121,12 +121,12 @@ class Timed:
     def show(self, note: str = "") -> None:
         """Print percentiles of both clocks."""
         clocks = (self.wall, self.processor)
-        figures = "".join(f"{np.median(x):9.1f}{_p99(x):9.1f}  " for x in clocks)
+        figures = "".join("".join(f"{v:9.1f}" for v in _percentiles(x)) + "  " for x in clocks)
         print(f"  {self.name:48}{figures}{note}")
 
 
-def _p99(values: list[float]) -> float:
-    return float(np.percentile(values, 99))
+def _percentiles(values: list[float]) -> list[float]:
+    return np.percentile(values, (10, 50, 99)).tolist()
 
 
 def measure(timed: list[Timed], calls: int) -> None:
@@ -261,8 +261,9 @@ def main() -> None:
     again = own_parts(main_model, samples[:500])[-1]
     whole = hybrid("whole step, limo", main_model)
     measure([again, whole, *rivals], given.calls)
-    print(f"{'[µs], one core':50}{'wall: p50':>9}{'p99':>9}{'cpu: p50':>11}{'p99':>9}")
-    first[0].show(f"bar {BARS[0]:g} / {BARS[1]:g}")
+    columns = "".join(f"{name:>9}" for name in ("p10", "p50", "p99"))
+    print(f"{'[µs], one core; wall, then processor':50}{columns}  {columns}")
+    first[0].show(f"bar {BARS[0]:g} / {BARS[1]:g} (p50 / p99)")
     for one in (*parts, streamed, *others):
         one.show()
     print("\nthe same network in peers, turn by turn in one run")

@@ -149,7 +149,7 @@ class CausalDifferentiator:
                 "increase, and time and positions have to be finite",
                 rows=[bad],
             )
-        late = Motion.trusted(time - self.delay, *values)
+        late = Motion.trusted(time - self.delay, values[0], values[1], values[2])
         return late, DelayLine(float(time[-1]), line)
 
 

@@ -20,12 +20,12 @@ from limo_driver.physics.effect import (
     Effect,
     MotionEffect,
     SensedTorque,
-    SensorEffect,
     State,
     TorqueEffect,
 )
-from limo_driver.physics.friction import Frictions, VelocityFriction
+from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.transmission import JointElasticity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -213,35 +213,24 @@ class Simulation:
         load = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
         after = list(state)
         terms = _Terms(ArmMotion(motion, load, body))
-        self._frictions.add(terms.torque, motion.velocity)
-        for index, effect in self._acting:
+        groups = self._groups
+        groups.add_torques(terms.torque, motion, after)
+        if groups.is_elastic:
+            terms.displacement[JointElasticity.agility] = groups.wind_up(load)
+        for index, effect in groups.single:
             after[index] = terms.add(effect, state[index])
         if terms.displacement:
             load = body.inverse_dynamics(*terms.links(bandwidth))
         torque = load + terms.torque
-        for index, effect in self._sensing:
+        for index, effect in groups.sensing:
             sensed = SensedTorque(motion.time, torque)
             values, after[index] = effect.advance(state[index], sensed)
             torque[:, effect.joint - 1] += values
         return torque, tuple(after)
 
     @cached_property
-    def _frictions(self) -> Frictions:
-        """The frictions that are functions of velocity alone, which are evaluated together."""
-        return Frictions.of([item for item in self.effects if isinstance(item, VelocityFriction)])
-
-    @cached_property
-    def _acting(self) -> tuple[tuple[int, Effect], ...]:
-        """The other effects on motion or torque, and where they stand."""
-        elsewhere = (BodyEffect, VelocityFriction, SensorEffect)
-        numbered = enumerate(self.effects)
-        return tuple((i, item) for i, item in numbered if not isinstance(item, elsewhere))
-
-    @cached_property
-    def _sensing(self) -> tuple[tuple[int, SensorEffect], ...]:
-        """The effects of sensors, and where they stand."""
-        numbered = enumerate(self.effects)
-        return tuple((i, item) for i, item in numbered if isinstance(item, SensorEffect))
+    def _groups(self) -> EffectGroups:
+        return EffectGroups(self.effects, self.model.n)
 
 
 class _Terms:
