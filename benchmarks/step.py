@@ -191,7 +191,9 @@ def late(epochs: int) -> None:
 
     truth = Simulation.load(EXAMPLE)
     train, test = motion(40.0, seed=1), motion(12.0, seed=2)
-    settings = TrainingSettings(model="lstm-fcl", rate=200.0, epochs=epochs, folds=1)
+    settings = TrainingSettings(
+        model="lstm-fcl", rate=200.0, epochs=epochs, folds=1, batch=8, learning_rate=3e-3
+    )
     recorded = Recording.from_arrays(train.time, train.position, truth.predict(train))
     model = HybridModel(IDENTIFIED, settings).fit([recorded])
     recording = Recording.from_arrays(test.time, test.position, truth.predict(test))
@@ -228,7 +230,7 @@ def main() -> None:
     """Print every figure beside its bar."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--calls", type=int, default=5000, help="of each step")
-    options.add_argument("--epochs", type=int, default=10, help="of the model that is streamed")
+    options.add_argument("--epochs", type=int, default=40, help="of the model that is streamed")
     given = options.parse_args()
     moved = motion(4.0, seed=0)
     samples = [moved.sample(row) for row in range(len(moved))]

@@ -7,13 +7,14 @@ is answered. So it has no phase but the delay, and a model sees live what it was
 taper is corrected so that polynomials up to degree 5, or 7 for long delays, are differentiated
 exactly, as the zero-phase filter does: motion that is slow against the delay loses nothing.
 
-A shorter delay hears more of the encoder's noise. Against the zero-phase filter at 10 Hz, RMS on
-small motion of up to 3 Hz, encoder steps of 1e-5 rad, 1 kHz (`benchmarks/step.py` prints it):
+A shorter delay hears more of the encoder's noise. RMS against the zero-phase filter at 10 Hz, small
+motion of up to 1 Hz at 1 kHz, encoder steps of 1e-5 rad (printed by `benchmarks/step.py`):
 
     delay      velocity [rad/s]   acceleration [rad/s^2]
-    20 ms      DELAY20
-    50 ms      DELAY50
-    100 ms     DELAY100
+     20 ms     1.8e-4             3.1e-2
+     50 ms     4.4e-5             3.1e-3
+    100 ms     1.7e-5             8.6e-4
+    200 ms     5.0e-7             3.2e-5
 """
 
 from __future__ import annotations
