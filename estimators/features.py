@@ -5,22 +5,29 @@ The history is a scan over the positions, the same code for a whole recording an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numba import njit
 
+from estimators.scaling import normalise_inputs
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray, Motion
 
 REVERSAL: Final = 2e-4  # [rad]; above the jitter of a filtered encoder, far below any LIMO motion
 SATURATION: Final = float(np.deg2rad(10.0))  # [rad], of the rotational history, as in the paper
+AS_THEY_ARE: FloatArray = np.zeros((4, 0))  # the table of no scaling
+_NOTHING: FloatArray = np.zeros((0, 0))
 _TURN, _EXTREME, _DIRECTION, _LAST, _STOPS = 0, 1, 2, 3, 4  # columns of a joint's memory
 
 
@@ -74,10 +81,19 @@ class Features:
     reversal: float = REVERSAL
     saturation: float = SATURATION
     without: tuple[str, ...] = ()
-    _widths: FloatArray = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_widths", np.array(self.stop_widths, dtype=np.float64))
+    @cached_property
+    def _constants(self) -> FloatArray:
+        """What the compiled scan takes."""
+        limits = (self.reversal, self.saturation)
+        return np.array([*limits, *self.stop_widths, *self.direction_speeds], dtype=np.float64)
+
+    @cached_property
+    def _places(self) -> NDArray[np.int64]:
+        """Which block of n inputs each quantity becomes; -1 where it is left out."""
+        places = np.full(len(self._every), -1)
+        places[self._kept] = np.arange(len(self._kept))
+        return places
 
     @property
     def _every(self) -> tuple[Feature, ...]:
@@ -123,7 +139,7 @@ class Features:
 
     def init(self) -> FloatArray:
         """Return the memory before the first sample."""
-        memory = np.zeros((self.n, _STOPS + self._widths.size))
+        memory = np.zeros((self.n, _STOPS + len(self.stop_widths)))
         memory[:, _LAST] = np.nan
         return memory
 
@@ -133,6 +149,7 @@ class Features:
         motion: Motion,
         rigid_body_torque: FloatArray,
         model: RobotModel,
+        scaling: FloatArray = AS_THEY_ARE,
     ) -> tuple[FloatArray, FloatArray]:
         """Compute the inputs of T samples that follow `memory`.
 
@@ -141,18 +158,28 @@ class Features:
             motion: T samples of n joints.
             rigid_body_torque: (T, n) [N m].
             model: The rigid body.
+            scaling: Table of an `InputScaling` by which they are normalised, if they are to be.
 
         Returns:
             The inputs, (T, number of inputs), and the memory after the last sample.
         """
         after = memory.copy()
-        history = _history(after, motion.position, self.reversal, self.saturation, self._widths)
-        columns = [motion.position, motion.velocity, motion.acceleration]
-        columns += [history[0], rigid_body_torque, *history[1:]]
-        columns += [np.tanh(motion.velocity / speed) for speed in self.direction_speeds]
+        deflection = _NOTHING
         if self.compliance:
-            columns.append(_deflection(model, motion, self.compliance * rigid_body_torque))
-        return np.concatenate([columns[i] for i in self._kept], axis=1), after
+            deflection = _deflection(model, motion, self.compliance * rigid_body_torque)
+        inputs = _inputs(
+            after,
+            np.ascontiguousarray(motion.position),
+            np.ascontiguousarray(motion.velocity),
+            np.ascontiguousarray(motion.acceleration),
+            rigid_body_torque,
+            deflection,
+            self._constants,
+            self._places,
+            len(self.stop_widths),
+            scaling,
+        )
+        return inputs, after
 
 
 # Widths of the stop operators: half a reversal threshold of LIMO motion up to the paper's 10°.
@@ -197,33 +224,67 @@ def _deflection(model: RobotModel, motion: Motion, angle: FloatArray) -> FloatAr
 
 
 @njit(cache=True)
-def _history(
-    memory: FloatArray, position: FloatArray, reversal: float, saturation: float, widths: FloatArray
+def _inputs(
+    memory: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    rigid_body_torque: FloatArray,
+    deflection: FloatArray,
+    constants: FloatArray,
+    places: NDArray[np.int64],
+    stops: int,
+    scaling: FloatArray,
 ) -> FloatArray:
-    """Advance `memory` (n, ...) in place over (T, n); return r and the stops, (1 + w, T, n)."""
+    """Advance `memory` (n, ...) in place over T samples; return the inputs, (T, inputs).
+
+    `constants` are the reversal, the saturation, the widths of the stops and the speeds of the
+    directions; `places` says which block of n inputs each quantity becomes, -1 where it is left
+    out. `deflection` is (T, n), or empty.
+    """
     T, n = position.shape
-    history = np.zeros((1 + widths.size, T, n))
+    widths, speeds = constants[2 : 2 + stops], constants[2 + stops :]
+    inputs = np.empty((T, (places.max() + 1) * n))
+    quantities = np.empty(places.size)
     for t in range(T):
         for j in range(n):
-            q = position[t, j]
-            own = memory[j]
-            if np.isnan(own[_LAST]):
-                own[_TURN] = own[_EXTREME] = own[_LAST] = q
-            step = q - own[_LAST]
-            own[_LAST] = q
-            if own[_DIRECTION] == 0.0:
-                if abs(q - own[_TURN]) > reversal:
-                    own[_DIRECTION] = np.sign(q - own[_TURN])
-                    own[_EXTREME] = q
-            elif (q - own[_EXTREME]) * own[_DIRECTION] >= 0.0:
-                own[_EXTREME] = q
-            elif abs(q - own[_EXTREME]) > reversal:
-                own[_TURN] = own[_EXTREME]
-                own[_EXTREME] = q
-                own[_DIRECTION] = -own[_DIRECTION]
-            history[0, t, j] = min(max(q - own[_TURN], -saturation), saturation)
-            for i in range(widths.size):
-                z = min(max(own[_STOPS + i] + step, -widths[i]), widths[i])
-                own[_STOPS + i] = z
-                history[1 + i, t, j] = z
-    return history
+            quantities[0] = position[t, j]
+            quantities[1] = velocity[t, j]
+            quantities[2] = acceleration[t, j]
+            step = _turn(memory[j], position[t, j], constants[0])
+            rotation = position[t, j] - memory[j, _TURN]
+            quantities[3] = min(max(rotation, -constants[1]), constants[1])
+            quantities[4] = rigid_body_torque[t, j]
+            for i in range(stops):
+                z = min(max(memory[j, _STOPS + i] + step, -widths[i]), widths[i])
+                quantities[5 + i] = memory[j, _STOPS + i] = z
+            for i in range(speeds.size):
+                quantities[5 + stops + i] = math.tanh(velocity[t, j] / speeds[i])
+            if deflection.size:
+                quantities[-1] = deflection[t, j]
+            for i in range(places.size):
+                if places[i] >= 0:
+                    inputs[t, places[i] * n + j] = quantities[i]
+    if scaling.size:
+        normalise_inputs(inputs, scaling)
+    return inputs
+
+
+@njit(cache=True)
+def _turn(own: FloatArray, q: float, reversal: float) -> float:
+    """Advance the extremes of a joint in place to the position q; return the step to it [rad]."""
+    if np.isnan(own[_LAST]):
+        own[_TURN] = own[_EXTREME] = own[_LAST] = q
+    step = q - own[_LAST]
+    own[_LAST] = q
+    if own[_DIRECTION] == 0.0:
+        if abs(q - own[_TURN]) > reversal:
+            own[_DIRECTION] = np.sign(q - own[_TURN])
+            own[_EXTREME] = q
+    elif (q - own[_EXTREME]) * own[_DIRECTION] >= 0.0:
+        own[_EXTREME] = q
+    elif abs(q - own[_EXTREME]) > reversal:
+        own[_TURN] = own[_EXTREME]
+        own[_EXTREME] = q
+        own[_DIRECTION] = -own[_DIRECTION]
+    return step

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -14,10 +15,9 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any, Self
 
-    from numpy.typing import NDArray
-
     from estimators.features import Features
     from estimators.neural import Network
+    from estimators.scaling import InputScaling, Scaling
     from estimators.training import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
@@ -25,50 +25,6 @@ if TYPE_CHECKING:
 
 _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed
 _ROWS: Final = 100_000  # evaluated at once, to bound memory
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """Normalisation inside the model: x_norm = (x - mean) / std."""
-
-    mean: FloatArray  # (d,)
-    std: FloatArray  # (d,), above 0
-
-    @classmethod
-    def of(cls, values: NDArray[np.floating]) -> Scaling:
-        """Return mean and standard deviation of (T, d); a constant column gets std 1."""
-        std = values.std(axis=0, dtype=np.float64)
-        return cls(values.mean(axis=0, dtype=np.float64), np.where(std > 0, std, 1.0))
-
-    def normalise(self, values: NDArray[np.floating]) -> FloatArray:
-        """Return (T, d) without unit."""
-        return (values - self.mean) / self.std
-
-    def restore(self, values: FloatArray) -> FloatArray:
-        """Invert `normalise`."""
-        return values * self.std + self.mean
-
-
-@dataclass(frozen=True)
-class InputScaling(Scaling):
-    """Normalisation of inputs, which first brings them into the range that training saw.
-
-    A network has learned nothing outside: the clip bounds what it adds to the rigid body there.
-    """
-
-    lowest: FloatArray  # (d,)
-    highest: FloatArray  # (d,)
-
-    @classmethod
-    def of(cls, values: NDArray[np.floating]) -> InputScaling:
-        """Return mean, standard deviation and range of (T, d)."""
-        scaling = Scaling.of(values)
-        lowest, highest = (f(values, axis=0).astype(np.float64) for f in (np.min, np.max))
-        return cls(scaling.mean, scaling.std, lowest, highest)
-
-    def normalise(self, values: NDArray[np.floating]) -> FloatArray:
-        """Return (T, d), clipped to the range, without unit."""
-        return super().normalise(np.clip(values, self.lowest, self.highest))
 
 
 @dataclass(frozen=True)
@@ -84,6 +40,16 @@ class FittedNetwork:
     bandwidth: float  # of the filters on motion and torque in training [Hz]
     record: Mapping[str, Any] = field(default_factory=dict)  # settings, data and metrics, as JSON
     standalone: bool = False  # no rigid-body torque goes into it or is added to it
+
+    @cached_property
+    def slope(self) -> FloatArray:
+        """Torque by the network's output, (n,) [N m]."""
+        return self.gain * self.outputs.std
+
+    @cached_property
+    def offset(self) -> FloatArray:
+        """Torque where the network's output is zero, (n,) [N m]."""
+        return self.gain * self.outputs.mean
 
     def stride(self, rate: float) -> int:
         """Return how many samples at `rate` [Hz] the network's memory spans at a time.
@@ -218,7 +184,7 @@ class HybridModel:
         state = self.init(rate)
         chunks: list[TorqueParts] = []
         for start in range(0, len(motion), _ROWS):
-            parts, state = self._advance(state, motion[start : start + _ROWS])
+            parts, state = self.advance(state, motion[start : start + _ROWS])
             chunks.append(parts)
         return TorqueParts(
             np.concatenate([c.rigid_body for c in chunks]),
@@ -247,19 +213,28 @@ class HybridModel:
         """
         self._check_joints(sample.position.shape)
         motion = sample.motion()
-        parts, after = self._advance(state, motion)
+        parts, after = self.advance(state, motion)
         return parts.hybrid[0], after
 
-    def _advance(self, state: HybridState, motion: Motion) -> tuple[TorqueParts, HybridState]:
+    def advance(self, state: HybridState, motion: Motion) -> tuple[TorqueParts, HybridState]:
+        """Predict T samples that follow `state`: `predict` and `step` in one.
+
+        Args:
+            state: Memory after the sample before; not changed.
+            motion: T samples of as many joints as the model has.
+
+        Returns:
+            The parts of the torque, and the memory after the last sample.
+        """
         fitted = self.fitted
         rigid_body, bodies = np.zeros(motion.position.shape), state.rigid_body
         if not fitted.standalone:
             rigid_body, bodies = self.simulation.advance(state.rigid_body, motion)
         x, history = fitted.features.advance(
-            state.features, motion, rigid_body, self.simulation.body
+            state.features, motion, rigid_body, self.simulation.body, fitted.inputs.table
         )
-        y, network = fitted.network.advance(state.network, fitted.inputs.normalise(x))
-        parts = TorqueParts(rigid_body, fitted.gain * fitted.outputs.restore(y))
+        y, network = fitted.network.advance(state.network, x)
+        parts = TorqueParts(rigid_body, fitted.slope * y + fitted.offset)
         return parts, HybridState(bodies, history, network)
 
     def _check_joints(self, shape: tuple[int, ...]) -> None:

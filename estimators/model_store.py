@@ -21,8 +21,9 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from estimators.features import Feature, Features
-from estimators.hybrid import FittedNetwork, HybridModel, InputScaling, Scaling
+from estimators.hybrid import FittedNetwork, HybridModel
 from estimators.neural import NETWORKS
+from estimators.scaling import InputScaling, Scaling
 from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.physics import Simulation
 

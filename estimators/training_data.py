@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.hybrid import InputScaling, Scaling
+from estimators.scaling import InputScaling, Scaling
 from estimators.training_split import (
     LEFT_OUT,
     TRAINING,

@@ -83,6 +83,22 @@ def smooth(
     return result
 
 
+def impulse_responses(bandwidth: float, rate: float, half: int) -> FloatArray:
+    """Return what `differentiate` makes of an impulse: value and derivatives, (3, 2 half + 1).
+
+    Args:
+        bandwidth: Frequency at which the amplitude is halved [Hz].
+        rate: Of the samples [Hz].
+        half: Samples before and after the impulse.
+    """
+    reach = max(half, int(np.ceil(_PADDING / bandwidth * rate))) + _HALF
+    value = np.zeros((2 * reach + 1, 1))
+    value[reach] = 1.0
+    _there_and_back(value, *_filter(bandwidth, 1.0 / rate))
+    responses = value, _stencil(value, _FIRST) * rate, _stencil(value, _SECOND) * rate**2
+    return np.array(responses)[:, reach - half : reach + half + 1, 0]
+
+
 @lru_cache(maxsize=64)
 def _filter(bandwidth: float, period: float) -> tuple[FloatArray, FloatArray]:
     """Design the low-pass: s second-order sections (s, 6) and their state (s, 2) after ones."""

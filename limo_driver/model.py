@@ -239,22 +239,23 @@ class RobotModel:
         Raises:
             ShapeError: The arrays are not all (T, n).
         """
-        shape = np.shape(position)
-        for name, value in (
-            ("position", position),
-            ("velocity", velocity),
-            ("acceleration", acceleration),
-        ):
-            if np.shape(value) != shape or np.ndim(value) != 2 or shape[1] != self.n:  # noqa: PLR2004
-                raise ShapeError(name, np.shape(value), f"(T, {self.n})")
+        shape = position.shape
+        if not shape == velocity.shape == acceleration.shape == (*shape[:1], self.n):
+            given = {"position": position, "velocity": velocity, "acceleration": acceleration}
+            self._refuse_shapes(given)
         if shape[0] == 1:
-            return np.array(
-                [pin.rnea(self.pin_model, self._data, position[0], velocity[0], acceleration[0])]
-            )
+            torque = pin.rnea(self.pin_model, self._data, position[0], velocity[0], acceleration[0])
+            return np.array([torque])
         columns = [np.asfortranarray(value.T) for value in (position, velocity, acceleration)]
         # of one joint, pinocchio returns a row
         threads = self._pool.size() if shape[0] > _MANY else 1
         return np.array(pin.rneaInParallel(threads, self._pool, *columns).T).reshape(shape)
+
+    def _refuse_shapes(self, given: Mapping[str, FloatArray]) -> None:
+        shape = np.shape(given["position"])
+        for name, value in given.items():
+            if np.shape(value) != shape or np.ndim(value) != 2 or shape[1] != self.n:  # noqa: PLR2004
+                raise ShapeError(name, np.shape(value), f"(T, {self.n})")
 
     def capsules(self) -> tuple[Capsule, ...]:
         """Return the collision capsules of the URDF; other shapes get their bounding sphere.

@@ -24,9 +24,10 @@ from numba.extending import intrinsic
 
 from backends.mujoco_sim import layout as row
 from backends.mujoco_sim.drives import compliant, deflection, multiply, part, saturate, servo_torque
-from backends.mujoco_sim.friction_laws import PARAMETERS, friction_damping
+from backends.mujoco_sim.friction_laws import friction_damping
 from backends.mujoco_sim.layout import Arrays, Servo
 from backends.mujoco_sim.realisation import Plant
+from limo_driver.physics.friction_laws import PARAMETERS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,33 +13,21 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from backends.mujoco_sim.friction_laws import (
-    ASYMMETRIC,
-    COULOMB,
-    DRAG,
-    PARAMETERS,
-    STRIBECK,
-    VISCOUS,
-)
 from limo_driver.errors import ConfigError
 from limo_driver.physics import (
     Armature,
-    AsymmetricFriction,
     BodyEffect,
-    CoulombFriction,
     Effect,
     EncoderOffset,
     JointCoupling,
     JointElasticity,
     PreslidingHysteresis,
-    QuadraticDrag,
     SensorEffect,
-    StribeckFriction,
     TemperatureDependentFriction,
     TorqueDrift,
     TorqueOffset,
-    ViscousFriction,
 )
+from limo_driver.physics.friction import Frictions, VelocityFriction
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -70,7 +58,7 @@ class Draft:
     """Collects what the effects of a simulation ask for."""
 
     n: int
-    frictions: list[tuple[int, int, tuple[float, ...]]] = field(default_factory=list)
+    frictions: list[VelocityFriction] = field(default_factory=list)
     elements: list[tuple[int, float, float]] = field(default_factory=list)
     sampled: list[Effect] = field(default_factory=list)  # effects without a native form
     sensed: list[SensorEffect | TorqueDrift] = field(default_factory=list)  # change no motion
@@ -91,14 +79,9 @@ class Draft:
             if replace(one, joint=one.other, other=one.joint) in couplings[index + 1 :]
         )
 
-    def add_friction(self, joint: int, law: int, *parameters: float) -> None:
-        """Add a friction law to a 1-based joint."""
-        padded = (*parameters, *(PARAMETERS - len(parameters)) * (0.0,))
-        self.frictions.append((joint - 1, law, padded))
-
     def plant(self, motor_inertia: FloatArray) -> Plant:
         """Return the tables."""
-        frictions = sorted(self.frictions)
+        frictions = Frictions.of(sorted(self.frictions, key=lambda effect: effect.joint))
         elements = sorted(self.elements)
         return Plant(
             motor_inertia=motor_inertia,
@@ -106,9 +89,9 @@ class Draft:
             compliance=self.compliance,
             cubic=self.cubic,
             offset=self.offset,
-            friction_joint=np.array([row[0] for row in frictions], dtype=np.int64),
-            friction_law=np.array([row[1] for row in frictions], dtype=np.int64),
-            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, PARAMETERS),
+            friction_joint=frictions.joint,
+            friction_law=frictions.law,
+            friction_parameters=frictions.parameters,
             element_joint=np.array([row[0] for row in elements], dtype=np.int64),
             element_stiffness=np.array([row[1] for row in elements], dtype=float),
             element_width=np.array([row[2] for row in elements], dtype=float),
@@ -130,30 +113,8 @@ def realise(effect: Effect, draft: Draft) -> None:
 
 
 @realise.register
-def _(effect: CoulombFriction, draft: Draft) -> None:
-    draft.add_friction(effect.joint, COULOMB, effect.tau_c, effect.v_eps)
-
-
-@realise.register
-def _(effect: AsymmetricFriction, draft: Draft) -> None:
-    parameters = (effect.tau_plus, effect.tau_minus, effect.v_eps)
-    draft.add_friction(effect.joint, ASYMMETRIC, *parameters)
-
-
-@realise.register
-def _(effect: ViscousFriction, draft: Draft) -> None:
-    draft.add_friction(effect.joint, VISCOUS, *effect.slopes)
-
-
-@realise.register
-def _(effect: QuadraticDrag, draft: Draft) -> None:
-    draft.add_friction(effect.joint, DRAG, effect.coefficient)
-
-
-@realise.register
-def _(effect: StribeckFriction, draft: Draft) -> None:
-    parameters = (effect.tau_s, effect.v_s, effect.delta, effect.v_eps)
-    draft.add_friction(effect.joint, STRIBECK, *parameters)
+def _(effect: VelocityFriction, draft: Draft) -> None:
+    draft.frictions.append(effect)
 
 
 @realise.register

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -46,22 +47,25 @@ class Lstm(Network):
 
     def init(self, stride: int) -> FloatArray:
         """Return (which of the interleaved memories is next, their h and c), all zero."""
-        units = sum(weight.shape[1] for weight in self._every("recurrent_weight"))
-        return np.zeros(1 + stride * 2 * len(self.columns) * units)
+        return np.zeros(1 + stride * 2 * len(self.columns) * int(self._units.sum()))
 
-    def _every(self, name: str) -> tuple[FloatArray, ...]:
-        """Return a weight of all cells."""
-        return tuple(self.weights[cell_name(name, i)] for i in range(self.layers))
+    @cached_property
+    def _units(self) -> NDArray[np.int64]:
+        """Units of each cell, (layers,)."""
+        weights = [self.weights[cell_name("recurrent_weight", i)] for i in range(self.layers)]
+        return np.array([weight.shape[1] for weight in weights])
+
+    @cached_property
+    def _packed(self) -> FloatArray:
+        """All weights of the cells in a row: compiled code takes one array sooner than many."""
+        names = ("input_weight", "recurrent_weight", "gate_bias")
+        cells = [[self.weights[cell_name(name, i)] for name in names] for i in range(self.layers)]
+        return np.concatenate([weight.ravel() for cell in cells for weight in cell])
 
     def _hidden(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scan T samples; return the output of the last cells (T, G H) and the memory after."""
         after = memory.copy()
-        V, W, bias = (self._every(n) for n in ("input_weight", "recurrent_weight", "gate_bias"))
-        units = sum(weight.shape[1] for weight in W)
-        cells = after[1:].reshape(-1, 2 * len(self.columns) * units)
-        h = _scan(np.ascontiguousarray(x), self.columns, V, W, bias, cells, int(after[0]))
-        after[0] = (int(after[0]) + x.shape[0]) % cells.shape[0]
-        return h, after
+        return _scan(np.ascontiguousarray(x), self.columns, self._units, self._packed, after), after
 
 
 class LstmFcl(Lstm):
@@ -136,36 +140,44 @@ def _cell_shapes(parts: int, inputs: int, units: int, layer: int) -> dict[str, t
 def _scan(
     x: FloatArray,
     columns: NDArray[np.int64],
-    input_weights: tuple[FloatArray, ...],
-    recurrent_weights: tuple[FloatArray, ...],
-    gate_biases: tuple[FloatArray, ...],
-    cells: FloatArray,
-    first: int,
+    units: NDArray[np.int64],
+    packed: FloatArray,
+    memory: FloatArray,
 ) -> FloatArray:
-    """Advance `cells` (stride, h and c of each layer and part) in place; return (T, G H)."""
-    layers, G = len(recurrent_weights), columns.shape[0]
-    widest = columns.shape[1]
-    for i in range(layers):
-        widest = max(widest, recurrent_weights[i].shape[1])
-    H = recurrent_weights[layers - 1].shape[1]
+    """Advance `memory` (see `init`) in place over T samples; return the last cells' h, (T, G H)."""
+    (G, K), H, widest = columns.shape, units[-1], max(columns.shape[1], units.max())
+    size = 2 * G * units.sum()
+    stride = (memory.size - 1) // size
     y = np.empty((x.shape[0], G * H))
     seen, gates = np.empty(widest), np.empty(4 * widest)
     for t in range(x.shape[0]):
-        memory = cells[(first + t) % cells.shape[0]]
+        first = 1 + int(memory[0]) * size
+        memory[0] = (memory[0] + 1) % stride
         for g in range(G):
-            for k in range(columns.shape[1]):
+            for k in range(K):
                 seen[k] = x[t, columns[g, k]]
-            start = 0
-            for i in range(layers):
-                U = recurrent_weights[i].shape[1]
+            inputs, start, weight = K, first, 0
+            for U in units:
                 h = memory[start + 2 * g * U : start + (2 * g + 1) * U]
                 c = memory[start + (2 * g + 1) * U : start + (2 * g + 2) * U]
-                V, W = input_weights[i][g], recurrent_weights[i][g]
-                _advance_cell(seen[: V.shape[0]], V, W, gate_biases[i][g], gates, h, c)
+                V = _part(packed, weight, g, inputs, 4 * U)
+                weight += G * inputs * 4 * U
+                W = _part(packed, weight, g, U, 4 * U)
+                weight += G * U * 4 * U
+                bias = _part(packed, weight, g, 1, 4 * U)[0]
+                weight += G * 4 * U
+                _advance_cell(seen[:inputs], V, W, bias, gates, h, c)
                 seen[:U] = h
-                start += 2 * G * U
+                inputs, start = U, start + 2 * G * U
             y[t, g * H : (g + 1) * H] = seen[:H]
     return y
+
+
+@njit(cache=True)
+def _part(packed: FloatArray, start: int, g: int, rows: int, columns: int) -> FloatArray:
+    """Return the matrix of part g of a weight (G, rows, columns) that begins at `start`."""
+    first = start + g * rows * columns
+    return packed[first : first + rows * columns].reshape(rows, columns)
 
 
 @njit(cache=True)

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numba import njit
 
 from estimators.neural.network import Network, free_size
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
 
@@ -45,7 +48,9 @@ class Mlp(Network):
         return _MEMORYLESS
 
     def advance(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Evaluate T samples, each by itself."""
+        """Evaluate T samples, each by itself; a single one without the overhead of arrays."""
+        if x.shape[0] == 1:
+            return _row(np.ascontiguousarray(x), self.columns, *self._arrays), memory
         y = np.empty((x.shape[0], self.outputs))
         for start in range(0, x.shape[0], _ROWS):
             rows = slice(start, start + _ROWS)
@@ -56,3 +61,30 @@ class Mlp(Network):
         w = self.weights
         hidden = x[:, self.columns[g]] @ w["hidden_weight"][g] + w["hidden_bias"][g]
         return np.maximum(hidden, 0.0) @ w["output_weight"][g] + w["output_bias"][g]
+
+
+@njit(cache=True)
+def _row(
+    x: FloatArray,
+    columns: NDArray[np.int64],
+    hidden_weight: FloatArray,
+    hidden_bias: FloatArray,
+    output_weight: FloatArray,
+    output_bias: FloatArray,
+) -> FloatArray:
+    """Evaluate one sample (1, d); return the outputs, (1, G m)."""
+    G, H, m = output_weight.shape
+    y = np.empty((1, G * m))
+    hidden = np.empty(H)
+    for g in range(G):
+        hidden[:] = hidden_bias[g]
+        for k in range(columns.shape[1]):
+            value = x[0, columns[g, k]]
+            for u in range(H):
+                hidden[u] += value * hidden_weight[g, k, u]
+        for i in range(m):
+            total = output_bias[g, i]
+            for u in range(H):
+                total += max(hidden[u], 0.0) * output_weight[g, u, i]
+            y[0, g * m + i] = total
+    return y

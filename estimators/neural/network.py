@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -56,6 +57,11 @@ class Network(ABC):
         parts: int, inputs: int, weights: Mapping[str, FloatArray]
     ) -> dict[str, tuple[int, ...]]:
         """Return the shape of each weight; sizes that are free are taken from the weights."""
+
+    @cached_property
+    def _arrays(self) -> tuple[FloatArray, ...]:
+        """The weights in the order of `shapes`, for compiled code."""
+        return tuple(self.weights.values())
 
     @property
     def hidden(self) -> int:

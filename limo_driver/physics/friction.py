@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.physics import friction_laws
 from limo_driver.physics.effect import Friction, State, parameter
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from limo_driver.physics.effect import JointMotion
     from limo_driver.types import FloatArray
 
@@ -27,15 +32,51 @@ def sign_width():  # noqa: ANN201  # a dataclass field
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityFriction(Friction):
-    """Friction that is a function of velocity alone."""
+    """Friction that is a function of velocity alone, by one of the compiled laws."""
 
+    friction_law: ClassVar[int]  # see friction_laws
+
+    @property
     @abstractmethod
+    def coefficients(self) -> tuple[float, ...]:
+        """The parameters of the law, in its order."""
+
+    @property
+    def row(self) -> FloatArray:
+        """The same for compiled code, (friction_laws.PARAMETERS,), zeros behind."""
+        row = np.zeros(friction_laws.PARAMETERS)
+        row[: len(self.coefficients)] = self.coefficients
+        return row
+
     def torque(self, velocity: FloatArray) -> FloatArray:
         """Return the friction torque [N m] at `velocity` [rad/s]; same shape."""
+        torque = friction_laws.friction_torques(self.friction_law, self.row, np.ravel(velocity))
+        return torque.reshape(velocity.shape)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Evaluate `torque` over T samples."""
         return self.torque(motion.velocity), state
+
+
+class Frictions(NamedTuple):
+    """F frictions as tables, for compiled code."""
+
+    joint: NDArray[np.int64]  # (F,), 0-based
+    law: NDArray[np.int64]  # (F,)
+    parameters: FloatArray  # (F, friction_laws.PARAMETERS)
+
+    @classmethod
+    def of(cls, effects: Sequence[VelocityFriction]) -> Frictions:
+        """Return the tables of effects, in their order."""
+        return cls(
+            np.array([effect.joint - 1 for effect in effects], dtype=np.int64),
+            np.array([effect.friction_law for effect in effects], dtype=np.int64),
+            np.array([effect.row for effect in effects]).reshape(-1, friction_laws.PARAMETERS),
+        )
+
+    def add(self, torque: FloatArray, velocity: FloatArray) -> None:
+        """Add their torque at `velocity` (T, n) [rad/s] to `torque` (T, n) [N m], in place."""
+        friction_laws.add_frictions(torque, np.ascontiguousarray(velocity), *self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,12 +87,14 @@ class CoulombFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "coulomb_friction"
+    friction_law: ClassVar[int] = friction_laws.COULOMB
     tau_c: float = parameter("N m", "friction torque while sliding", lower=0.0, upper=1e3)
     v_eps: float = sign_width()
 
-    def torque(self, velocity: FloatArray) -> FloatArray:
-        """Return tau_c tanh(v / v_eps) [N m]."""
-        return self.tau_c * np.tanh(velocity / self.v_eps)
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """tau_c and v_eps."""
+        return self.tau_c, self.v_eps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,14 +108,15 @@ class AsymmetricFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "asymmetric_friction"
+    friction_law: ClassVar[int] = friction_laws.ASYMMETRIC
     tau_plus: float = parameter("N m", "friction moving positive", lower=0.0, upper=1e3)
     tau_minus: float = parameter("N m", "friction moving negative", lower=0.0, upper=1e3)
     v_eps: float = sign_width()
 
-    def torque(self, velocity: FloatArray) -> FloatArray:
-        """Return the friction of the direction of motion [N m]."""
-        height = np.where(velocity > 0, self.tau_plus, self.tau_minus)
-        return height * np.tanh(velocity / self.v_eps)
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """tau_plus, tau_minus and v_eps."""
+        return self.tau_plus, self.tau_minus, self.v_eps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +130,7 @@ class ViscousFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "viscous_friction"
+    friction_law: ClassVar[int] = friction_laws.VISCOUS
     f_v: float | None = parameter("N m s/rad", "slope", lower=0.0, upper=1e4, default=None)
     f_v_plus: float | None = parameter(
         "N m s/rad", "slope moving positive", lower=0.0, upper=1e4, default=None
@@ -103,14 +148,9 @@ class ViscousFriction(VelocityFriction):
             raise ConfigError(f"{self.place}: has f_v and a slope by direction; give one or other")
 
     @property
-    def slopes(self) -> tuple[float, float]:
+    def coefficients(self) -> tuple[float, ...]:
         """Slope moving positive and moving negative [N m s/rad]."""
         return _given(self.f_v, self.f_v_plus), _given(self.f_v, self.f_v_minus)
-
-    def torque(self, velocity: FloatArray) -> FloatArray:
-        """Return f_v v [N m]."""
-        plus, minus = self.slopes
-        return np.where(velocity > 0, plus, minus) * velocity
 
 
 def _given(both: float | None, one: float | None) -> float:
@@ -125,11 +165,13 @@ class QuadraticDrag(VelocityFriction):
     """
 
     name: ClassVar[str] = "quadratic_drag"
+    friction_law: ClassVar[int] = friction_laws.DRAG
     coefficient: float = parameter("N m s^2/rad^2", "coefficient", lower=0.0, upper=1e4)
 
-    def torque(self, velocity: FloatArray) -> FloatArray:
-        """Return coefficient v |v| [N m]."""
-        return self.coefficient * velocity * np.abs(velocity)
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """The coefficient alone."""
+        return (self.coefficient,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,12 +185,13 @@ class StribeckFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "stribeck_friction"
+    friction_law: ClassVar[int] = friction_laws.STRIBECK
     tau_s: float = parameter("N m", "excess over Coulomb at rest", lower=0.0, upper=1e3)
     v_s: float = parameter("rad/s", "Stribeck velocity", lower=1e-5, upper=10.0)
     delta: float = parameter("1", "shape exponent", lower=0.5, upper=4.0, default=2.0)
     v_eps: float = sign_width()
 
-    def torque(self, velocity: FloatArray) -> FloatArray:
-        """Return tau_s exp(-|v / v_s|^delta) tanh(v / v_eps) [N m]."""
-        fade = np.exp(-(np.abs(velocity / self.v_s) ** self.delta))
-        return self.tau_s * fade * np.tanh(velocity / self.v_eps)
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """tau_s, v_s, delta and v_eps."""
+        return self.tau_s, self.v_s, self.delta, self.v_eps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -12,10 +13,10 @@ from limo_driver.physics import hysteresis_laws
 from limo_driver.physics.effect import TEXT, State, TorqueEffect, parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from limo_driver.physics.effect import JointMotion
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, Motion
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,9 @@ class Law:
         return (*self.required, *self.optional)
 
 
+MAXWELL_SLIP = "maxwell_slip"
 LAWS: dict[str, Law] = {
-    "maxwell_slip": Law(hysteresis_laws.maxwell_slip, ("stiffness", "width")),
+    MAXWELL_SLIP: Law(hysteresis_laws.maxwell_slip, ("stiffness", "width")),
     "lugre": Law(
         hysteresis_laws.lugre, ("sigma_0", "tau_c"), {"sigma_1": 0.0, "tau_s": 0.0, "v_s": 0.01}
     ),
@@ -151,3 +153,35 @@ class PreslidingHysteresis(TorqueEffect):
         values = [getattr(self, name) for name in law.parameters]
         given = [np.array(v) if isinstance(v, tuple) else float(v) for v in values]
         return law.follow(after, path, *given), after
+
+
+class MaxwellSlips:
+    """Several effects of the law `maxwell_slip`, advanced in one compiled call.
+
+    Args:
+        effects: The effects.
+    """
+
+    def __init__(self, effects: Sequence[PreslidingHysteresis]) -> None:
+        self._joint = np.array([effect.joint - 1 for effect in effects], dtype=np.int64)
+        sizes = np.array([len(effect.width) for effect in effects], dtype=np.int64)
+        self._ends = np.cumsum(sizes)
+        self._stiffness = np.array([k for effect in effects for k in effect.stiffness])
+        self._width = np.array([w for effect in effects for w in effect.width])
+        bounds = [0, *np.cumsum(sizes + 1).tolist()]
+        self._memories = tuple(slice(a, b) for a, b in pairwise(bounds))
+
+    def add(self, torque: FloatArray, motion: Motion, states: Sequence[State]) -> list[State]:
+        """Add their torque to `torque` (T, n) [N m], in place; return their memories after."""
+        memory = np.concatenate(states)
+        hysteresis_laws.add_maxwell_slips(
+            torque,
+            np.ascontiguousarray(motion.position),
+            np.ascontiguousarray(motion.velocity),
+            memory,
+            self._joint,
+            self._ends,
+            self._stiffness,
+            self._width,
+        )
+        return [memory[own] for own in self._memories]

@@ -16,6 +16,8 @@ import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limo_driver.types import FloatArray
 
 POSITION, STEP, VELOCITY = 0, 1, 2  # rows of a path [rad, rad, rad/s]
@@ -45,6 +47,38 @@ def maxwell_slip(
             memory[i] = min(max(memory[i] + path[STEP, t], -width[i]), width[i])
             torque[t] += stiffness[i] * memory[i]
     return torque
+
+
+@njit(cache=True)
+def add_maxwell_slips(
+    torque: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    memory: FloatArray,
+    joint: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    stiffness: FloatArray,
+    width: FloatArray,
+) -> None:
+    """Advance several effects at once; add their torques to (T, n), in place.
+
+    Args:
+        torque: What they are added to, (T, n) [N m].
+        position: Of all joints, (T, n) [rad].
+        velocity: The same, (T, n) [rad/s].
+        memory: Of one effect after the other, advanced in place.
+        joint: 0-based joint of each effect, (E,).
+        ends: Where the elements of each effect end among all, (E,).
+        stiffness: Of all elements, (k,) [N m/rad].
+        width: The same, (k,) [rad].
+    """
+    start = 0
+    for e in range(joint.size):
+        j, end = joint[e], ends[e]
+        own = memory[start + e : end + e + 1]  # each effect has its last position behind
+        path = path_of(own, position[:, j], velocity[:, j])
+        torque[:, j] += maxwell_slip(own, path, stiffness[start:end], width[start:end])
+        start = end
 
 
 @njit(cache=True)

@@ -20,11 +20,12 @@ from limo_driver.physics.effect import (
     Effect,
     MotionEffect,
     SensedTorque,
-    SensorEffect,
     State,
     TorqueEffect,
 )
+from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.transmission import JointElasticity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -210,39 +211,48 @@ class Simulation:
             raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
         body = self.body
         load = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
-        terms = _Terms(ArmMotion(motion, load, body))
-        after = [
-            terms.add(effect, memory) for effect, memory in zip(self.effects, state, strict=True)
-        ]
+        after = list(state)
+        terms = _Terms(motion)
+        groups = self._groups
+        groups.add_torques(terms.torque, motion, after)
+        if groups.is_elastic:
+            terms.displacement[JointElasticity.agility] = groups.wind_up(load)
+        if groups.single:
+            arm = ArmMotion(motion, load, body)
+            for index, effect in groups.single:
+                after[index] = terms.add(effect, state[index], arm)
         if terms.displacement:
             load = body.inverse_dynamics(*terms.links(bandwidth))
         torque = load + terms.torque
-        for index, effect in enumerate(self.effects):
-            if isinstance(effect, SensorEffect):
-                sensed = SensedTorque(motion.time, torque)
-                values, after[index] = effect.advance(state[index], sensed)
-                torque[:, effect.joint - 1] += values
+        for index, effect in groups.sensing:
+            sensed = SensedTorque(motion.time, torque)
+            values, after[index] = effect.advance(state[index], sensed)
+            torque[:, effect.joint - 1] += values
         return torque, tuple(after)
+
+    @cached_property
+    def _groups(self) -> EffectGroups:
+        return EffectGroups(self.effects, self.model.n)
 
 
 class _Terms:
     """Adds up what effects displace and what torque they need."""
 
-    def __init__(self, arm: ArmMotion) -> None:
-        self.arm = arm
-        self.torque = np.zeros_like(arm.load)  # (T, n) [N m]
+    def __init__(self, motion: Motion) -> None:
+        self.motion = motion
+        self.torque = np.zeros(motion.position.shape)  # (T, n) [N m]
         self.displacement: dict[float, FloatArray] = {}  # by agility, (T, n) each [rad]
 
-    def add(self, effect: Effect, state: State) -> State:
-        """Add an effect on motion or torque and return its memory; others add nothing here."""
+    def add(self, effect: Effect, state: State, arm: ArmMotion) -> State:
+        """Add an effect on motion or torque and return its memory."""
         if isinstance(effect, ArmEffect):
-            values, state = effect.advance(state, self.arm)
+            values, state = effect.advance(state, arm)
             self.torque += values
         elif isinstance(effect, TorqueEffect):
-            values, state = effect.advance(state, self.arm.of_joint(effect.joint - 1))
+            values, state = effect.advance(state, arm.of_joint(effect.joint - 1))
             self.torque[:, effect.joint - 1] += values
         elif isinstance(effect, MotionEffect):
-            motion = self.arm.of_joint(effect.joint - 1, inertia=effect.needs_inertia)
+            motion = arm.of_joint(effect.joint - 1, inertia=effect.needs_inertia)
             values, state = effect.advance(state, motion)
             nothing = np.zeros_like(self.torque)
             total = self.displacement.setdefault(effect.agility, nothing)
@@ -251,7 +261,7 @@ class _Terms:
 
     def links(self, bandwidth: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, velocity and acceleration of the links, (T, n) each."""
-        motion = self.arm.motion
+        motion = self.motion
         position, velocity, acceleration = motion.position, motion.velocity, motion.acceleration
         for agility, displacement in self.displacement.items():
             position = position - displacement

@@ -38,7 +38,14 @@ class JointElasticity(MotionEffect):
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return encoder minus link position [rad], (T,)."""
-        return motion.load / self.stiffness + self.cubic * motion.load**3, state
+        return wind_up(motion.load, 1.0 / self.stiffness, self.cubic), state
+
+
+def wind_up(
+    load: FloatArray, compliance: float | FloatArray, cubic: float | FloatArray
+) -> FloatArray:
+    """Return compliance load + cubic load³ [rad], the equation of `JointElasticity`."""
+    return load * (compliance + cubic * load * load)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from estimators.base import InverseDynamics
+from estimators.features import FEATURE_SETS
 from estimators.hybrid import HybridModel
+from estimators.neural import NETWORKS
 from estimators.rigid_body import RigidBodyModel
 from estimators.training import TrainingSettings
 from limo_driver.errors import NotFittedError, RecordingError, ShapeError
@@ -41,12 +43,13 @@ def nominal(robot: str) -> Simulation:
 # Each makes an estimator of a robot, which is not fitted yet.
 ESTIMATORS: dict[str, Callable[[str], InverseDynamics]] = {
     "rigid-body": RigidBodyModel,
-    "mlp7": lambda robot: hybrid(robot, "mlp7", "all-joints"),
-    "mlp7 drive": lambda robot: hybrid(robot, "mlp7", "drive"),
-    "lstm-fcl": lambda robot: hybrid(robot, "lstm-fcl", "all-joints"),
-    "lstm-2": lambda robot: hybrid(robot, "lstm-2", "all-joints"),
-    "transformer": lambda robot: hybrid(robot, "transformer", "all-joints"),
-    "lstm-fcl own-joint": lambda robot: hybrid(robot, "lstm-fcl", "own-joint"),
+    **{
+        f"{model} {features}": lambda robot, model=model, features=features: hybrid(
+            robot, model, features
+        )
+        for model in NETWORKS
+        for features in FEATURE_SETS
+    },
 }
 
 

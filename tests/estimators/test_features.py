@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators.features import Features, feature_set
@@ -58,6 +58,7 @@ def test_at_rest_nothing_is_remembered() -> None:
     np.testing.assert_array_equal(rotation(np.full(10, 0.7)), 0.0)
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.lists(st.floats(-0.2, 0.2), min_size=2, max_size=40), st.integers(1, 38))
 def test_memory_continues_where_it_was_cut(positions: list[float], cut: int) -> None:
     features = feature_set("drive", 7)

@@ -55,6 +55,36 @@ def test_scanning_step_equals_predict(motion: Motion):
     np.testing.assert_allclose(scanned, HYSTERETIC.predict(motion), rtol=0, atol=1e-10)
 
 
+TOGETHER = (
+    CoulombFriction(joint=3, tau_c=1.0),
+    PreslidingHysteresis(joint=2, stiffness=(900.0, 120.0), width=(5e-4, 4e-3)),
+    ViscousFriction(joint=3, f_v=2.0),
+    PreslidingHysteresis(joint=5, law="dahl", sigma_0=2e3, tau_c=0.5),
+    PreslidingHysteresis(joint=6, stiffness=(60.0,), width=(0.01,)),
+    PreslidingHysteresis(joint=2, stiffness=(30.0, 20.0, 10.0), width=(0.01, 0.02, 0.03)),
+)
+
+
+def test_effects_that_are_evaluated_together_are_those_evaluated_alone(motion: Motion):
+    rigid = Simulation("iiwa14").predict(motion)
+    alone = [Simulation("iiwa14", (effect,)) for effect in TOGETHER]
+    expected = rigid + sum(simulation.predict(motion) - rigid for simulation in alone)
+    together = Simulation("iiwa14", TOGETHER)
+    torque, memories = together.advance(together.init(), motion)
+    np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-10)
+    for simulation, memory in zip(alone, memories, strict=True):
+        _, (own,) = simulation.advance(simulation.init(), motion)
+        np.testing.assert_allclose(memory, own, rtol=0, atol=1e-12)
+
+
+def test_elastic_springs_in_a_row_wind_up_by_their_sum(motion: Motion):
+    springs = (JointElasticity(joint=4, stiffness=800.0), JointElasticity(joint=4, stiffness=400.0))
+    one = JointElasticity(joint=4, stiffness=1.0 / (1.0 / 800.0 + 1.0 / 400.0))
+    np.testing.assert_allclose(
+        Simulation("iiwa14", springs).predict(motion), Simulation("iiwa14", (one,)).predict(motion)
+    )
+
+
 def test_elasticity_moves_the_links_and_so_the_torque_of_other_joints(motion: Motion):
     elastic = Simulation("iiwa14", effects=(JointElasticity(joint=4, stiffness=5e2),))
     change = elastic.predict(motion) - Simulation("iiwa14").predict(motion)

@@ -1,0 +1,280 @@
+"""One streaming step, features + rigid body + network, beside its bar and its peers.
+
+    python benchmarks/step.py
+
+One core, without torch. Weights are random for the timing, which does not depend on them. The peers
+run the same LSTM 35 -> 35 with its linear layer in the same run: torch eager, and onnxruntime where
+it is installed (`pip install limo[bench]`). Wall time has in it whatever else the machine does;
+processor time leaves that out. Then: how far a stream is from the zero-phase prediction, by delay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+from step_peers import onnx_step, torch_step
+
+from estimators.features import FEATURE_SETS, feature_set
+from estimators.hybrid import FittedNetwork, HybridModel
+from estimators.neural import LstmFcl, Mlp
+from estimators.scaling import InputScaling, Scaling
+from estimators.stream import Stream
+from limo_driver.differentiation import differentiate
+from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
+from limo_driver.recording import Recording
+from limo_driver.types import JointSample, Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RATE = 1000.0  # [Hz]
+BARS = (25.0, 60.0)  # [µs], p50 and p99
+WARM_UP = 50  # calls that compile and fill the caches
+ROUNDS = 10  # in turn, so that all suffer alike from whatever else the machine does
+EXAMPLE = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
+IDENTIFIED = Simulation(
+    "iiwa14",
+    tuple(
+        effect
+        for j, (dry, slope) in enumerate(
+            ((2.2, 4.0), (2.4, 4.2), (1.6, 2.4), (1.7, 2.6), (0.9, 1.1), (0.45, 0.55), (0.35, 0.4))
+        )
+        for effect in (
+            CoulombFriction(joint=j + 1, tau_c=dry),
+            ViscousFriction(joint=j + 1, f_v=slope),
+        )
+    ),
+)
+
+
+def motion(seconds: float, seed: int) -> Motion:
+    """Return small reversing motion about a pose, with encoder steps of 1e-5 rad."""
+    random = np.random.default_rng(seed)
+    t = np.arange(int(seconds * RATE)) / RATE
+    position = np.deg2rad([10, 40, -20, -70, 30, 50, -40]) + np.zeros((t.size, 7))
+    for _ in range(3):
+        w, phase = 2 * np.pi * random.uniform(0.1, 1.0, 7), random.uniform(0, 6.3, 7)
+        position += random.uniform(0.01, 0.05, 7) * np.sin(t[:, None] * w + phase)
+    position = 1e-5 * np.round(position / 1e-5)
+    smooth = differentiate(t, position, 10.0, [slice(0, t.size)])
+    return Motion(t, position, smooth.first, smooth.second)
+
+
+def untrained(simulation: Simulation, features: str, kind: str) -> HybridModel:
+    """Return a hybrid of the usual size with random weights."""
+    random, seen = np.random.default_rng(0), feature_set(features, 7)
+    d, network = len(seen.inputs), {"mlp7": Mlp, "lstm-fcl": LstmFcl}[kind]
+    columns = seen.columns if kind == "mlp7" or seen.own_joint else seen.columns[:1]
+    hidden = 100 if kind == "mlp7" else 16 if seen.own_joint else columns.shape[1]
+    free = {"output_weight": np.zeros((len(columns), hidden, 7 // len(columns)))}
+    shapes = network.shapes(*columns.shape, free)
+    weights = {name: 0.1 * random.standard_normal(shape) for name, shape in shapes.items()}
+    one = np.ones(d)
+    model = HybridModel(simulation)
+    model.fitted_ = FittedNetwork(
+        seen,
+        network(columns, weights),
+        InputScaling(0 * one, one, -9 * one, 9 * one),
+        Scaling(np.zeros(7), np.ones(7)),
+        np.ones(7),
+        RATE,
+        bandwidth=10.0,
+    )
+    return model
+
+
+class Timed:
+    """Calls a step over and over, carrying its memory, and keeps the time of each call."""
+
+    def __init__(self, name: str, step: Callable, state: object, inputs: list) -> None:
+        self.name, self.step, self.state, self.inputs = name, step, state, inputs
+        self.taken = 0
+        self.wall: list[float] = []  # [µs]
+        self.processor: list[float] = []  # [µs]
+        self.turn(WARM_UP)
+        self.wall.clear()
+        self.processor.clear()
+
+    def turn(self, calls: int) -> None:
+        """Take as many steps; the clocks are read in between."""
+        for _ in range(calls):
+            given = self.inputs[self.taken % len(self.inputs)]
+            self.taken += 1
+            wall, processor = time.perf_counter(), time.thread_time()
+            _, self.state = self.step(self.state, *given)
+            processor, wall = time.thread_time() - processor, time.perf_counter() - wall
+            self.wall.append(1e6 * wall)
+            self.processor.append(1e6 * processor)
+
+    def median(self) -> float:
+        """Return the median wall time [µs]."""
+        return float(np.median(self.wall))
+
+    def show(self, note: str = "") -> None:
+        """Print percentiles of both clocks."""
+        clocks = (self.wall, self.processor)
+        figures = "".join("".join(f"{v:9.1f}" for v in _percentiles(x)) + "  " for x in clocks)
+        print(f"  {self.name:48}{figures}{note}")
+
+
+def _percentiles(values: list[float]) -> list[float]:
+    return np.percentile(values, (10, 50, 99)).tolist()
+
+
+def measure(timed: list[Timed], calls: int) -> None:
+    """Give all the same number of turns, one after the other."""
+    for _ in range(ROUNDS):
+        for one in timed:
+            one.turn(calls // ROUNDS)
+
+
+def own_parts(model: HybridModel, samples: list[JointSample]) -> list[Timed]:
+    """Return the parts of a step of a model."""
+    fitted, simulation = model.fitted, model.simulation
+    rows = [sample.motion() for sample in samples]
+    torques = [simulation.advance(simulation.init(), row)[0] for row in rows]
+    inputs = [
+        fitted.features.advance(
+            fitted.features.init(), *given, simulation.body, fitted.inputs.table
+        )
+        for given in zip(rows, torques, strict=True)
+    ]
+    features = [
+        (*given, simulation.body, fitted.inputs.table) for given in zip(rows, torques, strict=True)
+    ]
+    return [
+        Timed(
+            "  rigid body, 14 frictions",
+            simulation.advance,
+            simulation.init(),
+            [(r,) for r in rows],
+        ),
+        Timed("  features, scaled", fitted.features.advance, fitted.features.init(), features),
+        Timed(
+            "  network", fitted.network.advance, fitted.network.init(1), [(x,) for x, _ in inputs]
+        ),
+    ]
+
+
+def peers(network: LstmFcl) -> list[Timed]:
+    """Return the network in both peers, after checking that they compute the same."""
+    x = np.random.default_rng(1).standard_normal((200, 1, 35))
+    expected, _ = network.advance(network.init(1), x[:, 0])
+    found: list[Timed] = []
+    for name, build in (("torch eager", torch_step), ("onnxruntime", onnx_step)):
+        try:
+            step, state = build(network.weights)
+        except ImportError as error:
+            print(f"  {name}: not installed ({error}); pip install limo[bench]")
+            continue
+        inputs = [(row.astype(np.float32),) for row in x]
+        after, outputs = state, []
+        for given in inputs:
+            y, after = step(after, *given)
+            outputs.append(y[0])
+        np.testing.assert_allclose(outputs, expected, atol=1e-4)
+        found.append(Timed(f"network in {name}", step, state, inputs))
+    return found
+
+
+def late(epochs: int) -> None:
+    """Print how far a stream is from the zero-phase prediction, by delay."""
+    from estimators.training import TrainingSettings
+
+    truth = Simulation.load(EXAMPLE)
+    train, test = motion(40.0, seed=1), motion(12.0, seed=2)
+    settings = TrainingSettings(
+        model="lstm-fcl", rate=200.0, epochs=epochs, folds=1, batch=8, learning_rate=3e-3
+    )
+    recorded = Recording.from_arrays(train.time, train.position, truth.predict(train))
+    model = HybridModel(IDENTIFIED, settings).fit([recorded])
+    recording = Recording.from_arrays(test.time, test.position, truth.predict(test))
+    parts, exact = model.parts(recording), recording.motion(10.0)
+    zero = parts.hybrid
+    torque = recording.filtered_torque(10.0)
+    print(f"\nstream against zero phase, RMS; LSTM-FCL of {epochs} epochs, 1 kHz, bandwidth 10 Hz")
+    for name, predicted in (("rigid body", parts.rigid_body), ("hybrid", zero)):
+        error = np.sqrt(np.mean((predicted - torque)[1000:-1000] ** 2))
+        print(f"  zero-phase {name:10} against the filtered torque {error:7.4f} N m")
+    print("  delay   velocity  acceleration  torque, mean  worst joint")
+    print("  [ms]    [rad/s]   [rad/s^2]     [N m]         [N m]")
+    for delay in (0.02, 0.05, 0.1, 0.2):
+        stream = Stream(model, RATE, delay)
+        D = round(stream.delay * RATE)
+        inner, before = slice(2 * D + 1000, -1000), slice(D + 1000, -1000 - D)
+        moved, _ = stream.differentiator.advance(
+            stream.init().positions, recording.time, recording.position
+        )
+        rows = [
+            np.sqrt(np.mean((a[inner] - b[before]) ** 2, axis=0))
+            for a, b in (
+                (moved.velocity, exact.velocity),
+                (moved.acceleration, exact.acceleration),
+                (stream.predict(recording), zero),
+            )
+        ]
+        print(
+            f"  {1e3 * delay:4.0f}   {rows[0].mean():9.2e} {rows[1].mean():9.2e}     "
+            f"{rows[2].mean():8.4f}      {rows[2].max():8.4f}"
+        )
+
+
+def main() -> None:
+    """Print every figure beside its bar."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--calls", type=int, default=5000, help="of each step")
+    options.add_argument("--epochs", type=int, default=40, help="of the model that is streamed")
+    given = options.parse_args()
+    moved = motion(4.0, seed=0)
+    samples = [moved.sample(row) for row in range(len(moved))]
+    steps = [(sample,) for sample in samples]
+    main_model = untrained(IDENTIFIED, "all-joints", "lstm-fcl")
+
+    def hybrid(name: str, model: HybridModel) -> Timed:
+        return Timed(name, model.step, model.init(RATE), steps)
+
+    first = [hybrid("step: Coulomb, viscous; all-joints lstm-fcl", main_model)]
+    parts = own_parts(main_model, samples[:500])
+    others = [
+        hybrid(f"step: {name}; {features} {kind}", untrained(simulation, features, kind))
+        for name, simulation in (
+            ("Coulomb, viscous", IDENTIFIED),
+            ("35 effects", Simulation.load(EXAMPLE)),
+        )
+        for features in FEATURE_SETS
+        for kind in ("mlp7", "lstm-fcl")
+    ]
+    positions = list(
+        zip(np.arange(10**6) / RATE, np.resize(moved.position, (10**6, 7)), strict=True)
+    )
+    stream = Stream(main_model, RATE, 0.1)
+    streamed = Timed("stream from positions, delay 100 ms", stream.step, stream.init(), positions)
+    assert "torch" not in sys.modules
+    measure([*first, *parts, streamed, *others], given.calls)
+    network = main_model.fitted.network
+    rivals = peers(network)
+    again = own_parts(main_model, samples[:500])[-1]
+    whole = hybrid("whole step, limo", main_model)
+    measure([again, whole, *rivals], given.calls)
+    columns = "".join(f"{name:>9}" for name in ("p10", "p50", "p99"))
+    print(f"{'[µs], one core; wall, then processor':50}{columns}  {columns}")
+    first[0].show(f"bar {BARS[0]:g} / {BARS[1]:g} (p50 / p99)")
+    for one in (*parts, streamed, *others):
+        one.show()
+    print("\nthe same network in peers, turn by turn in one run")
+    for one in (again, whole, *rivals):
+        ratios = one.median() / again.median(), one.median() / whole.median()
+        one.show(f"{ratios[0]:5.1f} x network  {ratios[1]:5.2f} x step")
+    late(given.epochs)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""A stream: scanning live positions equals its batch, and nearly the zero-phase prediction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from wandering import wander
+
+from estimators.features import FEATURE_SETS
+from estimators.hybrid import HybridModel
+from estimators.stream import Stream
+from estimators.training import TrainingSettings
+from limo_driver.errors import (
+    ConfigError,
+    ModelStoreError,
+    NotFittedError,
+    RecordingError,
+    ShapeError,
+)
+from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, ViscousFriction
+from limo_driver.recording import Recording
+
+POSE = np.deg2rad([10, 40, -20, -70, 30, 50, -40])
+NOMINAL = Simulation(
+    "iiwa14",
+    tuple(
+        effect
+        for j in range(1, 8)
+        for effect in (CoulombFriction(joint=j, tau_c=1.0), ViscousFriction(joint=j, f_v=2.0))
+    ),
+)
+TRUE = Simulation("iiwa14", (PreslidingHysteresis(joint=2, stiffness=(300.0,), width=(0.004,)),))
+
+
+def record(rate: float, duration: float = 5.0, seed: int = 0) -> Recording:
+    """Return small motion of an iiwa 14, with a gap in the middle."""
+    t = np.arange(int(duration * rate)) / rate
+    t[t.size // 2 :] += 0.4
+    motion = wander(t, POSE, seed, (0.1, 0.8), (0.01, 0.04))
+    return Recording.from_arrays(t, motion.position, TRUE.predict(motion))
+
+
+KINDS = [(model, features) for model in ("mlp7", "lstm-fcl") for features in FEATURE_SETS]
+
+
+@pytest.fixture(scope="module", params=KINDS, ids="-".join)
+def model(request: pytest.FixtureRequest) -> HybridModel:
+    kind, features = request.param
+    settings = TrainingSettings(
+        model=kind, features=features, epochs=1, sequence_length=20, rate=50.0, hidden=6, folds=1
+    )
+    return HybridModel(NOMINAL, settings).fit([record(200.0)])
+
+
+@pytest.mark.parametrize("rate", [100.0, 250.0, 1000.0])
+def test_scanning_equals_predict_and_a_gap_starts_anew(model: HybridModel, rate: float) -> None:
+    recording, stream = record(rate, 2.4, seed=1), Stream(model, rate, 0.05)
+    assert len(recording.segments) == 2
+    predicted, state = stream.predict(recording), stream.init()
+    for t, (time, position) in enumerate(zip(recording.time, recording.position, strict=True)):
+        torque, state = stream.step(state, time, position)
+        np.testing.assert_allclose(torque, predicted[t], rtol=0, atol=1e-6)
+    second = recording[recording.segments[1]]
+    np.testing.assert_allclose(
+        predicted[recording.segments[1]], stream.predict(second), rtol=0, atol=1e-9
+    )
+
+
+def test_a_stream_is_the_zero_phase_prediction_a_delay_late(model: HybridModel) -> None:
+    rate = 500.0
+    t = np.arange(int(8 * rate)) / rate
+    # It starts at rest, as a stream takes it for granted.
+    position = POSE + (wander(t, POSE, 3, (0.1, 0.8), (0.01, 0.04)).position - POSE) * (
+        1 - np.exp(-((t[:, None] / 1.5) ** 4))
+    )
+    recording = Recording.from_arrays(t, position, position)
+    stream = Stream(model, rate, 0.1)
+    late, zero = stream.predict(recording), model.predict(recording)
+    D = round(stream.delay * rate)
+    error = (late[D:] - zero[:-D])[500:-500]
+    assert np.sqrt(np.mean(error**2, axis=0)).max() < 0.02 * zero.std(axis=0).max()
+
+
+def test_a_step_leaves_its_state(model: HybridModel) -> None:
+    stream, recording = Stream(model, 200.0), record(200.0, 1.0)
+    state = stream.init()
+    for time, position in zip(recording.time[:30], recording.position[:30], strict=True):
+        _, state = stream.step(state, time, position)
+    first, _ = stream.step(state, recording.time[30], recording.position[30])
+    again, _ = stream.step(state, recording.time[30], recording.position[30])
+    np.testing.assert_array_equal(first, again)
+
+
+def test_what_does_not_fit_is_refused(model: HybridModel) -> None:
+    with pytest.raises(ConfigError, match=r"delay of 0\.01 s is 2 samples at 200 Hz"):
+        Stream(model, 200.0, 0.01)
+    with pytest.raises(ConfigError, match="10 Hz is too high for positions at 20 Hz"):
+        Stream(model, 20.0)
+    with pytest.raises(RecordingError, match="sampled at 250 Hz, expected 200 Hz"):
+        Stream(model, 200.0).predict(record(250.0, 1.0))
+    stream = Stream(model, 200.0)
+    with pytest.raises(ShapeError, match=r"expected \(1, 7\)"):
+        stream.step(stream.init(), 0.0, np.zeros(6))
+    with pytest.raises(RecordingError, match="have to be finite"):
+        stream.step(stream.init(), 0.0, np.full(7, np.nan))
+
+
+def test_a_memory_needs_a_rate_that_it_can_reach(model: HybridModel) -> None:
+    if model.fitted.network.recurrent:
+        with pytest.raises(ModelStoreError, match="remembers at 50 Hz"):
+            Stream(model, 70.0)
+    else:
+        assert Stream(model, 70.0).delay == pytest.approx(0.1)
+
+
+def test_an_untrained_model_has_no_stream() -> None:
+    with pytest.raises(NotFittedError, match="not fitted"):
+        Stream(HybridModel(NOMINAL), 200.0)
