@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 SCHEMA: Final = 1
 SEQUENCES, SCAFFOLDS = "sequences", "recordings"  # splits, as `TrainingSettings` calls them
 SPLITS: Final = (SEQUENCES, SCAFFOLDS)
+_SLOWNESS: Final = {"lstm-2": 1, "lstm-fcl": 1, PERCEPTRON: 2, "transformer": 3}
 _DIGITS: Final = 10  # of the digest in a file name
 
 
@@ -47,7 +48,9 @@ class Protocol:
         return f"{runs} of {epochs}, batches of {self.batch} sub-sequences"
 
     def trials(self, digests: Mapping[str, str]) -> tuple[Trial, ...]:
-        """Return all trials, one run after the other, so that the first run fills the table.
+        """Return all trials: one run after the other, and in each what takes longest at its end.
+
+        So most of the table is there soon.
 
         Args:
             digests: sha256 of the data.
@@ -56,6 +59,7 @@ class Protocol:
         once = [(SEQUENCES, row) for row in ROWS]
         once += [(SCAFFOLDS, row) for row in ROWS]
         once += [(SEQUENCES, row) for row in topologies]
+        once.sort(key=lambda trial: _SLOWNESS.get(trial[1].model, 0))
         return tuple(
             Trial(row, split, run, self._settings(row, split, run), digests)
             for run in range(self.runs)
