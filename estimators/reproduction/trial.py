@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 SCHEMA: Final = 1
 SEQUENCES, SCAFFOLDS = "sequences", "recordings"  # splits, as `TrainingSettings` calls them
 SPLITS: Final = (SEQUENCES, SCAFFOLDS)
-_SLOWNESS: Final = {"lstm-2": 1, "lstm-fcl": 1, PERCEPTRON: 2, "transformer": 3}
+_SLOWER: Final = (None, "lstm-2", "lstm-fcl", PERCEPTRON, "transformer")  # one than the other
 _DIGITS: Final = 10  # of the digest in a file name
 
 
@@ -59,7 +59,7 @@ class Protocol:
         once = [(SEQUENCES, row) for row in ROWS]
         once += [(SCAFFOLDS, row) for row in ROWS]
         once += [(SEQUENCES, row) for row in topologies]
-        once.sort(key=lambda trial: _SLOWNESS.get(trial[1].model, 0))
+        once.sort(key=_slowness)
         return tuple(
             Trial(row, split, run, self._settings(row, split, run), digests)
             for run in range(self.runs)
@@ -69,6 +69,10 @@ class Protocol:
     def _settings(self, row: Row, split: str, run: int) -> TrainingSettings:
         settings = replace(row.settings(), split=split, seed=run, epochs=self.epochs)
         return settings if settings.model == PERCEPTRON else replace(settings, batch=self.batch)
+
+
+def _slowness(once: tuple[str, Row]) -> int:
+    return _SLOWER.index(once[1].model)
 
 
 @dataclass(frozen=True)
