@@ -43,7 +43,7 @@ def recording(kinds: list[str], duration: float, limits: Limits, random: np.rand
             centre = pose if kind in ("hold", "nested") else _pose(limits, random)
             made = _SEGMENTS[kind](centre, seconds, limits, random)
         if joined:
-            joined.append(_move(joined[-1][-1], made[0], limits, random.uniform(0.2, 0.5)))
+            joined.append(move(joined[-1][-1], made[0], limits, random.uniform(0.2, 0.5)))
         joined.append(made)
         names.append(kind)
         pose = made[-1]
@@ -82,7 +82,7 @@ def _pose(limits: Limits, random: np.random.Generator) -> np.ndarray:
     return random.uniform(-_SHARE, _SHARE, N) * limits.position
 
 
-def _move(start: np.ndarray, end: np.ndarray, limits: Limits, share: float) -> np.ndarray:
+def move(start: np.ndarray, end: np.ndarray, limits: Limits, share: float) -> np.ndarray:
     """Go straight with least jerk, at `share` of the speed limits."""
     distance = np.abs(end - start)
     duration = max(1.0, float((1.875 * distance / (share * limits.velocity)).max()))
@@ -145,7 +145,7 @@ def _points(centre, duration, limits, random):
     parts, at, rows = [], centre, 0
     while rows < duration / PERIOD:
         goal = _pose(limits, random)
-        part = _move(at, goal, limits, random.uniform(0.15, 0.6))
+        part = move(at, goal, limits, random.uniform(0.15, 0.6))
         hold = np.tile(goal, (int(random.uniform(0.3, 1.5) / PERIOD), 1))
         parts += [part, hold]
         rows += len(part) + len(hold)

@@ -133,13 +133,13 @@ class World:
         return value if (name, joint) in self.nominal.wrong else value / (1 + FRICTION * sigmas)
 
 
-def off_within(arm: Arm, random: np.random.Generator) -> Arm:
-    """Return the arm as a data sheet gives it: masses, centres and inertias off by 2 %."""
+def off_within(arm: Arm, random: np.random.Generator, off: float = INERTIA) -> Arm:
+    """Return an arm whose masses, centres and inertias are off by 2 %, as in a data sheet."""
     mass, com, inertia = arm.mass.copy(), arm.com.copy(), arm.inertia.copy()
     for i in range(N):
-        mass[i] *= 1 + INERTIA * normal(random)
-        com[i] += INERTIA * np.linalg.norm(arm.com[i]) * normal(random, 3)
-        e = INERTIA * normal(random, 3)
+        mass[i] *= 1 + off * normal(random)
+        com[i] += off * np.linalg.norm(arm.com[i]) * normal(random, 3)
+        e = off * normal(random, 3)
         inertia[i] *= 1 + (e[:, None] + e[None, :]) / 2
     return arm._replace(mass=mass, com=com, inertia=inertia)
 
