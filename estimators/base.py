@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, runtime_checkable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, JointSample
 
+DEVIATIONS: Final = 1.959964  # of a normal distribution, that hold 95 %
+
 State: TypeAlias = Any  # each estimator's own; only passed back to its `step`
 
 
@@ -22,8 +24,8 @@ State: TypeAlias = Any  # each estimator's own; only passed back to its `step`
 class Estimate:
     """Torque of n joints and how sure it is, for T samples (T, n) or for one (n,).
 
-    95 % of measured torques, filtered as those of training were, are meant to lie within 1.96
-    standard deviations.
+    95 % of measured torques, filtered as those of training were, are meant to lie within
+    `DEVIATIONS` standard deviations.
     """
 
     torque: FloatArray  # [N m]

@@ -1,14 +1,14 @@
 """How far a fit is off on motion that it was not fitted to, and from where on nobody knows.
 
-    variance of the error = a σ² + b x Σ xᵀ
+    variance of the error = c (σ² + x Σ xᵀ)
 
-with the noise σ² and the posterior covariance Σ of the weights: a and b of each joint are those
-that make the errors on folds left out most probable, and both grow or shrink together until 95 %
-of these errors are within 1.96 standard deviations (split conformal prediction). Motion whose
-leverage x Σ xᵀ is beyond nearly all of what the folds were judged on is outside: the formula still
-holds there, but no error has confirmed it.
+with the noise σ² and the posterior covariance Σ of the weights. The factor c of each joint is such
+that 95 % of the errors on folds left out are within 1.96 standard deviations (split conformal
+prediction). Motion whose leverage x Σ xᵀ shows beside the noise and is beyond nearly all of what
+the folds were judged on is outside: the formula still grows there, but no error confirms it.
 
-Source: Lei et al., "Distribution-free predictive inference for regression", JASA 2018.
+Source: MacKay, "Bayesian interpolation", Neural Computation 1992, sec. 6 (error bars); Lei et al.,
+"Distribution-free predictive inference for regression", JASA 2018 (the factor).
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.optimize import minimize
+
+from estimators.base import DEVIATIONS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,22 +30,21 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 COVERAGE: Final = 0.95
-_DEVIATIONS: Final = 1.959964  # of a normal distribution, that hold it
 _INSIDE: Final = 0.999  # of the judged rows
-_TINY: Final = 1e-12  # [N² m²]
+_SHOWS: Final = 0.1  # [σ²]; a smaller leverage adds less than 5 % to the standard deviation
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Of n joints."""
 
-    noise: FloatArray  # (n,) [N² m²], a σ²
-    spread: FloatArray  # (n,), b
+    noise: FloatArray  # (n,) [N² m²], σ²
+    factor: FloatArray  # (n,), c
     farthest: FloatArray  # (n,) [N² m²], leverage from which on motion is outside
 
     def std(self, leverage: FloatArray) -> FloatArray:
         """Return standard deviations (T, n) [N m]."""
-        return np.sqrt(self.noise + self.spread * leverage)
+        return np.sqrt(self.factor * (self.noise + leverage))
 
     def outside(self, leverage: FloatArray) -> NDArray[np.bool_]:
         """Return which motion is outside what was judged, (T, n)."""
@@ -73,25 +73,21 @@ def leverage_of(x: FloatArray, root: FloatArray) -> FloatArray:
 def _judge(
     judged: JudgedRows, without: Sequence[Posterior], joint: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return errors (T,) [N m] and leverages (T,) [N² m²] of one joint's rows."""
+    """Return errors [N m] and leverages [N² m²] of one joint's settled rows."""
     error, leverage = judged.residual[:, joint].copy(), np.zeros(judged.fold.size)
     for fold, fit in enumerate(without):
         rows = judged.fold == fold
         x = judged.columns[joint, rows].astype(np.float64)
         error[rows] -= x @ fit.weights
         leverage[rows] = leverage_of(x, fit.root)
-    return error, leverage
+    settled = judged.settled[:, joint]
+    return error[settled], leverage[settled]
 
 
 def _calibrate_joint(
     error: FloatArray, leverage: FloatArray, noise: float
 ) -> tuple[float, float, float]:
-    def improbability(logs: FloatArray) -> float:
-        variance = np.exp(logs[0]) * noise + np.exp(logs[1]) * leverage + _TINY
-        return float(np.mean(np.log(variance) + error**2 / variance))
-
-    found = minimize(improbability, np.zeros(2), method="Nelder-Mead")
-    a, b = np.exp(found.x)
-    std = np.sqrt(a * noise + b * leverage + _TINY)
-    grow = (np.quantile(np.abs(error) / std, COVERAGE) / _DEVIATIONS) ** 2
-    return grow * a * noise, grow * b, float(np.quantile(leverage, _INSIDE))
+    """Return noise, factor and farthest leverage of one joint."""
+    deviations = np.abs(error) / np.sqrt(noise + leverage)
+    factor = float(np.quantile(deviations, COVERAGE) / DEVIATIONS) ** 2
+    return noise, factor, max(float(np.quantile(leverage, _INSIDE)), _SHOWS * noise)

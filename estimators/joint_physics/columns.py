@@ -3,26 +3,26 @@
 For joint j at one instant, with load ID = inverse dynamics of the rigid body, torque tau_S of the
 simulation, and friction states z of the joint, the families are
 
-    rigid        Y_j(q, dq, ddq), links' parameters      errors of masses, centres and inertias
+    rigid        Y_j(q, dq, ddq), links' parameters       errors of masses, centres and inertias
     armature     ddq_j                                    inertia of the drive
     offset       1                                        offset of the sensor
     gain         tau_S of every joint                     gain of the sensor, crosstalk
     placement    d ID_j / d q_m                           offsets of the encoders
     elasticity   d ID_j / d q_m ID_m                      drives that give way to their load
-    hardening    d ID_j / d q_m ID_m |ID_m|               and do so less, the larger it is
     friction     z                                        presliding, Coulomb and Stribeck friction
     viscous      dq_j, dq_j |dq_j|, sign(dq_j) √|dq_j|
-    load         |ID_j| (z, dq_j), ID_j² z                friction grows with load
+    load         |ID_j| (z, dq_j)                         friction grows with load
     place        sin, cos (k q_j), k to 3                 once-per-revolution torques
     place_friction  sin, cos (k q_j) (z, dq_j), k to 2    friction depends on the angle
-    coupling     tanh(dq_m / v) of every joint            friction of others in this one's sensor
 
 The states z of a joint are stop operators z ← clip(z + Δq, -w, w) / w over a geometric range of
 widths w, whose weighted sum is any symmetric hysteresis of Prandtl and Ishlinskii, and smoothed
 directions tanh(dq / v) over a range of speeds v, whose differences are Stribeck curves. Two more,
 tanh(dq / √(v² + (T ddq)²)), take the time T to change sign that the filter's step response takes.
 
-Columns are written by one compiled loop, for a recording and for a single sample alike.
+All grow at most as velocity, load or slope do, but for the viscous family: what extrapolates has to
+be what physics extrapolates. Columns are written by one compiled loop, for a recording and for a
+single sample alike.
 
 Source: Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, ch. 12 (rigid
 body); Al-Bender, Lampaert and Swevers, "The generalized Maxwell-slip model", IEEE TAC 2005, and
@@ -54,9 +54,10 @@ _WIDTHS: Final = np.geomspace(1e-4, 0.3, 14)  # [rad], from an encoder's jitter 
 _SPEEDS: Final = np.array([0.003, 0.01, 0.03, 0.1, 0.3])  # [rad/s], creep to a brisk reach
 _SHARP: Final = np.array([0.001, 0.01])  # [rad/s], of the signs that the filter smooths
 _STEP_TIME: Final = 0.2  # [1/bandwidth], that a filtered step takes to half its height
-_COUPLING: Final = 0.03  # [rad/s]
 _HARMONICS: Final = 3
 _FRICTION_HARMONICS: Final = 2
+SETTLED: Final = 0.02  # [rad], twice the width within which nearly all presliding takes place
+_LAST, _LOWEST, _HIGHEST = -3, -2, -1  # columns of a joint's memory, after its stops
 _DIFFERENCE: Final = 1e-4  # [rad], of the central differences of the load
 
 
@@ -66,6 +67,22 @@ class Family:
 
     name: str
     size: int
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What is known of T samples before any torque is.
+
+    A joint is settled once it has turned so far that its friction no longer depends on how it came
+    to its first position, which nobody knows.
+    """
+
+    columns: FloatArray  # (n, T, K)
+    settled: NDArray[np.bool_]  # (T, n)
+
+    def of(self, samples: NDArray[np.bool_]) -> Rows:
+        """Return those of some samples, by a mask (T,)."""
+        return Rows(self.columns[:, samples], self.settled[samples])
 
 
 @dataclass(frozen=True)
@@ -96,13 +113,11 @@ class Columns:
             "gain": n,
             "placement": n,
             "elasticity": n,
-            "hardening": n,
             "friction": states,
             "viscous": 3,
-            "load": 2 * states + 1,
+            "load": states + 1,
             "place": 2 * _HARMONICS,
             "place_friction": 2 * _FRICTION_HARMONICS * (states + 1),
-            "coupling": n,
         }
         return tuple(Family(name, size) for name, size in sizes.items())
 
@@ -129,14 +144,17 @@ class Columns:
         return independent[independent < PER_LINK * self.n]
 
     def init(self) -> FloatArray:
-        """Return the memory before the first sample: each joint's stops and last position."""
-        memory = np.zeros((self.n, _WIDTHS.size + 1))
-        memory[:, -1] = np.nan
+        """Return the memory before the first sample, a row for each joint.
+
+        It holds the stops, at rest in their middle, the last position, and the range so far.
+        """
+        memory = np.zeros((self.n, _WIDTHS.size + 3))
+        memory[:, _LAST] = np.nan
         return memory
 
     def advance(
         self, memory: FloatArray, motion: Motion, torque: FloatArray, every: int = 1
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[Rows, FloatArray]:
         """Compute the columns of T samples that follow `memory`.
 
         Args:
@@ -146,10 +164,10 @@ class Columns:
             every: Give one row for so many samples; memory sees them all.
 
         Returns:
-            The columns, (n, rows, K), and the memory after the last sample.
+            The rows, and the memory after the last sample.
         """
         after = memory.copy()
-        stops = _stops(after, motion.position, every)
+        stops, turned = _remember(after, motion.position, every)
         if every > 1:
             motion, torque = motion[::every], torque[::every]
         load, slope = self._load_and_slope(motion)
@@ -166,7 +184,7 @@ class Columns:
             _STEP_TIME / self.bandwidth,
             X[:, :, self._base.size :],
         )
-        return X, after
+        return Rows(X, turned > SETTLED), after
 
     def _load_and_slope(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """Return ID, (T, n) [N m], and d ID / d q_m, (n, T, n) [N m/rad], first m."""
@@ -179,20 +197,31 @@ class Columns:
 
 
 @njit(cache=True)
-def _stops(memory: FloatArray, position: FloatArray, every: int) -> FloatArray:
-    """Advance the stops in `memory` (n, w + 1) over (T, n); return some rows of them, (r, n, w)."""
+def _remember(
+    memory: FloatArray, position: FloatArray, every: int
+) -> tuple[FloatArray, FloatArray]:
+    """Advance `memory` (n, ...) in place over (T, n); return of some rows r what is remembered.
+
+    Returns:
+        The stops, (r, n, w), and the range that each joint has turned in so far, (r, n) [rad].
+    """
     T, n = position.shape
-    stops = np.empty((-(-T // every), n, _WIDTHS.size))
+    rows = -(-T // every)
+    stops, turned = np.empty((rows, n, _WIDTHS.size)), np.empty((rows, n))
     for t in range(T):
         for j in range(n):
-            own = memory[j]
-            turned = 0.0 if np.isnan(own[-1]) else position[t, j] - own[-1]
-            own[-1] = position[t, j]
+            own, q = memory[j], position[t, j]
+            if np.isnan(own[_LAST]):
+                own[_LAST] = own[_LOWEST] = own[_HIGHEST] = q
+            step = q - own[_LAST]
+            own[_LAST], own[_LOWEST] = q, min(q, own[_LOWEST])
+            own[_HIGHEST] = max(q, own[_HIGHEST])
             for i in range(_WIDTHS.size):
-                own[i] = min(max(own[i] + turned / _WIDTHS[i], -1.0), 1.0)
-                if t % every == 0:
-                    stops[t // every, j, i] = own[i]
-    return stops
+                own[i] = min(max(own[i] + step / _WIDTHS[i], -1.0), 1.0)
+            if t % every == 0:
+                stops[t // every, j] = own[: _WIDTHS.size]
+                turned[t // every, j] = own[_HIGHEST] - own[_LOWEST]
+    return stops, turned
 
 
 @njit(cache=True)
@@ -221,12 +250,11 @@ def _fill(
                 x[k + m] = torque[t, m]
                 x[k + n + m] = slope[m, t, j]
                 x[k + 2 * n + m] = slope[m, t, j] * load[t, m]
-                x[k + 3 * n + m] = slope[m, t, j] * load[t, m] * abs(load[t, m])
-            k = _append(x, k + 4 * n, states, 1.0)
+            k = _append(x, k + 3 * n, states, 1.0)
             x[k], x[k + 1], x[k + 2] = v, v * abs(v), np.sign(v) * np.sqrt(abs(v))
             k = _append(x, k + 3, states, abs(own))
             x[k] = abs(own) * v
-            k = _append(x, k + 1, states, own**2)
+            k += 1
             for i in range(1, _HARMONICS + 1):
                 x[k], x[k + 1] = np.sin(i * q), np.cos(i * q)
                 k += 2
@@ -235,8 +263,6 @@ def _fill(
                     k = _append(x, k, states, wave)
                     x[k] = wave * v
                     k += 1
-            for m in range(n):
-                x[k + m] = np.tanh(velocity[t, m] / _COUPLING)
 
 
 @njit(cache=True)

@@ -104,6 +104,7 @@ class Fit:
     posterior: Posterior
     without: tuple[Posterior, ...]
     prior: Prior
+    held_out: float  # mean square error on the folds left out [N² m²]
 
 
 def fit(everything: Evidence, folds: Sequence[Evidence], family: NDArray[np.int64]) -> Fit:
@@ -117,7 +118,7 @@ def fit(everything: Evidence, folds: Sequence[Evidence], family: NDArray[np.int6
         folds: The rows without each fold.
         family: Which family each column is of, (K,).
     """
-    candidates: list[tuple[float, Fit]] = []
+    candidates: list[Fit] = []
     for worth in _WORTHS:
         prior = most_probable_prior(everything.worth(worth), family)
         without = tuple(posterior(rest.worth(worth), prior) for rest in folds)
@@ -125,5 +126,6 @@ def fit(everything: Evidence, folds: Sequence[Evidence], family: NDArray[np.int6
             everything.error(fitted.weights) - rest.error(fitted.weights)
             for rest, fitted in zip(folds, without, strict=True)
         )
-        candidates.append((error, Fit(posterior(everything.worth(worth), prior), without, prior)))
-    return min(candidates, key=lambda candidate: candidate[0])[1]
+        found = posterior(everything.worth(worth), prior)
+        candidates.append(Fit(found, without, prior, error / everything.rows))
+    return min(candidates, key=lambda candidate: candidate.held_out)

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.base import Estimate
+from estimators.hybrid import TorqueParts
 from estimators.joint_physics.calibration import Calibration, calibrate, leverage_of
 from estimators.joint_physics.columns import Columns
 from estimators.joint_physics.evidence import fit
 from estimators.joint_physics.normal_equations import FOLDS, NormalEquations
+from estimators.model_folder import provenance
 from limo_driver.errors import NotFittedError, ShapeError
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from estimators.joint_physics.columns import Rows
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
@@ -38,25 +41,33 @@ class FittedPhysics:
     record: Mapping[str, Any] = field(default_factory=dict)  # data and errors, as JSON
 
     @classmethod
-    def of(cls, sums: NormalEquations, columns: Columns) -> FittedPhysics:
+    def of(
+        cls, sums: NormalEquations, columns: Columns, recordings: Sequence[Recording]
+    ) -> FittedPhysics:
         """Fit the weights, and calibrate their uncertainty on folds that were left out."""
+        whole = [sums.evidence(j) for j in range(columns.n)]
         fits = [
             fit(
-                sums.evidence(j),
+                everything,
                 [sums.evidence(j, without=fold) for fold in range(FOLDS)],
                 columns.family,
             )
-            for j in range(columns.n)
+            for j, everything in enumerate(whole)
         ]
+        rmse = {
+            "simulation": [float(np.sqrt(own.energy / own.rows)) for own in whole],
+            "held_out": [float(np.sqrt(found.held_out)) for found in fits],
+        }
         return cls(
             np.stack([found.posterior.weights for found in fits]),
             np.stack([found.posterior.root for found in fits]),
             calibrate(sums.judged, fits),
+            {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
         )
 
-    def torque(self, x: FloatArray) -> FloatArray:
-        """Return what the columns (n, T, K) add to the simulation, (T, n) [N m]."""
-        return np.matmul(x, self.weights[:, :, None])[:, :, 0].T
+    def torque(self, rows: Rows) -> FloatArray:
+        """Return what T rows add to the simulation, (T, n) [N m]."""
+        return np.matmul(rows.columns, self.weights[:, :, None])[:, :, 0].T
 
 
 @dataclass(frozen=True)
@@ -122,7 +133,7 @@ class JointPhysics:
             RecordingError: There is none, one is of another robot, or they are too short.
         """
         sums = NormalEquations.of(self.simulation, self.columns, recordings)
-        self.fitted_ = FittedPhysics.of(sums, self.columns)
+        self.fitted_ = FittedPhysics.of(sums, self.columns, recordings)
         return self
 
     def predict(self, recording: Recording) -> FloatArray:
@@ -132,7 +143,12 @@ class JointPhysics:
             NotFittedError: Nothing was fitted or loaded.
             ShapeError: The recording has another number of joints.
         """
-        return self._over(recording, lambda torque, x: (torque + self.fitted.torque(x),))[0]
+        return self._over(recording, lambda torque, rows: (torque + self.fitted.torque(rows),))[0]
+
+    def parts(self, recording: Recording) -> TorqueParts:
+        """Predict as `predict` does, and keep the parts: simulation, and what is added to it."""
+        parts = self._over(recording, lambda torque, rows: (torque, self.fitted.torque(rows)))
+        return TorqueParts(*parts)
 
     def estimate(self, recording: Recording) -> Estimate:
         """Predict the torque of a recorded motion, its standard deviation, and where it is unsure.
@@ -158,26 +174,28 @@ class JointPhysics:
             ShapeError: The sample has another number of joints.
         """
         fitted = self.fitted
-        torque, x, after = self._advance(state, sample.motion())
-        return (torque + fitted.torque(x))[0], after
+        torque, rows, after = self._advance(state, sample.motion())
+        return (torque + fitted.torque(rows))[0], after
 
     def estimate_step(
         self, state: JointPhysicsState, sample: JointSample
     ) -> tuple[Estimate, JointPhysicsState]:
         """Do as `step` does, with standard deviation and flag of each joint, (n,)."""
-        torque, x, after = self._advance(state, sample.motion())
-        return Estimate(*(values[0] for values in self._estimate(torque, x))), after
+        torque, rows, after = self._advance(state, sample.motion())
+        return Estimate(*(values[0] for values in self._estimate(torque, rows))), after
 
-    def _estimate(self, torque: FloatArray, x: FloatArray) -> tuple[NDArray[Any], ...]:
+    def _estimate(self, torque: FloatArray, rows: Rows) -> tuple[NDArray[Any], ...]:
         fitted = self.fitted
-        leverage = np.stack([leverage_of(x_j, R) for x_j, R in zip(x, fitted.root, strict=True)], 1)
+        leverage = np.stack(
+            [leverage_of(x, R) for x, R in zip(rows.columns, fitted.root, strict=True)], axis=1
+        )
         std, outside = fitted.calibration.std(leverage), fitted.calibration.outside(leverage)
-        return torque + fitted.torque(x), std, outside
+        return torque + fitted.torque(rows), std, outside | ~rows.settled
 
     def _over(
         self,
         recording: Recording,
-        values: Callable[[FloatArray, FloatArray], tuple[NDArray[Any], ...]],
+        values: Callable[[FloatArray, Rows], tuple[NDArray[Any], ...]],
     ) -> tuple[NDArray[Any], ...]:
         """Evaluate `values` of torque and columns over a recording, chunk by chunk."""
         self._check_joints(recording.position.shape)
@@ -187,19 +205,19 @@ class JointPhysics:
         ]
         return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
-    def _chunks(self, motion: Motion) -> Iterator[tuple[FloatArray, FloatArray]]:
+    def _chunks(self, motion: Motion) -> Iterator[tuple[FloatArray, Rows]]:
         state = self.init()
         for start in range(0, len(motion), _ROWS):
-            torque, x, state = self._advance(state, motion[start : start + _ROWS])
-            yield torque, x
+            torque, rows, state = self._advance(state, motion[start : start + _ROWS])
+            yield torque, rows
 
     def _advance(
         self, state: JointPhysicsState, motion: Motion
-    ) -> tuple[FloatArray, FloatArray, JointPhysicsState]:
+    ) -> tuple[FloatArray, Rows, JointPhysicsState]:
         self._check_joints(motion.position.shape)
         torque, simulation = self.simulation.advance(state.simulation, motion)
-        x, columns = self.columns.advance(state.columns, motion, torque)
-        return torque, x, JointPhysicsState(simulation, columns)
+        rows, columns = self.columns.advance(state.columns, motion, torque)
+        return torque, rows, JointPhysicsState(simulation, columns)
 
     def _check_joints(self, shape: tuple[int, ...]) -> None:
         n = self.columns.n

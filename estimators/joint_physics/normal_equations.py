@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.joint_physics.columns import SETTLED
 from estimators.joint_physics.evidence import Evidence
 from limo_driver.errors import RecordingError
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.joint_physics.columns import Columns
+    from estimators.joint_physics.columns import Columns, Rows
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
@@ -39,7 +40,7 @@ class NormalEquations:
     gram: FloatArray  # (F, n, K, K), Σ x xᵀ
     product: FloatArray  # (F, n, K), Σ x y
     energy: FloatArray  # (F, n), Σ y² [N² m²]
-    count: FloatArray  # (F,), rows
+    count: FloatArray  # (F, n), rows
     judged: JudgedRows
 
     def evidence(self, joint: int, without: int | None = None) -> Evidence:
@@ -49,7 +50,7 @@ class NormalEquations:
             self.gram[use, joint].sum(axis=0),
             self.product[use, joint].sum(axis=0),
             float(self.energy[use, joint].sum()),
-            float(self.count[use].sum()),
+            float(self.count[use, joint].sum()),
         )
 
     @classmethod
@@ -67,22 +68,20 @@ class NormalEquations:
             recording.check_robot(simulation.model)
         n, K = columns.n, columns.count
         gram, product = np.zeros((FOLDS, n, K, K)), np.zeros((FOLDS, n, K))
-        energy, count = np.zeros((FOLDS, n)), np.zeros(FOLDS)
+        energy, count = np.zeros((FOLDS, n)), np.zeros((FOLDS, n))
         kept: list[JudgedRows] = []
-        for x, y, fold in _chunks(simulation, columns, recordings):
+        every = _share(recordings, columns)
+        for found, y, fold in _chunks(simulation, columns, recordings):
             for f in np.unique(fold):
-                rows = fold == f
                 for j in range(n):
-                    own = x[j, rows]
-                    gram[f, j] += own.T @ own
-                    product[f, j] += own.T @ y[rows, j]
-                energy[f] += np.sum(y[rows] ** 2, axis=0)
-                count[f] += rows.sum()
-            kept.append(JudgedRows.of(x, y, fold, _share(recordings, columns)))
-        if not count.any():
-            raise RecordingError(
-                "the recordings are too short to fit to", path=recordings[0].source or None
-            )
+                    rows = (fold == f) & found.settled[:, j]
+                    x, own = found.columns[j, rows], y[rows, j]
+                    gram[f, j] += x.T @ x
+                    product[f, j] += x.T @ own
+                    energy[f, j] += own @ own
+                    count[f, j] += own.size
+            kept.append(JudgedRows.of(found, y, fold, every))
+        _check_enough(count, recordings)
         return cls(gram, product, energy, count, JudgedRows.joined(kept))
 
 
@@ -92,14 +91,16 @@ class JudgedRows:
 
     columns: NDArray[np.float32]  # (n, T, K)
     residual: FloatArray  # (T, n) [N m], of the simulation
+    settled: NDArray[np.bool_]  # (T, n); others do not count
     fold: NDArray[np.int64]  # (T,)
 
     @classmethod
     def of(
-        cls, columns: FloatArray, residual: FloatArray, fold: NDArray[np.int64], every: int
+        cls, rows: Rows, residual: FloatArray, fold: NDArray[np.int64], every: int
     ) -> JudgedRows:
         """Keep one row of so many."""
-        return cls(columns[:, ::every].astype(np.float32), residual[::every], fold[::every])
+        x = rows.columns[:, ::every].astype(np.float32)
+        return cls(x, residual[::every], rows.settled[::every], fold[::every])
 
     @classmethod
     def joined(cls, parts: Sequence[JudgedRows]) -> JudgedRows:
@@ -107,7 +108,19 @@ class JudgedRows:
         return cls(
             np.concatenate([part.columns for part in parts], axis=1),
             np.concatenate([part.residual for part in parts]),
+            np.concatenate([part.settled for part in parts]),
             np.concatenate([part.fold for part in parts]),
+        )
+
+
+def _check_enough(count: FloatArray, recordings: Sequence[Recording]) -> None:
+    """Check that each joint has rows in every fold; count is (F, n)."""
+    lacking = np.flatnonzero((count == 0).any(axis=0))
+    if lacking.size:
+        raise RecordingError(
+            f"the recordings say too little of joint {lacking[0] + 1}: it has to turn by more than "
+            f"{SETTLED:g} rad in each of {FOLDS} parts of the motion",
+            path=recordings[0].source or None,
         )
 
 
@@ -124,8 +137,8 @@ def _share(recordings: Sequence[Recording], columns: Columns) -> int:
 
 def _chunks(
     simulation: Simulation, columns: Columns, recordings: Sequence[Recording]
-) -> Iterator[tuple[FloatArray, FloatArray, NDArray[np.int64]]]:
-    """Give columns (n, r, K), residual torque (r, n) and fold (r,) of rows chunk by chunk."""
+) -> Iterator[tuple[Rows, FloatArray, NDArray[np.int64]]]:
+    """Give r rows, their residual torque (r, n) and fold (r,), chunk by chunk."""
     for recording in recordings:
         bandwidth, every = columns.bandwidth, _stride(recording, columns)
         motion, torque = recording.motion(bandwidth), recording.filtered_torque(bandwidth)
@@ -135,10 +148,10 @@ def _chunks(
             for start in range(rows.start, rows.stop, every * _ROWS):
                 piece = slice(start, min(start + every * _ROWS, rows.stop))
                 predicted, bodies = simulation.advance(bodies, motion[piece])
-                x, memory = columns.advance(memory, motion[piece], predicted, every)
+                found, memory = columns.advance(memory, motion[piece], predicted, every)
                 use = inside[piece][::every]
                 residual = (torque[piece] - predicted)[::every]
-                yield x[:, use], residual[use], fold[piece][::every][use]
+                yield found.of(use), residual[use], fold[piece][::every][use]
 
 
 def fold_of(recording: Recording) -> NDArray[np.int64]:

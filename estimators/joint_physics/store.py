@@ -60,7 +60,7 @@ def load(folder: Path | str) -> JointPhysics:
         )
     tensors = opened.tensors()
     n, K = model.columns.n, model.columns.count
-    shapes = {"weights": (n, K), "root": (n, K, K), "noise": (n,), "spread": (n,), "farthest": (n,)}
+    shapes = {"weights": (n, K), "root": (n, K, K), "noise": (n,), "factor": (n,), "farthest": (n,)}
     for name, shape in shapes.items():
         found = tensors.get(name, np.empty(0))
         if found.shape != shape or not np.isfinite(found).all():
@@ -68,7 +68,7 @@ def load(folder: Path | str) -> JointPhysics:
                 f"{opened.path / WEIGHTS}: {name} has shape {found.shape}, expected {shape} of "
                 "finite numbers"
             )
-    calibration = Calibration(*(tensors[name] for name in ("noise", "spread", "farthest")))
+    calibration = Calibration(*(tensors[name] for name in ("noise", "factor", "farthest")))
     record = manifest.get("training", {})
     model.fitted_ = FittedPhysics(tensors["weights"], tensors["root"], calibration, record)
     return model

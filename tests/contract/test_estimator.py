@@ -7,6 +7,7 @@ import pytest
 
 from estimators.base import InverseDynamics
 from estimators.hybrid import HybridModel
+from estimators.joint_physics import JointPhysics
 from estimators.rigid_body import RigidBodyModel
 from estimators.training import TrainingSettings
 from limo_driver.errors import NotFittedError, ShapeError
@@ -34,6 +35,7 @@ ESTIMATORS = {
     "lstm-2": lambda: hybrid("lstm-2", "all-joints"),
     "transformer": lambda: hybrid("transformer", "all-joints"),
     "lstm-fcl own-joint": lambda: hybrid("lstm-fcl", "own-joint"),
+    "joint-physics": lambda: JointPhysics(NOMINAL),
 }
 
 
@@ -96,6 +98,16 @@ def test_shape_is_that_of_the_recording(estimator: InverseDynamics, recording: R
     predicted = estimator.predict(recording)
     assert predicted.shape == recording.torque.shape
     assert np.isfinite(predicted).all()
+
+
+def test_estimates_say_how_sure_they_are(estimator: InverseDynamics, recording: Recording) -> None:
+    if isinstance(estimator, RigidBodyModel):
+        pytest.skip("a rigid body says nothing of its errors")
+    estimate = estimator.estimate(recording)
+    np.testing.assert_array_equal(estimate.torque, estimator.predict(recording))
+    assert estimate.std.shape == estimate.outside.shape == recording.torque.shape
+    assert (estimate.std > 0).all()
+    assert estimate.outside.dtype == bool
 
 
 def test_torque_of_the_recording_is_not_looked_at(
