@@ -47,6 +47,7 @@ class Evaluation:
     of a stretch, whose derivatives are unsure, are not scored.
     """
 
+    model: str  # name of the estimator
     recording: Recording
     motion: Motion
     measured: FloatArray  # (T, n) [N m], filtered
@@ -115,6 +116,7 @@ class Evaluation:
         }
         return {
             "schema": 1,
+            "model": self.model,
             "recording": self.recording.source,
             "bandwidth": self.bandwidth,
             "samples": int(self.scored.sum()),
@@ -148,6 +150,7 @@ def evaluate(model: HybridModel | JointPhysics, recording: Recording) -> Evaluat
         )
     motion = recording.motion(bandwidth)
     return Evaluation(
+        model.name,
         recording,
         motion,
         recording.filtered_torque(bandwidth),

@@ -188,12 +188,16 @@ class Columns:
 
     def _load_and_slope(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """Return ID, (T, n) [N m], and d ID / d q_m, (n, T, n) [N m/rad], first m."""
-        q, v, a = motion.position, motion.velocity, motion.acceleration
-        slope = np.empty((self.n, *q.shape))
-        for m, step in enumerate(_DIFFERENCE * np.eye(self.n)):
-            above = self.body.inverse_dynamics(q + step, v, a)
-            slope[m] = (above - self.body.inverse_dynamics(q - step, v, a)) / (2 * _DIFFERENCE)
-        return self.body.inverse_dynamics(q, v, a), slope
+        n, shape = self.n, motion.position.shape
+        steps = _DIFFERENCE * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
+        position = motion.position + steps[:, None]  # (1 + 2n, T, n), in one call for speed
+        others = (
+            np.broadcast_to(x, position.shape) for x in (motion.velocity, motion.acceleration)
+        )
+        load = self.body.inverse_dynamics(
+            position.reshape(-1, n), *(x.reshape(-1, n) for x in others)
+        ).reshape(-1, *shape)
+        return load[0], (load[1 : n + 1] - load[n + 1 :]) / (2 * _DIFFERENCE)
 
 
 @njit(cache=True)

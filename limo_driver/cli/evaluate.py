@@ -93,17 +93,18 @@ def table(evaluation: Evaluation) -> Table:
         pad_edge=False,
         title=f"{evaluation.recording.source}: against torque filtered at "
         f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
-        caption="RMS(E) in N m, MSE in (N m)²; network: the torque that it adds",
+        caption="RMS(E) in N m, MSE in (N m)²; learned: the torque that it adds; model: "
+        f"{evaluation.model}",
     )
     # the one column that gives way in a narrow terminal
     result.add_column("joint", overflow="fold")
     for heading in (
         "rigid\nbody\nRMSE",
-        "network\n\nRMS",
-        "hybrid\n\nRMSE",
+        "learned\n\nRMS",
+        "model\n\nRMSE",
         "noise\nfloor\nRMS",
         "rigid\nbody\nMSE",
-        "hybrid\n\nMSE",
+        "model\n\nMSE",
         "ratio\n\nof MSE",
     ):
         result.add_column(heading, justify="right", no_wrap=True)

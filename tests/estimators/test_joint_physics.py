@@ -268,3 +268,38 @@ def test_a_missing_file_is_named(folder: Path, name: str) -> None:
 def test_a_folder_of_another_estimator_is_refused(folder: Path) -> None:
     with pytest.raises(ModelStoreError, match="is of 'joint-physics', expected 'hybrid'"):
         HybridModel.load(folder)
+
+
+def limo(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    code = "from limo_driver.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_commands_train_and_evaluate_it(
+    rigid: Simulation, training_recording: Recording, tmp_path: Path
+) -> None:
+    sim, run = tmp_path / "sim.yaml", tmp_path / "run.parquet"
+    rigid.save(sim)
+    training_recording.save(run)
+    given = ("--sim", sim, "--model", "joint-physics", "--out", tmp_path / "model")
+    refused = limo("train", run, *given, "--epochs", "3")
+    assert refused.returncode == 2
+    assert "--epochs is of networks" in refused.stderr
+    trained = limo("train", run, *given, "--json")
+    assert trained.returncode == 0, trained.stderr
+    rmse = json.loads(trained.stdout)["rmse"]
+    assert max(rmse["held_out"]) < 0.1 * min(rmse["simulation"])
+    evaluated = limo(
+        "evaluate", run, "--model", tmp_path / "model", "--sim", sim, "--out", tmp_path / "out"
+    )
+    assert evaluated.returncode == 0, evaluated.stderr
+    assert "95 % interval" in evaluated.stdout
+    figures = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert figures["model"] == "joint-physics"
+    assert min(figures["coverage_of_95_percent"]) > 0.9
+    assert max(figures["outside"]) < 0.1
