@@ -122,14 +122,20 @@ def models(case: Case) -> Iterator[tuple[str, Predict]]:
 
 
 def hybrid(case: Case) -> Iterator[tuple[str, Predict]]:
-    """Train the hybrid as `limo train --features drive` does; first comes its rigid body."""
+    """Train the hybrid as `limo train --features drive` does, and joint physics.
+
+    First comes the rigid body of both.
+    """
     from estimators.hybrid import HybridModel
+    from estimators.joint_physics import JointPhysics
     from estimators.training import usual_settings
 
     simulation = identify(RobotModel.load(case.urdf), case.train, rows=Rows(BANDWIDTH)).simulation
     model = HybridModel(simulation, usual_settings("drive")).fit(case.train)
     yield "rigid body of the hybrid", lambda recording: model.parts(recording).rigid_body
     yield "hybrid, limo train --features drive", model.predict
+    physics = JointPhysics(simulation, BANDWIDTH).fit(case.train)
+    yield "joint physics, limo train --model joint-physics", physics.predict
     gains = "".join(f"{value:7.2f}" for value in model.fitted.gain)
     print(f"  {'gain of the network, from training motion':46}{gains}")
 

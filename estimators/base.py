@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, runtime_checkable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Self
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, JointSample
 
+DEVIATIONS: Final = 1.959964  # of a normal distribution, that hold 95 %
+
 State: TypeAlias = Any  # each estimator's own; only passed back to its `step`
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Torque of n joints and how sure it is, for T samples (T, n) or for one (n,).
+
+    95 % of measured torques, filtered as those of training were, are meant to lie within
+    `DEVIATIONS` standard deviations.
+    """
+
+    torque: FloatArray  # [N m]
+    std: FloatArray  # [N m]
+    outside: NDArray[np.bool_]  # the motion is unlike what was learned; `std` is a guess there
 
 
 @runtime_checkable

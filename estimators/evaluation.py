@@ -1,4 +1,4 @@
-"""Evaluate a hybrid on motion it has not seen, beside the rigid body and the noise floor."""
+"""Evaluate a model on motion it has not seen, beside the rigid body and the noise floor."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.signal import welch
 
+from estimators.base import DEVIATIONS
 from limo_driver.differentiation import ORDER
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from estimators.base import Estimate
     from estimators.hybrid import HybridModel, TorqueParts
+    from estimators.joint_physics import JointPhysics
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
@@ -44,10 +47,12 @@ class Evaluation:
     of a stretch, whose derivatives are unsure, are not scored.
     """
 
+    model: str  # name of the estimator
     recording: Recording
     motion: Motion
     measured: FloatArray  # (T, n) [N m], filtered
     parts: TorqueParts
+    estimate: Estimate
     frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics
     scored: NDArray[np.bool_]  # (T,)
     bandwidth: float  # [Hz]
@@ -68,6 +73,19 @@ class Evaluation:
     def hybrid(self) -> Errors:
         """Errors of the hybrid."""
         return self._errors(self.parts.hybrid)
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Part of the rows within 1.96 standard deviations, (n,); NaN where these are unknown."""
+        error = np.abs(self.measured - self.estimate.torque)[self.scored]
+        std = self.estimate.std[self.scored]
+        within = np.mean(error <= DEVIATIONS * std, axis=0)
+        return np.where(np.isfinite(std).all(axis=0), within, np.nan)
+
+    @property
+    def outside(self) -> FloatArray:
+        """Part of the rows whose motion is unlike what was learned, (n,)."""
+        return np.asarray(self.estimate.outside[self.scored].mean(axis=0), dtype=np.float64)
 
     @property
     def mse_ratio(self) -> FloatArray:
@@ -93,9 +111,12 @@ class Evaluation:
             "mse_hybrid": self.hybrid.mse,
             "mse_ratio": self.mse_ratio,
             "noise_floor": self.noise_floor,
+            "coverage_of_95_percent": self.coverage,
+            "outside": self.outside,
         }
         return {
             "schema": 1,
+            "model": self.model,
             "recording": self.recording.source,
             "bandwidth": self.bandwidth,
             "samples": int(self.scored.sum()),
@@ -110,7 +131,7 @@ class Evaluation:
         }
 
 
-def evaluate(model: HybridModel, recording: Recording) -> Evaluation:
+def evaluate(model: HybridModel | JointPhysics, recording: Recording) -> Evaluation:
     """Predict a recording and compare with its filtered torque.
 
     Raises:
@@ -118,7 +139,7 @@ def evaluate(model: HybridModel, recording: Recording) -> Evaluation:
         ModelStoreError: The recording has another sampling rate than the model can take.
         RecordingError: The recording is of another robot, or too short.
     """
-    bandwidth = model.fitted.bandwidth
+    bandwidth = model.bandwidth
     recording.check_robot(model.simulation.model)
     scored = ~recording.edges(bandwidth)
     if not scored.any():
@@ -129,10 +150,12 @@ def evaluate(model: HybridModel, recording: Recording) -> Evaluation:
         )
     motion = recording.motion(bandwidth)
     return Evaluation(
+        model.name,
         recording,
         motion,
         recording.filtered_torque(bandwidth),
         model.parts(recording),
+        model.estimate(recording),
         model.simulation.without_effects().predict(motion),
         scored,
         bandwidth,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any, Self
 
+    from estimators.base import Estimate
     from estimators.features import Features
     from estimators.neural import Network
     from estimators.scaling import InputScaling, Scaling
@@ -162,6 +163,22 @@ class HybridModel:
             ModelStoreError: The recording has another sampling rate than the model can take.
         """
         return self.parts(recording).hybrid
+
+    @property
+    def bandwidth(self) -> float:
+        """Bandwidth of the filters on motion and torque in training [Hz]."""
+        return self.fitted.bandwidth
+
+    def estimate(self, recording: Recording) -> Estimate:
+        """Predict as `predict` does, with standard deviation and flag.
+
+        Raises:
+            NotFittedError: Nothing was trained or loaded.
+            ModelStoreError: The recording has another sampling rate than the model can take.
+        """
+        from estimators.hybrid_uncertainty import estimate
+
+        return estimate(self, recording)
 
     def parts(self, recording: Recording) -> TorqueParts:
         """Predict as `predict` does, and keep the parts; memory starts anew in each segment."""

@@ -1,43 +1,26 @@
-"""Model folders: weights as safetensors, a JSON manifest and the simulation; no code, no pickles.
-
-model/
-├── manifest.json        inputs in order, units, normalisation, rate, bandwidth, robot, training
-├── model.safetensors    weights
-└── sim.yaml             gives tau_RBD
-"""
+"""What the model folder of a hybrid holds: its network, how to feed it, and its training."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
-from hashlib import sha256
-from importlib.metadata import version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
-from safetensors.numpy import save as save_tensors
 
 from estimators.features import Feature, Features
 from estimators.hybrid import FittedNetwork, HybridModel
+from estimators.model_folder import MANIFEST, WEIGHTS, ModelFolder, write_folder
 from estimators.neural import NETWORKS
 from estimators.scaling import InputScaling, Scaling
-from limo_driver.errors import ConfigError, ModelStoreError
-from limo_driver.physics import Simulation
+from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from limo_driver.types import FloatArray
 
-SCHEMA: Final = 1
-MANIFEST: Final = "manifest.json"
-WEIGHTS: Final = "model.safetensors"
-SIMULATION: Final = "sim.yaml"
 _COLUMNS: Final = "columns"  # which inputs each part of the network sees
-_REQUIRED: Final = frozenset(
-    ("joints", "features", "inputs", "outputs", "weights", "simulation", "rate", "bandwidth")
-)
+_REQUIRED: Final = frozenset(("features", "inputs", "outputs", "rate", "bandwidth"))
 _PACKAGES: Final = ("limo", "numpy", "torch", "safetensors", "pin")
 
 
@@ -48,15 +31,10 @@ def save(model: HybridModel, folder: Path | str) -> None:
         NotFittedError: Nothing was trained.
         ModelStoreError: The folder cannot be written.
     """
-    fitted, folder = model.fitted, Path(folder)
-    tensors: dict[str, Any] = {**fitted.network.weights, _COLUMNS: fitted.network.columns}
-    weights = save_tensors({name: np.ascontiguousarray(value) for name, value in tensors.items()})
-    manifest: dict[str, Any] = {
-        "schema": SCHEMA,
+    fitted = model.fitted
+    entries: dict[str, Any] = {
         "estimator": model.name,
         "network": fitted.network.kind,
-        "robot": model.simulation.model.name,
-        "joints": list(model.simulation.model.joint_names),
         "rate": fitted.rate,
         "bandwidth": fitted.bandwidth,
         "standalone": fitted.standalone,
@@ -74,19 +52,10 @@ def save(model: HybridModel, folder: Path | str) -> None:
             std=fitted.outputs.std,
             gain=fitted.gain,
         ),
-        "weights": {"file": WEIGHTS, "sha256": sha256(weights).hexdigest()},
-        "simulation": {"file": SIMULATION},
         "training": dict(fitted.record),
-        "packages": {name: version(name) for name in _PACKAGES},
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / WEIGHTS).write_bytes(weights)
-        model.simulation.save(folder / SIMULATION)
-        manifest["simulation"]["sha256"] = _digest(folder / SIMULATION)
-        (folder / MANIFEST).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
-    except OSError as error:
-        raise ModelStoreError(f"{folder}: cannot be written: {error.strerror}") from None
+    tensors: dict[str, Any] = {**fitted.network.weights, _COLUMNS: fitted.network.columns}
+    write_folder(folder, entries, tensors, model.simulation, _PACKAGES)
 
 
 def load(folder: Path | str) -> HybridModel:
@@ -95,106 +64,22 @@ def load(folder: Path | str) -> HybridModel:
     Raises:
         ModelStoreError: A file is missing or does not fit the others; the message names it.
     """
-    folder = Path(folder)
-    manifest = _read_manifest(folder)
-    try:
-        simulation = Simulation.load(folder / SIMULATION)
-    except ConfigError as error:
-        raise ModelStoreError(str(error)) from None
-    if _digest(folder / SIMULATION) != manifest["simulation"].get("sha256"):
+    opened = ModelFolder.open(folder, HybridModel.name, _REQUIRED)
+    path, manifest = opened.path, opened.manifest
+    if manifest.get("network") not in NETWORKS:
         raise ModelStoreError(
-            f"{folder}: {SIMULATION} is not the one of the manifest (sha256 differs); "
-            "the network learned what another simulation left over"
+            f"{path / MANIFEST}: network {manifest.get('network')!r} is unknown; known: "
+            f"{', '.join(NETWORKS)}"
         )
-    joints = list(simulation.model.joint_names)
-    if manifest["joints"] != joints:
-        raise ModelStoreError(
-            f"{folder}: the manifest is of joints {', '.join(map(str, manifest['joints']))}, but "
-            f"{SIMULATION} of {', '.join(joints)}"
-        )
+    model = HybridModel(opened.simulation)
     try:
-        fitted = _fitted(manifest, (folder / WEIGHTS).read_bytes(), len(joints))
-    except OSError as error:
-        raise ModelStoreError(f"{folder / WEIGHTS}: cannot be read: {error.strerror}") from None
-    except ModelStoreError as error:
-        raise ModelStoreError(f"{folder}: {error}") from None
+        model.fitted_ = _fitted(manifest, opened.tensors(), model.simulation.model.n)
     except (KeyError, TypeError, ValueError) as error:
-        raise ModelStoreError(f"{folder / MANIFEST}: cannot be understood: {error!r}") from None
-    model = HybridModel(simulation)
-    model.fitted_ = fitted
+        raise ModelStoreError(f"{path / MANIFEST}: cannot be understood: {error!r}") from None
     return model
 
 
-def check_simulation(model: HybridModel, simulation: Simulation) -> None:
-    """Check that a simulation is the one whose residual the model learned.
-
-    Raises:
-        ModelStoreError: Names what differs.
-    """
-    own = model.simulation
-    if own.model.joint_names != simulation.model.joint_names:
-        raise ModelStoreError(
-            f"the model is of robot {own.model.name}, the simulation of {simulation.model.name}"
-        )
-    differing = [
-        mine.name + "".join(f" of joint {joint}" for joint in mine.joints[:1])
-        for mine, theirs in zip(own.effects, simulation.effects, strict=False)
-        if mine != theirs
-    ]
-    differing += [
-        f"inertia of {link}"
-        for link, inertial in own.model.inertials.items()
-        if not _close(asdict(inertial), asdict(simulation.model.inertials[link]))
-    ]
-    if len(own.effects) != len(simulation.effects):
-        differing.append(f"{len(simulation.effects)} effects instead of {len(own.effects)}")
-    if differing:
-        raise ModelStoreError(
-            f"the model learned the residual of another simulation ({differing[0]}"
-            f"{f' and {len(differing) - 1} more' if len(differing) > 1 else ''}); "
-            "train it again on this one, or use the sim.yaml of the model folder"
-        )
-
-
-def _digest(path: Path) -> str:
-    return sha256(path.read_bytes()).hexdigest()
-
-
-def _close(a: dict[str, Any], b: dict[str, Any]) -> bool:
-    return all(np.allclose(a[key], b[key], rtol=1e-9, atol=1e-12) for key in a)
-
-
-def _read_manifest(folder: Path) -> dict[str, Any]:
-    path = folder / MANIFEST
-    if not folder.is_dir():
-        raise ModelStoreError(f"{folder}: no such model folder")
-    try:
-        manifest = json.loads(path.read_text())
-    except OSError as error:
-        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ModelStoreError(f"{path}: no JSON: {error}") from None
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        raise ModelStoreError(f"{path}: its schema is not {SCHEMA}")
-    if manifest.get("network") not in NETWORKS:
-        raise ModelStoreError(
-            f"{path}: network {manifest.get('network')!r} is unknown; known: {', '.join(NETWORKS)}"
-        )
-    missing = _REQUIRED - set(manifest)
-    if missing:
-        raise ModelStoreError(f"{path}: lacks {', '.join(sorted(missing))}")
-    if not isinstance(manifest["simulation"], dict):
-        raise ModelStoreError(f"{path}: simulation names no file and sha256")
-    return manifest
-
-
-def _fitted(manifest: dict[str, Any], weights: bytes, n: int) -> FittedNetwork:
-    if sha256(weights).hexdigest() != manifest["weights"]["sha256"]:
-        raise ModelStoreError(f"{WEIGHTS} is not the one of the manifest (sha256 differs)")
-    try:
-        tensors = load_tensors(weights)
-    except SafetensorError as error:
-        raise ModelStoreError(f"{WEIGHTS}: {error}") from None
+def _fitted(manifest: dict[str, Any], tensors: dict[str, Any], n: int) -> FittedNetwork:
     settings = manifest["features"]
     features = Features(
         n,

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 # Okabe and Ito's palette, told apart by any colour vision; lines differ in weight as well.
+_MODEL: Final = {"color": "#0072B2", "linewidth": 1.1, "zorder": 3, "linestyle": (0, (4, 1.2))}
 _STYLES: Final = {
     "measured": {"color": "0.65", "linewidth": 2.4, "zorder": 1},
     "rigid body": {"color": "#D55E00", "linewidth": 1.1, "zorder": 2},
-    "hybrid": {"color": "#0072B2", "linewidth": 1.1, "zorder": 3, "linestyle": (0, (4, 1.2))},
+    "hybrid": _MODEL,
+    "joint-physics": _MODEL,
 }
 _WINDOW: Final = 6.0  # [s] shown
 _COLUMNS: Final = 4
@@ -94,7 +96,7 @@ def png(figure: Figure) -> bytes:
 def _lines(evaluation: Evaluation) -> Iterator[tuple[str, FloatArray]]:
     yield "measured", evaluation.measured
     yield "rigid body", evaluation.parts.rigid_body
-    yield "hybrid", evaluation.parts.hybrid
+    yield evaluation.model, evaluation.parts.hybrid
 
 
 def _figures(evaluation: Evaluation, j: int) -> str:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import copy
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from hashlib import sha256
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from estimators.hybrid import FittedNetwork, HybridModel
+from estimators.model_folder import provenance
 from estimators.neural import NETWORKS
 from estimators.training_data import prepare
 from estimators.training_gain import gain
@@ -100,7 +99,7 @@ def train(
     fitted = fit_prepared(data, settings, on_epoch)
     record = {
         **fitted.record,
-        "recordings": [_provenance(recording) for recording in recordings],
+        "recordings": [provenance(recording) for recording in recordings],
         "rmse": _rmse(simulation, fitted, recordings, data),
     }
     return replace(fitted, record=record)
@@ -147,17 +146,6 @@ def fit_prepared(
         },
         standalone=settings.standalone,
     )
-
-
-def _provenance(recording: Recording) -> dict[str, Any]:
-    path = Path(recording.source)
-    readable = bool(recording.source) and path.is_file()
-    return {
-        "file": path.name,
-        "sha256": sha256(path.read_bytes()).hexdigest() if readable else None,
-        "samples": len(recording),
-        "left_out": sum(len(item.rows) for item in recording.left_out),
-    }
 
 
 def _rmse(

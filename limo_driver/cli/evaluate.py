@@ -1,4 +1,4 @@
-"""`limo evaluate`: a hybrid against its rigid body on motion that it has not seen."""
+"""`limo evaluate`: a model against its rigid body on motion that it has not seen."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ def command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Compare measured torque with rigid body and hybrid: a table, and pictures with --out.
+    """Compare measured torque with rigid body and model: tables, and pictures with --out.
 
     The measured torque goes through the zero-phase filter that was used in training. The noise
-    floor is what sensor noise, judged by the spectrum above, leaves after that filter.
+    floor is what sensor noise, judged by the spectrum above, leaves after that filter. The second
+    table says how many torques were within the interval that is meant to hold 95 %, and how much
+    of the motion is unlike what was learned.
 
     [bold]Example[/bold]
 
@@ -38,26 +40,26 @@ def command(
     from rich.console import Console
 
     from estimators.evaluation import evaluate
-    from estimators.model_store import check_simulation, load
+    from estimators.model_folder import check_simulation, load_model
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
-    hybrid = load(model)
+    trained = load_model(model)
     if sim is not None:
-        check_simulation(hybrid, Simulation.load(sim))
+        check_simulation(trained, Simulation.load(sim))
     measured = Recording.load(recording)
-    measured.check_robot(hybrid.simulation.model)
+    measured.check_robot(trained.simulation.model)
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     for item in (*measured.left_out, *measured.warnings):
         notes.print(f"{recording}: {item}", markup=False)
-    evaluation = evaluate(hybrid, measured)
+    evaluation = evaluate(trained, measured)
     values = json.dumps(evaluation.as_values())
     if out is not None:
         write(evaluation, out)
     if as_json:
         Console().print_json(values)
         return
-    Console(highlight=False).print(table(evaluation))
+    Console(highlight=False).print(table(evaluation), certainty(evaluation))
 
 
 def write(evaluation: Evaluation, folder: Path) -> None:
@@ -91,17 +93,18 @@ def table(evaluation: Evaluation) -> Table:
         pad_edge=False,
         title=f"{evaluation.recording.source}: against torque filtered at "
         f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
-        caption="RMS(E) in N m, MSE in (N m)²; network: the torque that it adds",
+        caption="RMS(E) in N m, MSE in (N m)²; learned: the torque that it adds; model: "
+        f"{evaluation.model}",
     )
     # the one column that gives way in a narrow terminal
     result.add_column("joint", overflow="fold")
     for heading in (
         "rigid\nbody\nRMSE",
-        "network\n\nRMS",
-        "hybrid\n\nRMSE",
+        "learned\n\nRMS",
+        "model\n\nRMSE",
         "noise\nfloor\nRMS",
         "rigid\nbody\nMSE",
-        "hybrid\n\nMSE",
+        "model\n\nMSE",
         "ratio\n\nof MSE",
     ):
         result.add_column(heading, justify="right", no_wrap=True)
@@ -122,4 +125,27 @@ def table(evaluation: Evaluation) -> Table:
         f"{values['mean_mse_hybrid']:.3g}",
         f"{values['mean_mse_ratio']:.1f}",
     )
+    return result
+
+
+def certainty(evaluation: Evaluation) -> Table:
+    """Return how often the torque was within the model's 95 % interval, and how often outside."""
+    from math import isnan
+
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    result = Table(
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        title="How sure the model is",
+        caption="outside: motion unlike what was learned, where the interval is a guess",
+    )
+    result.add_column("joint", overflow="fold")
+    for heading in ("within the\n95 % interval", "outside"):
+        result.add_column(heading, justify="right", no_wrap=True)
+    rows = zip(evaluation.joint_names, evaluation.coverage, evaluation.outside, strict=True)
+    for name, within, outside in rows:
+        known = "unknown" if isnan(within) else f"{within:.1%}"
+        result.add_row(name, known, f"{outside:.1%}")
     return result

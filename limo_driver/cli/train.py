@@ -1,9 +1,9 @@
-"""`limo train`: a hybrid from recordings and a simulation."""
+"""`limo train`: a model from recordings and a simulation."""
 
 from __future__ import annotations
 
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 
 
 def command(  # one argument for each option
+    context: typer.Context,
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
     sim: Annotated[Path, typer.Option(help="The identified simulation, a sim.yaml.")],
     out: Annotated[Path, typer.Option(help="Model folder to write.")],
     model: Annotated[
-        str, typer.Option(help="Network: mlp7, lstm-2, lstm-fcl, transformer.")
+        str,
+        typer.Option(help="joint-physics, or a network: mlp7, lstm-2, lstm-fcl, transformer."),
     ] = "mlp7",
     features: Annotated[
         str,
@@ -77,18 +79,22 @@ def command(  # one argument for each option
     ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Train a network on the torque that a simulation leaves unexplained.
+    """Learn the torque that a simulation leaves unexplained, by a network or by joint physics.
 
-    Together they are the hybrid tau_HYB = tau_RBD + F_NN(q, dq, ddq, r, tau_RBD), with r the
-    rotation since the last reversal. Its part is scaled, joint by joint, by how much of it is
-    confirmed by motion not trained on. The folder holds weights, manifest and simulation, and is
-    all that `limo evaluate` needs.
+    Simulation and network are the hybrid tau_HYB = tau_RBD + F_NN(q, dq, ddq, r, tau_RBD), with r
+    the rotation since the last reversal. Its part is scaled, joint by joint, by how much of it is
+    confirmed by motion not trained on. joint-physics is no network: it fits friction, hysteresis,
+    elasticity and errors of the rigid body joint by joint in closed form, needs little motion, and
+    says how sure it is. The folder holds weights, manifest and simulation, and is all that
+    `limo evaluate` needs.
 
     [bold]Examples[/bold]
 
         limo train run.parquet --sim sim.yaml --model lstm-fcl --out model/
 
         limo train a.parquet b.parquet --sim sim.yaml --features drive --out model/
+
+        limo train run.parquet --sim sim.yaml --model joint-physics --out model/
     """
     import json
     from dataclasses import replace
@@ -96,11 +102,13 @@ def command(  # one argument for each option
     from rich.console import Console
 
     from estimators.hybrid import HybridModel
+    from estimators.joint_physics import JointPhysics
     from estimators.training import usual_settings
-    from limo_driver.outputs import require_folder
-    from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
 
+    if model == JointPhysics.name:
+        _refuse_network_options(context)
+        _train_physics(recordings, sim, out, bandwidth, as_json=as_json)
+        return
     usual = usual_settings(features)
     settings = replace(
         usual,
@@ -120,14 +128,7 @@ def command(  # one argument for each option
         layers=layers,
         device=device,
     )
-    simulation = Simulation.load(sim)
-    measured = [Recording.load(path) for path in recordings]
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
-    for recording in measured:
-        recording.check_robot(simulation.model)
-        for item in (*recording.left_out, *recording.warnings):
-            notes.print(f"{recording.source}: {item}", markup=False)
-    require_folder(out, "the model")
+    simulation, measured, notes = _load(recordings, sim, out)
     hybrid = HybridModel(simulation, settings)
     hybrid.fitted_ = _train(simulation, measured, settings, notes)
     hybrid.save(out)
@@ -136,6 +137,27 @@ def command(  # one argument for each option
         Console().print_json(json.dumps({"model": str(out), "rmse": rmse, "gain": gain}))
         return
     _print(rmse, gain, bandwidth, Console(highlight=False))
+
+
+def _load(
+    recordings: list[Path], sim: Path, out: Path
+) -> tuple[Simulation, list[Recording], Console]:
+    """Read simulation and recordings; say on the console what is left out of them."""
+    from rich.console import Console
+
+    from limo_driver.outputs import require_folder
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+
+    simulation = Simulation.load(sim)
+    measured = [Recording.load(path) for path in recordings]
+    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    for recording in measured:
+        recording.check_robot(simulation.model)
+        for item in (*recording.left_out, *recording.warnings):
+            notes.print(f"{recording.source}: {item}", markup=False)
+    require_folder(out, "the model")
+    return simulation, measured, notes
 
 
 def _train(
@@ -183,3 +205,49 @@ def _print(
     for j, values in enumerate(zip(*columns, strict=True)):
         table.add_row(str(j + 1), *(f"{value:.4f}" for value in values), f"{gain[j]:.2f}")
     console.print(table)
+
+
+_OF_EVERY_MODEL: Final = frozenset(("recordings", "sim", "out", "model", "bandwidth", "as_json"))
+
+
+def _refuse_network_options(context: typer.Context) -> None:
+    """Refuse options that joint-physics has no use for.
+
+    Raises:
+        ConfigError: Names one.
+    """
+    from limo_driver.errors import ConfigError
+
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in _OF_EVERY_MODEL and source is not None and source.name == "COMMANDLINE":
+            option = name.replace("_", "-")
+            raise ConfigError(f"--{option} is of networks; joint-physics has no such choice")
+
+
+def _train_physics(
+    recordings: list[Path], sim: Path, out: Path, bandwidth: float, *, as_json: bool
+) -> None:
+    import json
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from estimators.joint_physics import JointPhysics
+
+    simulation, measured, _ = _load(recordings, sim, out)
+    model = JointPhysics(simulation, bandwidth).fit(measured)
+    model.save(out)
+    rmse = model.fitted.record["rmse"]
+    if as_json:
+        Console().print_json(json.dumps({"model": str(out), "rmse": rmse}))
+        return
+    table = Table(
+        title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
+        caption="held out: on each fifth of the motion, by a fit to the rest",
+    )
+    for heading in ("joint", "simulation", "joint-physics, held out"):
+        table.add_column(heading, justify="right")
+    for j, values in enumerate(zip(rmse["simulation"], rmse["held_out"], strict=True)):
+        table.add_row(str(j + 1), *(f"{value:.4f}" for value in values))
+    Console(highlight=False).print(table)

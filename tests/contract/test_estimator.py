@@ -11,6 +11,7 @@ import pytest
 from estimators.base import InverseDynamics
 from estimators.features import FEATURE_SETS
 from estimators.hybrid import HybridModel
+from estimators.joint_physics import JointPhysics
 from estimators.neural import NETWORKS
 from estimators.rigid_body import RigidBodyModel
 from estimators.training import TrainingSettings
@@ -50,6 +51,7 @@ ESTIMATORS: dict[str, Callable[[str], InverseDynamics]] = {
         for model in NETWORKS
         for features in FEATURE_SETS
     },
+    "joint-physics": lambda robot: JointPhysics(nominal(robot)),
 }
 
 
@@ -168,6 +170,16 @@ def test_shape_is_that_of_the_recording(estimator: InverseDynamics, recording: R
     predicted = estimator.predict(recording)
     assert predicted.shape == recording.torque.shape
     assert np.isfinite(predicted).all()
+
+
+def test_estimates_say_how_sure_they_are(estimator: InverseDynamics, recording: Recording) -> None:
+    if isinstance(estimator, RigidBodyModel):
+        pytest.skip("a rigid body says nothing of its errors")
+    estimate = estimator.estimate(recording)
+    np.testing.assert_array_equal(estimate.torque, estimator.predict(recording))
+    assert estimate.std.shape == estimate.outside.shape == recording.torque.shape
+    assert (estimate.std > 0).all()
+    assert estimate.outside.dtype == bool
 
 
 def test_torque_of_the_recording_is_not_looked_at(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
-from estimators.model_store import check_simulation
+from estimators.model_folder import check_simulation
 from estimators.neural import NETWORKS
 from estimators.training import TrainingSettings
 from limo_driver.errors import ModelStoreError

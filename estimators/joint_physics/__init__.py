@@ -1,0 +1,5 @@
+"""Torque linear in the physics of each joint, fitted in closed form, with a standard deviation."""
+
+from estimators.joint_physics.model import FittedPhysics, JointPhysics
+
+__all__ = ["FittedPhysics", "JointPhysics"]

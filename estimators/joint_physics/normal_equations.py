@@ -1,0 +1,161 @@
+"""Normal equations of each joint, summed over recordings fold by fold, and rows to judge them on.
+
+A fit needs of any number of samples only Σ x xᵀ and Σ x y. Blocks of motion longer than a pose of
+LIMO lasts are dealt to folds in turn, so that a fit without one fold is judged on poses it has not
+seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.joint_physics.columns import SETTLED
+from estimators.joint_physics.evidence import Evidence
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.joint_physics.columns import Columns, Rows
+    from limo_driver.physics import Simulation
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
+
+FOLDS: Final = 5
+_LONGEST: Final = 30.0  # [s] of a block
+_ROWS: Final = 1024  # whose columns are held at a time
+_DENSE: Final = 4  # rows summed per 1/bandwidth; filtered signals hold nothing that more would show
+_JUDGED: Final = 20_000  # rows kept
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Sums over the rows of each fold, for n joints of K columns."""
+
+    gram: FloatArray  # (F, n, K, K), Σ x xᵀ
+    product: FloatArray  # (F, n, K), Σ x y
+    energy: FloatArray  # (F, n), Σ y² [N² m²]
+    count: FloatArray  # (F, n), rows
+    judged: JudgedRows
+
+    def evidence(self, joint: int, without: int | None = None) -> Evidence:
+        """Return the sums of one joint (0-based), all of them or without a fold."""
+        use = np.arange(FOLDS) != without
+        return Evidence(
+            self.gram[use, joint].sum(axis=0),
+            self.product[use, joint].sum(axis=0),
+            float(self.energy[use, joint].sum()),
+            float(self.count[use, joint].sum()),
+        )
+
+    @classmethod
+    def of(
+        cls, simulation: Simulation, columns: Columns, recordings: Sequence[Recording]
+    ) -> NormalEquations:
+        """Sum over recordings what the simulation leaves of the filtered torque.
+
+        Raises:
+            RecordingError: There is none, one is of another robot, or no row is left.
+        """
+        if not recordings:
+            raise RecordingError("no recording to fit to")
+        for recording in recordings:
+            recording.check_robot(simulation.model)
+        n, K = columns.n, columns.count
+        gram, product = np.zeros((FOLDS, n, K, K)), np.zeros((FOLDS, n, K))
+        energy, count = np.zeros((FOLDS, n)), np.zeros((FOLDS, n))
+        kept: list[JudgedRows] = []
+        every = _share(recordings, columns)
+        for found, y, fold in _chunks(simulation, columns, recordings):
+            for f in np.unique(fold):
+                for j in range(n):
+                    rows = (fold == f) & found.settled[:, j]
+                    x, own = found.columns[j, rows], y[rows, j]
+                    gram[f, j] += x.T @ x
+                    product[f, j] += x.T @ own
+                    energy[f, j] += own @ own
+                    count[f, j] += own.size
+            kept.append(JudgedRows.of(found, y, fold, every))
+        _check_enough(count, recordings)
+        return cls(gram, product, energy, count, JudgedRows.joined(kept))
+
+
+@dataclass(frozen=True)
+class JudgedRows:
+    """Some of the rows, to judge on those of a fold what the others gave."""
+
+    columns: NDArray[np.float32]  # (n, T, K)
+    residual: FloatArray  # (T, n) [N m], of the simulation
+    settled: NDArray[np.bool_]  # (T, n); others do not count
+    fold: NDArray[np.int64]  # (T,)
+
+    @classmethod
+    def of(
+        cls, rows: Rows, residual: FloatArray, fold: NDArray[np.int64], every: int
+    ) -> JudgedRows:
+        """Keep one row of so many."""
+        x = rows.columns[:, ::every].astype(np.float32)
+        return cls(x, residual[::every], rows.settled[::every], fold[::every])
+
+    @classmethod
+    def joined(cls, parts: Sequence[JudgedRows]) -> JudgedRows:
+        """Join rows of several chunks."""
+        return cls(
+            np.concatenate([part.columns for part in parts], axis=1),
+            np.concatenate([part.residual for part in parts]),
+            np.concatenate([part.settled for part in parts]),
+            np.concatenate([part.fold for part in parts]),
+        )
+
+
+def _check_enough(count: FloatArray, recordings: Sequence[Recording]) -> None:
+    """Check that each joint has rows in every fold; count is (F, n)."""
+    lacking = np.flatnonzero((count == 0).any(axis=0))
+    if lacking.size:
+        raise RecordingError(
+            f"the recordings say too little of joint {lacking[0] + 1}: it has to turn by more than "
+            f"{SETTLED:g} rad in each of {FOLDS} parts of the motion",
+            path=recordings[0].source or None,
+        )
+
+
+def _stride(recording: Recording, columns: Columns) -> int:
+    """Return how many samples there are to a row."""
+    return max(1, int(recording.rate / (_DENSE * columns.bandwidth)))
+
+
+def _share(recordings: Sequence[Recording], columns: Columns) -> int:
+    """Return how many rows there are to one that is judged."""
+    rows = sum(len(recording) // _stride(recording, columns) for recording in recordings)
+    return -(-rows // _JUDGED) or 1
+
+
+def _chunks(
+    simulation: Simulation, columns: Columns, recordings: Sequence[Recording]
+) -> Iterator[tuple[Rows, FloatArray, NDArray[np.int64]]]:
+    """Give r rows, their residual torque (r, n) and fold (r,), chunk by chunk."""
+    for recording in recordings:
+        bandwidth, every = columns.bandwidth, _stride(recording, columns)
+        motion, torque = recording.motion(bandwidth), recording.filtered_torque(bandwidth)
+        inside, fold = ~recording.edges(bandwidth), fold_of(recording)
+        for rows in recording.segments:
+            bodies, memory = simulation.init(), columns.init()
+            for start in range(rows.start, rows.stop, every * _ROWS):
+                piece = slice(start, min(start + every * _ROWS, rows.stop))
+                predicted, bodies = simulation.advance(bodies, motion[piece])
+                found, memory = columns.advance(memory, motion[piece], predicted, every)
+                use = inside[piece][::every]
+                residual = (torque[piece] - predicted)[::every]
+                yield found.of(use), residual[use], fold[piece][::every][use]
+
+
+def fold_of(recording: Recording) -> NDArray[np.int64]:
+    """Return which fold each sample of a recording is in, (T,)."""
+    time = recording.time - recording.time[0]
+    block = min(_LONGEST, recording.duration / FOLDS)
+    return np.floor(time / max(block, 1e-9)).astype(np.int64) % FOLDS

@@ -1,0 +1,305 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from estimators.hybrid import HybridModel
+from estimators.joint_physics import JointPhysics
+from estimators.joint_physics.columns import SETTLED, Columns
+from estimators.joint_physics.evidence import Evidence, fit, most_probable_prior
+from estimators.model_folder import load_model
+from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
+from limo_driver.physics import CoulombFriction, Simulation
+from limo_driver.recording import Recording
+from limo_driver.types import JointSample, Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+BANDWIDTH = 10.0
+
+
+@pytest.fixture(scope="module")
+def model(rigid: Simulation, record: Callable[[int, float], Recording]) -> JointPhysics:
+    """Learn from motion of many frequencies and amplitudes, as LIMO motion has."""
+    return JointPhysics(rigid).fit([record(seed, 15.0) for seed in range(11, 27)])
+
+
+@pytest.fixture
+def folder(model: JointPhysics, tmp_path: Path) -> Path:
+    model.save(tmp_path / "model")
+    return tmp_path / "model"
+
+
+def errors(torque: np.ndarray, recording: Recording) -> np.ndarray:
+    return (torque - recording.filtered_torque(BANDWIDTH))[~recording.edges(BANDWIDTH)]
+
+
+def test_learns_the_hysteresis_of_other_motion(
+    model: JointPhysics, test_recording: Recording
+) -> None:
+    parts = model.parts(test_recording)
+    before = np.mean(errors(parts.rigid_body, test_recording) ** 2, axis=0)
+    after = np.mean(errors(model.predict(test_recording), test_recording) ** 2, axis=0)
+    assert (after < 0.02 * before).all()
+    np.testing.assert_allclose(parts.hybrid, model.predict(test_recording), atol=1e-12)
+
+
+def test_the_interval_holds_what_it_says_on_motion_held_out(
+    model: JointPhysics, record: Callable[[int, float], Recording]
+) -> None:
+    recordings = [record(seed, 30.0) for seed in (3, 4, 5, 6)]
+    estimates = [model.estimate(recording) for recording in recordings]
+    within = [
+        np.abs(errors(estimate.torque, recording))
+        <= 1.96 * estimate.std[~recording.edges(BANDWIDTH)]
+        for estimate, recording in zip(estimates, recordings, strict=True)
+    ]
+    coverage = np.concatenate(within).mean(axis=0)
+    assert (coverage > 0.90).all()
+    assert (coverage < 0.99).all()
+
+
+def test_motion_like_that_of_training_is_inside(
+    model: JointPhysics, test_recording: Recording
+) -> None:
+    estimate = model.estimate(test_recording)
+    assert estimate.outside[200:].mean() < 0.03
+    np.testing.assert_array_equal(estimate.torque, model.predict(test_recording))
+
+
+def test_motion_unlike_that_of_training_is_outside_and_less_sure(
+    model: JointPhysics, true_arm: Simulation, test_recording: Recording
+) -> None:
+    t = np.arange(2000) / 100.0
+    swing = np.stack([1.2 * np.sin(2.0 * t), 1.5 * np.sin(2.5 * t)], axis=1)
+    motion = Motion(t, swing, np.gradient(swing, t, axis=0), np.zeros_like(swing))
+    recording = Recording.from_arrays(t, swing, true_arm.predict(motion))
+    far, near = model.estimate(recording), model.estimate(test_recording)
+    assert far.outside.mean() > 0.9
+    assert (far.std.mean(axis=0) > 2 * near.std.mean(axis=0)).all()
+
+
+def test_a_joint_that_has_not_turned_yet_is_outside(model: JointPhysics) -> None:
+    still = np.array([0.4, -0.8])
+    state, zero = model.init(), np.zeros(2)
+    estimate, state = model.estimate_step(state, JointSample(0.0, still, zero, zero))
+    assert estimate.outside.all()
+    for i in range(1, 40):
+        q = still + np.array([0.001 * i, 0.0])
+        estimate, state = model.estimate_step(
+            state, JointSample(0.01 * i, q, np.array([0.1, 0.0]), zero)
+        )
+        assert estimate.outside[1]
+    assert SETTLED < 0.001 * 39
+    assert not estimate.outside[0]
+    assert estimate.torque.shape == estimate.std.shape == (2,)
+
+
+def test_stepping_estimates_what_a_recording_does(
+    model: JointPhysics, test_recording: Recording
+) -> None:
+    recording = test_recording[:300]
+    whole, motion = model.estimate(recording), recording.motion(BANDWIDTH)
+    state = model.init()
+    for t in range(len(recording)):
+        estimate, state = model.estimate_step(state, motion.sample(t))
+        np.testing.assert_allclose(estimate.torque, whole.torque[t], atol=1e-6)
+        np.testing.assert_allclose(estimate.std, whole.std[t], rtol=1e-6)
+        np.testing.assert_array_equal(estimate.outside, whole.outside[t])
+
+
+def test_rows_in_between_are_remembered(rigid: Simulation, test_recording: Recording) -> None:
+    columns, motion = Columns(rigid.body, BANDWIDTH), test_recording.motion(BANDWIDTH)[:500]
+    torque = rigid.predict(motion)
+    every, _ = columns.advance(columns.init(), motion, torque)
+    some, _ = columns.advance(columns.init(), motion, torque, every=4)
+    np.testing.assert_allclose(some.columns, every.columns[:, ::4], atol=1e-12)
+    np.testing.assert_array_equal(some.settled, every.settled[::4])
+
+
+def test_families_fill_all_columns(rigid: Simulation, test_recording: Recording) -> None:
+    columns, motion = Columns(rigid.body, BANDWIDTH), test_recording.motion(BANDWIDTH)[:50]
+    rows, _ = columns.advance(columns.init(), motion, rigid.predict(motion))
+    assert rows.columns.shape == (2, 50, sum(family.size for family in columns.families))
+    by_name = {family.name: k for k, family in enumerate(columns.families)}
+    viscous = rows.columns[0][:, columns.family == by_name["viscous"]]
+    np.testing.assert_array_equal(viscous[:, 0], motion.velocity[:, 0])
+
+
+def test_evidence_switches_off_what_explains_nothing() -> None:
+    random = np.random.default_rng(0)
+    x = random.standard_normal((2000, 6))
+    y = x[:, :3] @ [1.0, -2.0, 0.5] + 0.1 * random.standard_normal(2000)
+    family = np.array([0, 0, 0, 1, 1, 1])
+    evidence = Evidence(x.T @ x, x.T @ y, float(y @ y), 2000.0)
+    prior = most_probable_prior(evidence, family)
+    assert prior.precision[3] > 100 * prior.precision[0]
+    assert prior.noise == pytest.approx(0.01, rel=0.1)
+    halves = [
+        Evidence(x[s].T @ x[s], x[s].T @ y[s], float(y[s] @ y[s]), 1000.0)
+        for s in (slice(0, 1000), slice(1000, 2000))
+    ]
+    found = fit(evidence, halves, family)
+    np.testing.assert_allclose(found.posterior.weights[:3], [1.0, -2.0, 0.5], atol=0.02)
+    assert found.held_out == pytest.approx(0.01, rel=0.15)
+
+
+def test_a_column_that_is_zero_gets_no_weight() -> None:
+    x = np.random.default_rng(0).standard_normal((500, 2)) * [1.0, 0.0]
+    y = 2.0 * x[:, 0]
+    evidence = Evidence(x.T @ x, x.T @ y, float(y @ y), 500.0)
+    found = fit(evidence, [evidence], np.array([0, 1]))
+    np.testing.assert_allclose(found.posterior.weights, [2.0, 0.0], atol=1e-3)
+
+
+def test_fitting_again_forgets(
+    rigid: Simulation, training_recording: Recording, test_recording: Recording
+) -> None:
+    again = JointPhysics(rigid).fit([test_recording]).fit([training_recording])
+    once = JointPhysics(rigid).fit([training_recording])
+    np.testing.assert_array_equal(again.fitted.weights, once.fitted.weights)
+
+
+def test_an_arm_of_one_joint(arm: Path, tmp_path: Path, training_recording: Recording) -> None:
+    text = arm.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="fixed"')
+    path = tmp_path / "one_joint.urdf"
+    path.write_text(text)
+    simulation = Simulation(str(path))
+    position = training_recording.position[:, :1]
+    motion = Motion(training_recording.time, position, *(np.gradient(position, 0.01, axis=0),) * 2)
+    friction = Simulation(str(path), (CoulombFriction(joint=1, tau_c=2.0, v_eps=0.01),))
+    recording = Recording.from_arrays(motion.time, position, friction.predict(motion))
+    model = JointPhysics(simulation).fit([recording])
+    assert model.predict(recording).shape == position.shape
+    assert np.sqrt(np.mean(errors(model.predict(recording), recording) ** 2)) < 0.2
+
+
+def test_a_joint_that_hardly_moves_is_named(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    position = training_recording.position * [1.0, 0.1]
+    recording = Recording.from_arrays(training_recording.time, position, training_recording.torque)
+    with pytest.raises(RecordingError, match=r"too little of joint 2: .* more than 0.02 rad"):
+        JointPhysics(rigid).fit([recording])
+
+
+def test_too_short_a_recording_is_refused(rigid: Simulation, training_recording: Recording) -> None:
+    with pytest.raises(RecordingError, match="too little of joint 1"):
+        JointPhysics(rigid).fit([training_recording[:15]])
+
+
+def test_nothing_to_fit_to(rigid: Simulation) -> None:
+    with pytest.raises(RecordingError, match="no recording"):
+        JointPhysics(rigid).fit([])
+
+
+def test_another_robot_is_refused(model: JointPhysics, training_recording: Recording) -> None:
+    with pytest.raises(RecordingError, match="2 joints, but iiwa14 has 7"):
+        JointPhysics(Simulation("iiwa14")).fit([training_recording])
+    seven = Recording.from_arrays(np.arange(99) / 100, np.zeros((99, 7)), np.zeros((99, 7)))
+    with pytest.raises(ShapeError, match=r"\(T, 2\)"):
+        model.predict(seven)
+
+
+def test_nothing_is_estimated_before_fit(rigid: Simulation, test_recording: Recording) -> None:
+    with pytest.raises(NotFittedError, match="joint-physics is not fitted"):
+        JointPhysics(rigid).estimate(test_recording)
+
+
+def test_a_loaded_model_estimates_the_same(
+    model: JointPhysics, folder: Path, test_recording: Recording
+) -> None:
+    loaded = load_model(folder)
+    assert isinstance(loaded, JointPhysics)
+    mine, theirs = model.estimate(test_recording), loaded.estimate(test_recording)
+    np.testing.assert_array_equal(mine.torque, theirs.torque)
+    np.testing.assert_array_equal(mine.std, theirs.std)
+    np.testing.assert_array_equal(mine.outside, theirs.outside)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["estimator"] == "joint-physics"
+    assert manifest["training"]["recordings"][0]["samples"] == 1500
+
+
+def test_predicting_needs_no_torch(folder: Path) -> None:
+    code = (
+        "import sys; from estimators.model_folder import load_model; import numpy as np\n"
+        "from limo_driver.types import JointSample\n"
+        f"model = load_model({str(folder)!r}); z = np.zeros(2)\n"
+        "model.step(model.init(), JointSample(0.0, z, z, z)); assert 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": 2}, "schema is not 1"),
+        ({"estimator": "oracle"}, "'oracle' is unknown; known: hybrid, joint-physics"),
+        ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
+        ({"families": []}, "train it again"),
+        ({"families": None}, "cannot be understood"),
+        ({"bandwidth": None}, "cannot be understood"),
+        ({"weights": {"sha256": "0"}}, "sha256 differs"),
+    ],
+)
+def test_a_manifest_that_does_not_fit_is_refused(
+    folder: Path, changes: dict[str, object], message: str
+) -> None:
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    with pytest.raises(ModelStoreError, match=message):
+        load_model(folder)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "model.safetensors", "sim.yaml"])
+def test_a_missing_file_is_named(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    with pytest.raises(ModelStoreError, match=name):
+        load_model(folder)
+
+
+def test_a_folder_of_another_estimator_is_refused(folder: Path) -> None:
+    with pytest.raises(ModelStoreError, match="is of 'joint-physics', expected 'hybrid'"):
+        HybridModel.load(folder)
+
+
+def limo(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    code = "from limo_driver.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_commands_train_and_evaluate_it(
+    rigid: Simulation, training_recording: Recording, tmp_path: Path
+) -> None:
+    sim, run = tmp_path / "sim.yaml", tmp_path / "run.parquet"
+    rigid.save(sim)
+    training_recording.save(run)
+    given = ("--sim", sim, "--model", "joint-physics", "--out", tmp_path / "model")
+    refused = limo("train", run, *given, "--epochs", "3")
+    assert refused.returncode == 2
+    assert "--epochs is of networks" in refused.stderr
+    trained = limo("train", run, *given, "--json")
+    assert trained.returncode == 0, trained.stderr
+    rmse = json.loads(trained.stdout)["rmse"]
+    assert max(rmse["held_out"]) < 0.1 * min(rmse["simulation"])
+    evaluated = limo(
+        "evaluate", run, "--model", tmp_path / "model", "--sim", sim, "--out", tmp_path / "out"
+    )
+    assert evaluated.returncode == 0, evaluated.stderr
+    assert "95 % interval" in evaluated.stdout
+    figures = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert figures["model"] == "joint-physics"
+    assert min(figures["coverage_of_95_percent"]) > 0.9
+    assert max(figures["outside"]) < 0.1
