@@ -37,7 +37,7 @@ class Step:
     seconds: float
 
 
-def commands(out: Path, scaffolds: int, epochs: int) -> list[tuple[str, str]]:
+def commands(out: Path, scaffolds: int) -> list[tuple[str, str]]:
     """Return the purpose and the text of each command, in order."""
     return [
         (
@@ -64,12 +64,12 @@ def commands(out: Path, scaffolds: int, epochs: int) -> list[tuple[str, str]]:
             f"identify {out}/train.parquet --robot iiwa14 --out {out}/sim.yaml",
         ),
         (
-            "Train a network on what the rigid body leaves unexplained",
-            f"train {out}/train.parquet --sim {out}/sim.yaml --model mlp7 --features drive "
-            f"--bandwidth 20 --rate 25 --epochs {epochs} --out {out}/model",
+            "Learn what the rigid body leaves unexplained, and how sure that is",
+            f"train {out}/train.parquet --sim {out}/sim.yaml --model joint-physics "
+            f"--bandwidth 20 --out {out}/model",
         ),
         (
-            "Evaluate rigid body and hybrid on the second motion",
+            "Evaluate the rigid body and what was learned on the second motion",
             f"evaluate {out}/test.parquet --model {out}/model --sim {out}/sim.yaml "
             f"--out {out}/evaluation",
         ),
@@ -120,18 +120,19 @@ def table(evaluation: dict) -> str:
     rows = [
         f"<tr><td>{html.escape(joint)}</td>"
         + "".join(f"<td>{figure(evaluation[key][j])}</td>" for key in columns)
-        + f"<td>{evaluation['mse_ratio'][j]:.0f}</td></tr>"
+        + f"<td>{evaluation['mse_ratio'][j]:.0f}</td>"
+        + f"<td>{evaluation['coverage_of_95_percent'][j]:.0%}</td></tr>"
         for j, joint in enumerate(evaluation["joints"])
     ]
     return (
         "<table><thead><tr><th>joint</th><th>rigid body<br>RMSE [N m]</th>"
-        "<th>hybrid<br>RMSE [N m]</th><th>noise floor<br>[N m]</th>"
-        "<th>ratio<br>of MSE</th></tr></thead><tbody>"
+        "<th>joint physics<br>RMSE [N m]</th><th>noise floor<br>[N m]</th>"
+        "<th>ratio<br>of MSE</th><th>within the<br>95 % interval</th></tr></thead><tbody>"
         + "".join(rows)
         + '<tr class="mean"><td>mean MSE [(N m)²]</td>'
         + f"<td>{evaluation['mean_mse_rigid_body']:.4f}</td>"
         + f"<td>{evaluation['mean_mse_hybrid']:.4f}</td><td></td>"
-        + f"<td>{evaluation['mean_mse_ratio']:.0f}</td></tr></tbody></table>"
+        + f"<td>{evaluation['mean_mse_ratio']:.0f}</td><td></td></tr></tbody></table>"
     )
 
 
@@ -155,19 +156,22 @@ def page(steps: list[Step], out: Path) -> str:
     """Return the demo's page."""
     evaluation = json.loads((out / "evaluation" / "evaluation.json").read_text())
     bandwidth = evaluation["bandwidth"]
-    rigid, hybrid = evaluation["mean_mse_rigid_body"] ** 0.5, evaluation["mean_mse_hybrid"] ** 0.5
+    rigid, learned = evaluation["mean_mse_rigid_body"] ** 0.5, evaluation["mean_mse_hybrid"] ** 0.5
     return Template((HERE / "demo.html").read_text()).substitute(
-        headline=f"Torque error: {rigid:.2f} N m with a rigid body, {hybrid:.2f} N m with a hybrid",
+        headline=f"Torque error: {rigid:.2f} N m with a rigid body, {learned:.2f} N m with what "
+        "drives do",
         lead="Root mean square over seven joints of a simulated KUKA iiwa 14 whose joints have "
         "friction, hysteresis and elasticity, while it creeps and reverses.",
         table=table(evaluation),
         note="Rigid body: identified, with Coulomb and viscous friction. Measured torque and "
         f"motion went through the same zero-phase low-pass of {bandwidth:g} Hz. Noise floor: what "
-        "the torque sensor's noise leaves after that filter; no model can be better.",
+        "the torque sensor's noise leaves after that filter; no model can be better. Joint "
+        "physics: hysteresis, friction and elasticity of each joint, fitted in closed form; it "
+        "says how sure it is, and 95 % of its errors should lie within the interval that it gives.",
         loops=picture(
             out / "evaluation" / "loops.png",
             "Friction torque over position while the joints reverse: measured, rigid body with "
-            "Coulomb friction, and hybrid.",
+            "Coulomb friction, and joint physics.",
         ),
         torques=picture(
             out / "evaluation" / "torque.png", "Joint torque over time in the same stretch."
@@ -192,14 +196,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write")
     parser.add_argument("--scaffolds", type=int, default=12, help="poses that training explores")
-    parser.add_argument("--epochs", type=int, default=20, help="passes over the training motion")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     conceal(options.out / "concealed.yaml")
-    steps = [
-        run(purpose, command)
-        for purpose, command in commands(options.out, options.scaffolds, options.epochs)
-    ]
+    steps = [run(purpose, command) for purpose, command in commands(options.out, options.scaffolds)]
     index = options.out / "index.html"
     index.write_text(page(steps, options.out))
     print(f"\n{sum(step.seconds for step in steps):.0f} s in all; open {index}")
