@@ -241,11 +241,13 @@ def _fit(
 
 
 def _passes(settings: TrainingSettings, data: TrainingData, device: torch.device) -> Passes:
+    from estimators.training_compiled import CompiledRowPasses
     from estimators.training_passes import BlockPasses, RowPasses, SequencePasses
 
     random = np.random.default_rng(settings.seed)
     if not NETWORKS[settings.model].recurrent:
-        return RowPasses(data, settings.batch, random, device)
+        rows = CompiledRowPasses if device.type == "cpu" else RowPasses
+        return rows(data, settings.batch, random, device)
     passes = BlockPasses if settings.model == "transformer" else SequencePasses
     return passes(data, settings.batch, random, device, settings.sequence_length, settings.carried)
 
@@ -262,7 +264,6 @@ def _descend(
         weight_decay=settings.weight_decay,
         fused=True,  # one pass over each weight; a step of a small network is all overhead
     )
-    cosine = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, settings.epochs)
     plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.5, patience=_PATIENCE)
     best, weights = np.inf, copy.deepcopy(module.state_dict())
     history: list[Epoch] = []
@@ -280,7 +281,8 @@ def _descend(
         history.append(epoch)
         on_epoch(epoch)
         if settings.schedule == "cosine":
-            cosine.step()
+            cosine = (1.0 + np.cos(np.pi * number / settings.epochs)) / 2.0
+            optimizer.param_groups[0]["lr"] = settings.learning_rate * cosine
         else:
             plateau.step(epoch.training_loss)
         loss = epoch.held_out_loss if judged else epoch.training_loss
