@@ -46,7 +46,7 @@ class Bench:
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
     base: tuple[int, ...]  # candidates that the search starts with
     held: FloatArray | None = None  # coefficients of the nuisance that stay at a limit, NaN else
-    first: Bench | None = None  # around the given simulation, where this one is around another
+    first: Bench | None = None  # around the given simulation and tolerances, where this one is not
     _sums: dict[bool, tuple[Noise, Products]] = field(default_factory=dict, init=False)
 
     @classmethod
@@ -82,6 +82,12 @@ class Bench:
         """Return the same, where something pushed on some rows (K,): those count no more."""
         observed = self.observed.undisturbed(rows)
         return replace(self, observed=observed, split=Split.of(observed), held=None)
+
+    def as_stated(self, some: NDArray[np.bool_]) -> Bench:
+        """Return the same, with some of the nuisance's coefficients (c,) exactly as stated."""
+        nuisance, candidates = self.nuisance.certain(some), list(self.candidates)
+        first = self.first or self
+        return replace(self, nuisance=nuisance, candidates=candidates, first=first, held=None)
 
     def again(self, candidate: Candidate, place: int) -> int:
         """Enter a candidate that has a place on another bench; return its place on this one."""

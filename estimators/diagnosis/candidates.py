@@ -164,7 +164,7 @@ def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> I
             named,
             "wrong_parameter",
             Prior.free(columns.add(joints, values), deviation),
-            reviser(place, names),
+            reviser(place, effect.name, names),
             rarity=DEVIATING,
         )
 

@@ -7,7 +7,7 @@ elasticity or a backlash; ignored, they would look like physics.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from estimators.diagnosis.hypotheses import UNIT_DELAY
 from estimators.diagnosis.responses import response
 from estimators.diagnosis.revision import (
     WIDTHS,
+    beside_stated,
     can_scale,
     derivative,
     mover,
@@ -28,6 +29,8 @@ from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from numpy.typing import NDArray
 
     from estimators.diagnosis.columns import Columns
@@ -48,14 +51,20 @@ class Tolerated:
     unit: str  # or "relative"
     nominal: float
     scale: float  # what a relative change of 1 adds
+    place: tuple[str, tuple[int, ...]] = ("", ())  # effect that has it, and its joints (0-based)
     parameter: str = ""  # of an effect, where it is one
     lower: float = -np.inf
     upper: float = np.inf
 
     def value(self, coefficient: float) -> float:
         """Return the value that a fitted coefficient means, in the parameter's unit."""
-        moved = self.nominal + self.scale * relative_change(self.parameter, coefficient)
-        return float(np.clip(moved, self.lower, self.upper))
+        part = relative_change(self.place[0], self.parameter, coefficient)
+        return float(np.clip(self.nominal + self.scale * part, self.lower, self.upper))
+
+    @property
+    def of_effect(self) -> bool:
+        """Whether it is a size of an effect, of no body or sensor; widths are but guessed."""
+        return bool(self.parameter) and self.parameter not in WIDTHS
 
 
 @dataclass(frozen=True)
@@ -72,6 +81,15 @@ class Nuisance:
         """Mark the coefficients (c,) that a simulation has; those of sensors it has not."""
         marks = [np.full(rows.stop - rows.start, enter is not None) for rows, enter in self.groups]
         return np.concatenate(marks)
+
+    def of(self, places: Collection[tuple[str, tuple[int, ...]]]) -> NDArray[np.bool_]:
+        """Mark the sizes (c,) of some effects at their joints (0-based)."""
+        return np.array([item.of_effect and item.place in places for item in self.parameters])
+
+    def certain(self, some: NDArray[np.bool_]) -> Nuisance:
+        """Return the same without tolerance of some coefficients (c,): those stay as stated."""
+        deviation = np.where(some, 0.0, self.prior.deviation)
+        return replace(self, prior=replace(self.prior, deviation=deviation))
 
     def enter(self, improvement: Improvement, coefficients: FloatArray) -> None:
         """Enter fitted coefficients (c,)."""
@@ -158,49 +176,23 @@ def _parameters(observed: Observations, columns: Columns, stated: Simulation) ->
             own = observed.simulation.tolerances.friction
             tolerance = WIDTH_TOLERANCE if known.name in WIDTHS else own
             named = getattr(known_as, known.name) or value
+            # of what is stated: a tenth more of that is another part of this value
+            scale, start = beside_stated(effect.name, known.name, value / named)
+            index = columns.add(joints, scale * values[:, :, None])
+            enter = reviser(place, effect.name, (known.name,))
             parts.append(
                 _Part(
                     (_tolerated(effect, known, float(named)),),
-                    # of what is stated: a tenth more of that is another part of this value
-                    *_of_stated(
-                        columns, joints, values, known.name, tolerance, value / named, place
-                    ),
+                    Prior.free(index, np.array([tolerance])),
+                    _scaled(enter, scale),
+                    np.array([start]),
                 )
             )
     return parts
 
 
-def _of_stated(
-    columns: Columns,
-    joints: tuple[int, ...],
-    values: FloatArray,
-    name: str,
-    tolerance: float,
-    ratio: float,
-    place: int,
-) -> tuple[Prior, Enter, FloatArray]:
-    """Return prior, entry and start of a parameter in parts of the value that is stated.
-
-    Args:
-        columns: The table.
-        joints: On which it acts.
-        values: What a relative change of 1 of the value at hand adds, (len(joints), K).
-        name: Of the parameter.
-        tolerance: In parts of the stated value; of a width, of its logarithm.
-        ratio: Value at hand over the stated one.
-        place: Of the effect in the simulation.
-    """
-    if name in WIDTHS:
-        scale, start = 1.0, float(np.log(ratio))
-    else:
-        scale, start = 1.0 / ratio, ratio - 1.0
-    index = columns.add(joints, scale * values[:, :, None])
-    enter = reviser(place, (name,))
-    return (
-        Prior.free(index, np.array([tolerance])),
-        lambda improvement, c: enter(improvement, scale * c),
-        np.array([start]),
-    )
+def _scaled(enter: Enter, scale: float) -> Enter:
+    return lambda improvement, c: enter(improvement, scale * c)
 
 
 def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noqa: ANN401  # of any class
@@ -211,6 +203,7 @@ def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noq
         known.unit,
         value,
         value,
+        (effect.name, tuple(j - 1 for j in effect.joints)),
         known.name,
         known.lower,
         known.upper,

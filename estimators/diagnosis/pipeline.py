@@ -21,7 +21,7 @@ from estimators.diagnosis.observations import Observations
 from estimators.diagnosis.plausibility import check_plausible
 from estimators.diagnosis.pushes import covered, overlap, pushes
 from estimators.diagnosis.shares import left_by_tolerances
-from estimators.diagnosis.solving import curved, settled, settled_around, solve
+from estimators.diagnosis.solving import curved, settled, settled_around, solve, suspects
 from estimators.diagnosis.tree import tests_of
 from limo_driver.errors import RecordingError
 
@@ -95,6 +95,7 @@ def diagnose(
     progress("reading motion", 0.0)
     bench = Bench.of(observe(simulation, recordings, bandwidth), progress)
     judged, pushed = _without_pushes(bench, progress)
+    judged = _beyond_tolerances(judged, progress)
     judged, harmful = judged.harmless()
     bench, solution, rest = judged.bench, judged.solution, judged.rest
     observed = bench.observed
@@ -206,6 +207,24 @@ def _best(judged: _Judged, progress: Progress) -> _Judged:
     return judged if worse(bench, again.proven, judged.proven, judged.rest) else again
 
 
+def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
+    """Return what is found with suspicious values as stated, where that explains the unknown.
+
+    While sets compete, thousands of rows outvote tolerances, and what a wrong value does is laid to
+    them; fitted values stay within their limits, and what they would do beyond is unknown. Held as
+    it is stated, such a value has to be a finding, and may bring no other name with it.
+    """
+    bench, solution = judged.bench, judged.solution
+    held = suspects(bench, solution, judged.unknown)
+    if not held or harms(bench, judged.proven, judged.rest):
+        return judged
+    bench = (bench.first or bench).as_stated(bench.nuisance.of(held))
+    again = _best(_Judged.of(bench, settled(bench, solve(bench, progress), progress)), progress)
+    known = judged.places(solution.members) | held
+    explained = set(again.unknown) < set(judged.unknown) and again.places(again.named) <= known
+    return again if explained else judged
+
+
 @dataclass(frozen=True)
 class _Judged:
     """A set with its proof, what is left, and which of it is named."""
@@ -223,6 +242,10 @@ class _Judged:
         proven = _proven(bench, solution)
         rest = leftover(bench.observed, proven)
         return cls(bench, solution, proven, rest, *abstained(bench, solution, rest))
+
+    def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
+        """Return effect and joints (0-based) of some candidates."""
+        return {self.bench.candidates[member].place for member in members}
 
     def harmless(self) -> tuple[_Judged, bool]:
         """Return this if it does not harm, or without what only stands in, or without anything.

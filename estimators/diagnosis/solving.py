@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from estimators.diagnosis.proof import rmse
 from estimators.diagnosis.refinement import Setting, replaced
 from estimators.diagnosis.scans import ripples
 from estimators.rigid_body.regressor import PER_LINK
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 _ROUNDS = 2  # of noise and search in turn
 _CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
@@ -150,6 +154,19 @@ def settled_around(bench: Bench, solution: Solution, progress: Progress) -> tupl
     return bench, settled(bench, solve(bench, progress, near), progress)
 
 
+def suspects(
+    bench: Bench, solution: Solution, joints: Collection[int]
+) -> set[tuple[str, tuple[int, ...]]]:
+    """Return the effects at some joints (0-based) of which a fit has a value at its limit."""
+    limits = solution.search.evidence.at_limit(solution.fitted)
+    there = {
+        item.place
+        for item, limit in zip(bench.nuisance.parameters, limits, strict=True)
+        if item.of_effect and not np.isnan(limit)
+    }
+    return {place for place in there if not place[1] or set(place[1]) & set(joints)}
+
+
 def curved(bench: Bench, solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
     fit, index = solution.fitted, bench.nuisance.prior.index
@@ -174,6 +191,7 @@ def relinearised(
     """
     improved = improve(bench, solution)
     new = Bench.of(bench.observed.beside(bench.observed.simulation, around=improved), progress)
+    new = new.as_stated(bench.nuisance.prior.deviation == 0)
     observed, mean = new.observed, solution.fitted.mean
     index = new.nuisance.prior.index
     torque = new.columns.apply(index, np.where(new.nuisance.entered, mean[: index.size], 0.0))

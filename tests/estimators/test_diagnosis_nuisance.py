@@ -12,13 +12,14 @@ from estimators.diagnosis.improvement import Improvement
 from estimators.diagnosis.nuisance import nuisance_of
 from estimators.diagnosis.observations import Observations
 from estimators.rigid_body.regressor import PER_LINK
-from limo_driver.physics import CoulombFriction
+from limo_driver.physics import CoulombFriction, JointElasticity
 
 
 @pytest.fixture(scope="module")
 def observed(rigid, training_recording):
     dry = CoulombFriction(joint=2, tau_c=2.2, v_eps=0.004)
-    return Observations.of(replace(rigid, effects=(dry,)), [training_recording], 10.0)
+    soft = JointElasticity(joint=1, stiffness=500.0)
+    return Observations.of(replace(rigid, effects=(dry, soft)), [training_recording], 10.0)
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,8 @@ def test_every_column_has_a_parameter_of_its_own_name(nuisance):
         ("tau_c of joint 2 (coulomb friction)", 0.5, 2.2, 3.3, "N m"),
         ("tau_c of joint 2 (coulomb friction)", -1.5, 2.2, 0.0, "N m"),  # at its bound
         ("v_eps of joint 2 (coulomb friction)", np.log(2.0), 0.004, 0.008, "rad/s"),
+        ("stiffness of joint 1 (joint elasticity)", -1.5, 500.0, 200.0, "N m/rad"),  # in 1 / k
+        ("stiffness of joint 1 (joint elasticity)", 1.5, 500.0, 5e4, "N m/rad"),  # in one step
         ("lag of sensor 1", 0.3, 0.0, 3e-4, "s"),
         ("offset of sensor 2", -0.02, 0.0, -0.02, "N m"),
     ],
@@ -58,12 +61,45 @@ def test_what_is_said_is_what_is_entered(observed, nuisance):
     coefficients = 0.2 * np.random.default_rng(0).standard_normal(nuisance.prior.index.size)
     improvement = Improvement(observed.simulation)
     nuisance.enter(improvement, coefficients)
-    (dry,) = improvement.effects
+    dry, soft = improvement.effects
     said = {
         item.name: item.value(c) for item, c in zip(nuisance.parameters, coefficients, strict=True)
     }
     assert said["tau_c of joint 2 (coulomb friction)"] == pytest.approx(dry.tau_c)
     assert said["v_eps of joint 2 (coulomb friction)"] == pytest.approx(dry.v_eps)
+    assert said["stiffness of joint 1 (joint elasticity)"] == pytest.approx(soft.stiffness)
+
+
+@pytest.mark.parametrize(
+    ("stated", "at_hand"),
+    [
+        (CoulombFriction(joint=2, tau_c=2.0, v_eps=0.004), {"tau_c": 3.0, "v_eps": 0.008}),
+        (JointElasticity(joint=1, stiffness=500.0), {"stiffness": 200.0}),
+    ],
+)
+def test_where_a_value_moved_to_counts_from_the_stated_one(observed, stated, at_hand):
+    """What the start gives from the stated value is at hand, and one step back is as stated."""
+    moved = replace(observed.simulation, effects=(replace(stated, **at_hand),))
+    given = replace(observed.simulation, effects=(stated,))
+    columns = Columns(*observed.residual.shape)
+    found = nuisance_of(observed.beside(moved), columns, np.full(observed.n, 0.1), given)
+    back = Improvement(moved)
+    found.enter(back, -found.start)
+    for item, start in zip(found.parameters, found.start, strict=True):
+        if item.parameter:
+            assert item.value(start) == pytest.approx(at_hand[item.parameter])
+            assert getattr(back.effects[0], item.parameter) == pytest.approx(
+                getattr(stated, item.parameter)
+            )
+
+
+def test_what_is_certain_has_no_tolerance_and_the_rest_keeps_its_own(nuisance):
+    """A width is but guessed, and stays free beside the size of the same effect."""
+    dry = nuisance.of({("coulomb_friction", (1,))})
+    assert [nuisance.parameters[k].parameter for k in np.flatnonzero(dry)] == ["tau_c"]
+    held = nuisance.certain(dry)
+    assert held.prior.deviation[dry] == 0.0
+    np.testing.assert_array_equal(held.prior.deviation[~dry], nuisance.prior.deviation[~dry])
 
 
 def test_bodies_come_first(nuisance):

@@ -259,6 +259,23 @@ def test_the_verdict_reports_the_value_that_the_improved_simulation_has(doubled)
     assert reported.value == pytest.approx(found.after.effects[1].tau_c)
 
 
+@pytest.mark.parametrize(
+    ("true", "name"),
+    [(CoulombFriction(joint=2, tau_c=0.6), "tau_c"), (ViscousFriction(joint=1, f_v=3.0), "f_v")],
+)
+def test_friction_stated_twice_too_large_is_a_wrong_parameter(given, true, name):
+    """Stated 3.3 sigma off: nearly all of that, but not all, could be within its tolerance."""
+    others = tuple(item for item in given.effects if item.place != true.place)
+    stated = replace(true, **{name: 2 * getattr(true, name)})
+    recording = record(replace(given, effects=(true, *others)), 2)
+    found = diagnose(replace(given, effects=(stated, *others)), [recording])
+    assert names(found) == {(true.name, "wrong_parameter", true.joints)}
+    assert found.verdict.verdict == "explained"
+    value = found.verdict.findings[0].parameters[name].value
+    assert value == pytest.approx(getattr(true, name), rel=0.02)
+    assert closure(found)[1] < CLOSED
+
+
 def test_a_payload_is_named_with_its_mass():
     iiwa = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))
     payload = Payload(mass=1.5, com=(0.02, 0.0, 0.08), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.005))
@@ -272,18 +289,29 @@ def test_a_payload_is_named_with_its_mass():
     assert error(found.after, true) < 0.02 * error(iiwa, true)
 
 
+def with_product(simulation, seed):
+    """Record with a torque at joint 1 that goes with the product of both velocities."""
+    recording, motion = record(simulation, seed), motion_of(simulation, seed)
+    v, torque = motion.velocity, np.array(recording.torque)
+    torque[:, 0] += 0.3 * np.tanh(6 * v[:, 0] * v[:, 1]) * np.cos(motion.position[:, 1])
+    return replace(recording, torque=torque)
+
+
 def test_what_nothing_explains_is_unknown_at_its_joint(given):
-    """Torque that goes with the product of both velocities is in no catalogue."""
-    recording = record(given, 5)
-    v = motion_of(given, 5).velocity
-    torque = np.array(recording.torque)
-    torque[:, 0] += (
-        0.3 * np.tanh(6 * v[:, 0] * v[:, 1]) * np.cos(motion_of(given, 5).position[:, 1])
-    )
-    found = diagnose(given, [replace(recording, torque=torque)])
+    """What goes with the product of both velocities is in no catalogue."""
+    found = diagnose(given, [with_product(given, 5)])
     assert (UNKNOWN, (1,)) in {(item.effect, item.joints) for item in found.verdict.findings}
     assert found.verdict.verdict in {"unexplained", "partly_explained"}
     assert found.verdict.unexplained.joints == (1,)
+
+
+def test_a_value_at_its_limit_is_not_blamed_for_what_nothing_explains(given):
+    """The friction is three deviations larger, and the fit has it at the end of its tolerance."""
+    more = replace(given.effects[0], tau_c=1.46 * given.effects[0].tau_c)
+    found = diagnose(given, [with_product(replace(given, effects=(more, *given.effects[1:])), 5)])
+    assert names(found) == {(UNKNOWN, "missing", (1,))}
+    dry = next(item for item in found.shifts if item.name == "tau_c of joint 1 (coulomb friction)")
+    assert dry.sigmas == pytest.approx(3.0)
 
 
 def test_progress_is_told_from_begin_to_end(given):
