@@ -22,6 +22,7 @@ Flat: TypeAlias = "tuple[Single, ...]"
 
 _ZERO: Final = np.float32(0.0)
 _ONE: Final = np.float32(1.0)
+_TINY: Final = np.float32(1e-30)  # moments below it move no weight: `epsilon` outweighs them
 
 
 class AdamW(NamedTuple):
@@ -203,13 +204,16 @@ def _step(
     kept = np.float32(1.0 - constants.learning_rate * constants.weight_decay)
     length = np.float32(constants.learning_rate / (1.0 - constants.beta1**number))
     spread = np.float32(1.0 / np.sqrt(1.0 - constants.beta2**number))
+    # The moments of a unit that is never active fade into subnormal numbers, which are very slow.
     for k in range(len(weights)):
         w, gradient, mean, square = weights[k], gradients[k], moments[0][k], moments[1][k]
         for i in range(w.size):
             d = scale * gradient[i]
-            mean[i] = beta1 * mean[i] + rest1 * d
-            square[i] = beta2 * square[i] + rest2 * d * d
-            w[i] = kept * w[i] - length * mean[i] / (spread * np.sqrt(square[i]) + epsilon)
+            first = beta1 * mean[i] + rest1 * d
+            second = beta2 * square[i] + rest2 * d * d
+            mean[i] = _ZERO if abs(first) < _TINY else first
+            square[i] = _ZERO if second < _TINY else second
+            w[i] = kept * w[i] - length * first / (spread * np.sqrt(second) + epsilon)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc"})  # sums in several lanes
