@@ -186,7 +186,9 @@ def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: 
 
 
 def limo(*arguments: object) -> list[str]:
-    code = "from limo_driver.cli import main; main()"
+    # what a shell runs in the background is born with SIGINT ignored, and so are its children
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{listen}; from limo_driver.cli import main; main()"
     return [sys.executable, "-c", code, *map(str, arguments)]
 
 
