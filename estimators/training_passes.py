@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -218,17 +219,10 @@ class BlockPasses(SequencePasses):
     sample to the next, it would learn to repeat it, and drift away on its own outputs.
     """
 
-    def __init__(
-        self,
-        data: TrainingData,
-        batch: int,
-        random: np.random.Generator,
-        device: torch.device,
-        length: int,
-        carried: int,
-    ) -> None:
-        super().__init__(data, batch, random, device, length, carried)
-        self.given = torch.zeros_like(self.targets)
+    @cached_property
+    def given(self) -> Tensor:
+        """What it gave for each row in the epoch before, (T, n); written to as it goes."""
+        return torch.zeros_like(self.targets)
 
     def _predict(
         self,
