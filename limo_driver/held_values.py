@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +40,8 @@ def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> N
     Returns:
         (T,) true where the torque says nothing.
     """
+    from scipy.ndimage import maximum_filter1d  # slow to import, and a live stream needs it not
+
     held = np.zeros(time.size, dtype=bool)
     starts, stops = _runs(torque)
     if (stops - starts).max(initial=0) < FEWEST:

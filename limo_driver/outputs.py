@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
+from contextlib import contextmanager
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Generator, Iterable
     from pathlib import Path
 
 
@@ -69,3 +71,21 @@ def require_apart(written: Iterable[Path], inputs: Iterable[Path]) -> None:
     for path in inputs:
         if path.resolve() in taken:
             raise ConfigError("is read and would be written over; write elsewhere", path=path)
+
+
+@contextmanager
+def only_writer(folder: Path) -> Generator[None]:
+    """Be the only process that writes to a folder; the claim goes with the process that has it.
+
+    Raises:
+        ConfigError: Another process is writing to it.
+    """
+    with (folder / ".lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(
+                "another process is writing to it; wait for its end, or give another folder",
+                path=folder,
+            ) from None
+        yield

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import Counter
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.robot import Robot
     from limo_driver.trajectory import Trajectory
-    from limo_driver.types import JointCommand
+    from limo_driver.types import JointCommand, JointState
 
 DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
 HOLD_TIMEOUT = 10.0  # [s] of robot time in which a hold has to come to rest
@@ -59,9 +59,10 @@ class Playback:
     Args:
         trajectory: The motion.
         record: Parquet file to write.
-        record_every: Cycles for each row of the recording.
+        record_every: Cycles for each row of the recording, and for each state that is published.
         stiffness: Follow as an impedance of this stiffness [N m/rad] instead of by position.
         provenance: What made this run, for the recording's header.
+        publish: Told the states as they are measured, numbered so that only a lost one is a gap.
     """
 
     trajectory: Trajectory
@@ -69,9 +70,10 @@ class Playback:
     record_every: int = 1
     stiffness: float | None = None
     provenance: dict[str, Any] | None = None
+    publish: Callable[[JointState], None] | None = None
 
     def run(self, robot: Robot, progress: Callable[[int, int], None]) -> PlaybackSummary:
-        """Move the arm along the trajectory; SIGINT slows it down to a hold.
+        """Move the arm along the trajectory; SIGINT or SIGTERM slows it down to a hold.
 
         Args:
             robot: Open, standing where the trajectory starts.
@@ -82,7 +84,7 @@ class Playback:
             HoldingError: The arm went into a hold by itself; what was recorded is kept.
         """
         targets = self.trajectory.resample(robot.spec.period).position
-        state = robot.receive()
+        state = self._receive(robot)
         start, began = state.time, time.monotonic()
         errors = np.zeros((2, robot.spec.n))  # sum of squares, maximum
         limited: Counter[str] = Counter()
@@ -97,7 +99,7 @@ class Playback:
                 errors[0] += error**2
                 np.maximum(errors[1], error, out=errors[1])
                 reached = state.time - start
-                state = robot.receive()
+                state = self._receive(robot)
                 if done % 256 == 0:
                     progress(done, len(targets))
                 if interrupted.is_set():
@@ -115,6 +117,12 @@ class Playback:
             limited=dict(limited),
             interrupted=interrupted.is_set(),
         )
+
+    def _receive(self, robot: Robot) -> JointState:
+        state = robot.receive()
+        if self.publish is not None and state.sequence % self.record_every == 0:
+            self.publish(replace(state, sequence=state.sequence // self.record_every))
+        return state
 
     def _command(self, target: FloatArray) -> JointCommand:
         if self.stiffness is None:
@@ -151,7 +159,7 @@ class Playback:
         for cycle in range(int(HOLD_TIMEOUT / robot.spec.period)):
             if robot.standing:
                 return
-            state = robot.receive()
+            state = self._receive(robot)
             if cycle % self.record_every == 0:
                 recorder.append(state, robot.setpoint)
 
@@ -219,19 +227,24 @@ def _check_robot(n: int, name: str, trajectory: Trajectory) -> None:
 
 @contextmanager
 def _interrupts() -> Generator[threading.Event]:
-    """Turn the first SIGINT into an event; a second one interrupts as usual."""
+    """Turn the first SIGINT or SIGTERM into an event; a second one acts as usual."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event
         return
-    previous = signal.getsignal(signal.SIGINT)
+    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def restore() -> None:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
     def note(*_: object) -> None:
         event.set()
-        signal.signal(signal.SIGINT, previous)
+        restore()
 
-    signal.signal(signal.SIGINT, note)
+    for number in previous:
+        signal.signal(number, note)
     try:
         yield event
     finally:
-        signal.signal(signal.SIGINT, previous)
+        restore()

@@ -21,12 +21,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from limo_driver.closing import Closing
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from types import TracebackType
-    from typing import Self
 
     from limo_driver.types import FloatArray, JointState
 
@@ -37,7 +36,7 @@ _ROWS_OF_GROUP = 65536
 _QUANTITIES = ("position", "velocity", "torque", "target_position")
 
 
-class Recorder:
+class Recorder(Closing):
     """Writes one row for each state: time, position_j, velocity_j, torque_j, target_position_j.
 
     Joints are 1-based; SI units. Stale states are not recorded: they hold nothing new.
@@ -116,17 +115,6 @@ class Recorder:
             _to_parquet(self.partial, self.path)
         except OSError as error:
             raise self._lost(self._failure or error) from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _write_on(self) -> None:
         while not self._done.wait(FLUSH_PERIOD):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from limo_driver.network_options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -30,11 +32,11 @@ def command(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of a simulated arm's sensor noise.")] = 0,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory [s].")
+        float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory \\[s].")
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="Record at this rate [Hz], a whole part of the control rate."),
+        typer.Option(help="Record and publish at this rate [Hz], a part of the control rate."),
     ] = None,
     impedance: Annotated[
         float | None,
@@ -42,30 +44,52 @@ def command(
             min=0.0, help="Follow with this joint stiffness [N m/rad] instead of stiffly."
         ),
     ] = None,
+    stream: Annotated[
+        bool, typer.Option("--stream", help="Publish joint states on Zenoh, in real time.")
+    ] = False,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the arm on the network; else the robot's.")
+    ] = None,
+    ros: Annotated[
+        bool,
+        typer.Option("--ros", help="With --stream: also as /joint_states of ROS 2 (rmw_zenoh)."),
+    ] = False,
+    ros_domain: RosDomain = 0,
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ConfigFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Move an arm along a trajectory and record position, velocity and torque.
 
-    A simulated arm starts where the trajectory does; a real one has to stand there. Ctrl-C slows
-    the arm down to a hold, keeps what was recorded, and ends with exit status 130.
+    A simulated arm starts where the trajectory does; a real one has to stand there. Ctrl-C
+    or SIGTERM slows the arm down to a hold, keeps what was recorded, and ends with exit status 130.
 
     [bold]Examples[/bold]
 
         limo run --backend mujoco --trajectory limo.traj.parquet --sim sim.yaml --record run.parquet
 
         limo run --backend virtual --trajectory limo.traj.parquet --record ideal.parquet --json
+
+        limo run --backend mujoco --trajectory limo.traj.parquet --record run.parquet --stream
     """
+    from limo_driver.errors import ConfigError
     from limo_driver.outputs import require_apart
     from limo_driver.physics import Simulation
     from limo_driver.playback import Playback, open_for
     from limo_driver.trajectory import Trajectory
 
+    if ros and not stream:
+        raise ConfigError("--ros publishes what --stream does; give both")
     require_apart([record], [trajectory, *([] if sim is None else [sim])])
     motion = Trajectory.load(trajectory)
     if duration is not None:
         motion = _shortened(motion, duration)
     simulation = None if sim is None else Simulation.load(sim)
-    with open_for(backend, motion, simulation=simulation, robot=robot, seed=seed) as arm:
+    with ExitStack() as open_:
+        arm = open_.enter_context(
+            open_for(backend, motion, simulation=simulation, robot=robot, seed=seed)
+        )
         every = 1 if rate is None else _cycles_per_row(rate, arm.spec.period)
         provenance = {
             "backend": backend,
@@ -75,7 +99,19 @@ def command(
             "stiffness": impedance,
             "limo": version("limo"),
         }
-        playback = Playback(motion, record, every, impedance, provenance)
+        publish = None
+        if stream:
+            from limo_driver.ros import RosPublisher, RosTopic
+            from limo_driver.streaming import JointStatePublisher, open_session
+
+            topic = RosTopic(domain=ros_domain)
+            session = open_.enter_context(open_session(connect or (), listen or (), config))
+            arm.keep_time()
+            also = open_.enter_context(RosPublisher(session, topic)).publish if ros else None
+            publish = open_.enter_context(
+                JointStatePublisher(session, name or arm.spec.name, arm.spec.joint_names, also)
+            ).publish
+        playback = Playback(motion, record, every, impedance, provenance, publish)
         with _progress(quiet=as_json) as progress:
             summary = playback.run(arm, progress)
     _report(summary, as_json=as_json)

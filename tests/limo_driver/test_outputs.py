@@ -8,7 +8,7 @@ import pytest
 
 from limo_driver.cli import main
 from limo_driver.errors import ConfigError
-from limo_driver.outputs import require_apart, require_file, require_folder
+from limo_driver.outputs import only_writer, require_apart, require_file, require_folder
 
 
 @pytest.fixture
@@ -54,6 +54,15 @@ def test_a_link_to_an_input_is_that_input(there, tmp_path):
     (tmp_path / "link").symlink_to(there)
     with pytest.raises(ConfigError, match="would be written over"):
         require_apart([tmp_path / "link"], [there])
+
+
+def test_a_folder_has_one_writer_at_a_time(tmp_path):
+    with only_writer(tmp_path):
+        second = only_writer(tmp_path)
+        with pytest.raises(ConfigError, match="another process is writing to it"):
+            second.__enter__()
+    with only_writer(tmp_path):
+        assert tmp_path.is_dir()
 
 
 @pytest.mark.parametrize(

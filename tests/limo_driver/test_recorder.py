@@ -150,6 +150,10 @@ def killed_run(path):
         [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
     )
     child.stdout.readline()
+    log = partial_path(path)
+    begun = log.stat().st_size
+    while log.stat().st_size == begun:  # however slow the machine is
+        time.sleep(0.02)
     time.sleep(0.6)
     os.kill(child.pid, signal.SIGKILL)
     child.stdout.close()

@@ -1,0 +1,202 @@
+"""`limo convert`: joint states of MCAP logs as a recording, and a recording as such a log."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator
+
+    from limo_driver.joint_state_log import JointStateLog
+
+_MCAP = ".mcap"
+_TOPIC = "/joint_states"
+
+
+def command(
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="MCAP logs or folders of them; or one recording, to make a log of."),
+    ],
+    out: Annotated[Path, typer.Option(help="The recording to write (Parquet), or a .mcap log.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Built-in name or URDF, whose joints are meant, in their order."),
+    ] = None,
+    topic: Annotated[
+        str | None, typer.Option(help="Topic of the joint states, if there are several.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
+) -> None:
+    """Make a recording of the joint states in MCAP logs, of limo or of any ROS 2 bag.
+
+    Time is the stamp of each message, from the first on, in order of the stamps. Messages that were
+    lost leave gaps; duplicates stay in the file and are left out where it is read. A log that was
+    cut off is read as far as it goes. If --out ends in .mcap, a recording becomes a log instead.
+
+    [bold]Examples[/bold]
+
+        limo convert logs/ --robot iiwa14 --out run.parquet
+
+        limo convert bag_0.mcap --topic /joint_states --out run.parquet
+
+        limo convert run.parquet --out run.mcap
+    """
+    from limo_driver.outputs import require_file
+
+    require_file(out, files)
+    if out.suffix == _MCAP:
+        _to_log(files, out, robot, topic or _TOPIC, as_json=as_json)
+    else:
+        _to_recording(files, out, robot, topic, as_json=as_json)
+
+
+def _to_recording(
+    files: list[Path], out: Path, robot: str | None, topic: str | None, *, as_json: bool
+) -> None:
+    from importlib.metadata import version
+
+    from limo_driver.data_gate import inspect
+    from limo_driver.errors import ConfigError, RecordingError
+    from limo_driver.joint_state_log import joint_states
+    from limo_driver.model import RobotModel
+    from limo_driver.recording_file import write_columns
+
+    joints = None if robot is None else RobotModel.load(robot).joint_names
+    with _progress(quiet=as_json) as progress:
+        log = joint_states(files, joints, topic, robot or "", progress)
+    try:
+        findings = inspect(log.columns)
+    except RecordingError as error:
+        raise RecordingError(str(error), path=files[0], rows=error.rows) from None
+    about = {
+        "joints": log.joints,
+        "provenance": {
+            "logs": [path.name for path in files],
+            "topic": log.topic,
+            "start_ns": log.start_ns,
+            "limo": version("limo"),
+        },
+    }
+    try:
+        write_columns(log.columns, out, about)
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror or error}", path=out) from None
+    notes = [*log.columns.warnings, *map(str, findings.left_out), *findings.warnings]
+    _report(out, _counts(log, len(findings.rows)), notes, as_json=as_json)
+
+
+def _counts(log: JointStateLog, usable: int) -> dict[str, Any]:
+    return {
+        "topic": log.topic,
+        "joints": list(log.joints),
+        "samples": log.columns.time.size,
+        "usable": usable,
+        "duration": float(log.columns.time[-1]),
+        "duplicates": log.duplicates,
+        "reordered": log.reordered,
+        "malformed": log.malformed,
+        "of other joints": log.elsewhere,
+    }
+
+
+def _to_log(files: list[Path], out: Path, robot: str | None, topic: str, *, as_json: bool) -> None:
+    from limo_driver.errors import ConfigError
+    from limo_driver.joint_state_log import write_joint_states
+    from limo_driver.model import RobotModel
+    from limo_driver.recording import Recording
+
+    if len(files) > 1:
+        raise ConfigError(f"{len(files)} files to make one log of, expected one recording")
+    recording = Recording.load(files[0])
+    joints, start_ns = _named(files[0], recording.n)
+    if robot is not None:
+        model = RobotModel.load(robot)
+        recording.check_robot(model)
+        joints = model.joint_names
+    try:
+        write_joint_states(recording, out, joints, topic, start_ns)
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror or error}", path=out) from None
+    counts = {
+        "topic": topic,
+        "joints": list(joints),
+        "samples": len(recording),
+        "duration": recording.duration,
+    }
+    left = [f"{name} is left behind" for name in recording.extras]
+    notes = [*recording.warnings, *map(str, recording.left_out), *left]
+    _report(out, counts, notes, as_json=as_json)
+
+
+def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
+    """Return the joints and the stamp of time 0 [ns] that the header of a recording may name."""
+    import pyarrow.parquet as pq
+
+    from limo_driver.recorder import read_header
+
+    numbered = tuple(f"joint_{j + 1}" for j in range(n))
+    if path.suffix != ".parquet":
+        return numbered, 0
+    header = read_header(pq.read_table(path, columns=["time"]))
+    match header:
+        case {"joints": [*joints]} if len(joints) == n:
+            names = tuple(str(joint) for joint in joints)
+        case _:
+            names = numbered
+    match header:
+        case {"provenance": {"start_ns": int(start_ns)}}:
+            return names, start_ns
+        case _:
+            return names, 0
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("reading: {task.fields[messages]} messages, {task.completed} files done"),
+        TimeElapsedColumn(),
+    )
+    disable = quiet or not console.is_terminal
+    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+        task = bar.add_task("reading", messages=0)
+        yield lambda files, messages: bar.update(task, completed=files, messages=messages)
+
+
+def _report(out: Path, counts: dict[str, Any], notes: list[str], *, as_json: bool) -> None:
+    import json
+
+    from rich.console import Console
+
+    if as_json:
+        Console().print_json(json.dumps({"file": str(out), **counts, "notes": notes}))
+        return
+    errors = Console(stderr=True, soft_wrap=True, highlight=False)
+    for note in notes:
+        errors.print(note, markup=False)
+    console = Console(soft_wrap=True, highlight=False)
+    console.print(
+        f"{out}: {counts['samples']} samples of {len(counts['joints'])} joints over "
+        f"{counts['duration']:.3f} s, topic {counts['topic']}",
+        markup=False,
+    )
+    for name in ("duplicates", "reordered", "malformed", "of other joints"):
+        if counts.get(name):
+            console.print(f"{counts[name]} messages {_MEANING[name]}", markup=False)
+
+
+_MEANING = {
+    "duplicates": "have the stamp of another one",
+    "reordered": "were logged after one with a later stamp; they are in order of the stamps now",
+    "malformed": "could not be decoded and are not in the recording",
+    "of other joints": "lack joints of the robot and are not in the recording",
+}

@@ -1,0 +1,251 @@
+"""Joint states of MCAP logs, ours or any of ROS 2, as columns of a recording, and back."""
+
+from __future__ import annotations
+
+import re
+from array import array
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.data_gate import SYSTEMATIC, Columns
+from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.mcap_file import LoggedMessage, McapWriter, read_mcap
+from limo_driver.messages import JOINT_STATE, JointStateCodec, JointStateMessage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
+
+_NANOSECOND = 1e-9  # [s]
+_LISTED = 8  # topics that a message names
+_REPORTED = 1024  # messages between two reports of progress
+
+
+@dataclass(frozen=True)
+class JointStateLog:
+    """The joint states of one topic, in order of their stamps, and what was odd about them."""
+
+    columns: Columns
+    joints: tuple[str, ...]
+    topic: str
+    start_ns: int  # stamp at time 0
+    duplicates: int  # messages with the stamp of another
+    reordered: int  # messages that were logged after one with a later stamp
+    malformed: int  # messages that could not be decoded, which are not in the columns
+    elsewhere: int  # messages of other joints than the robot's, which are not either
+
+
+def joint_states(
+    paths: Sequence[Path],
+    joints: tuple[str, ...] | None = None,
+    topic: str | None = None,
+    robot: str = "",
+    progress: Callable[[int, int], None] | None = None,
+    also: Callable[[LoggedMessage], None] | None = None,
+) -> JointStateLog:
+    """Read the joint states of one topic from logs.
+
+    Args:
+        paths: MCAP files, or folders of them.
+        joints: Names, in the order of the columns; those of the first message if not given.
+        topic: The topic; may be left out where there is one with joint states.
+        robot: Its name, for the columns.
+        progress: Told the files and the messages read, now and then.
+        also: Given every message, so that others can be read in the same pass.
+
+    Raises:
+        RecordingError: No joint states, several topics of them, other joints, or stamps that run
+            backwards more than now and then.
+    """
+    rows, warnings = _Rows(joints, topic), list[str]()
+    files, messages = mcap_files(paths), 0
+    for k, path in enumerate(files):
+        told: list[str] = []
+        for message in read_mcap(path, told.append):
+            rows.add(message)
+            if also is not None:
+                also(message)
+            messages += 1
+            if progress is not None and messages % _REPORTED == 0:
+                progress(k, messages)
+        warnings += [f"{path} {text}" for text in told]
+    return rows.log(robot, tuple(warnings))
+
+
+def mcap_files(paths: Sequence[Path]) -> list[Path]:
+    """Return the files named and those in the folders named, `part_9` before `part_10`.
+
+    Raises:
+        RecordingError: A folder holds none.
+    """
+    files: list[Path] = []
+    for path in paths:
+        found = sorted(path.glob("*.mcap"), key=_natural) if path.is_dir() else [path]
+        if not found:
+            raise RecordingError("holds no .mcap files", path=path)
+        files += found
+    return files
+
+
+def write_joint_states(
+    recording: Recording, path: Path, joints: tuple[str, ...], topic: str, start_ns: int = 0
+) -> None:
+    """Write a recording as joint states in an MCAP file; extras are left behind.
+
+    Args:
+        recording: T samples of n joints.
+        path: To be made; an older file is replaced.
+        joints: Names, n.
+        topic: To write to.
+        start_ns: Stamp of time 0 [ns].
+
+    Raises:
+        RecordingError: A sample was before 1970.
+        OSError: The file cannot be written.
+    """
+    codec = JointStateCodec(joints)
+    stamps = start_ns + np.round(recording.time / _NANOSECOND).astype(np.int64)
+    if stamps[0] < 0:
+        raise RecordingError(f"begins at {recording.time[0]:g} s, which no log can hold")
+    velocity = np.zeros((len(recording), 0)) if recording.velocity is None else recording.velocity
+    path.unlink(missing_ok=True)
+    writer = McapWriter(path)
+    rows = zip(stamps.tolist(), recording.position, velocity, recording.torque, strict=True)
+    for sequence, (stamp, *values) in enumerate(rows):
+        payload = codec.encode(stamp, *values)
+        writer.add(LoggedMessage(topic, JOINT_STATE, payload, stamp, stamp, sequence))
+    writer.finish()
+
+
+@dataclass
+class _Rows:
+    """Rows of one topic as they come; every other topic is only named."""
+
+    joints: tuple[str, ...] | None
+    topic: str | None
+    topics: dict[str, str] = field(default_factory=dict)  # topic → schema
+    malformed: int = 0
+    elsewhere: int = 0
+
+    def __post_init__(self) -> None:
+        self._wanted = self.topic is None
+        self._fixed = self.joints is not None
+        self._codec = JointStateCodec(self.joints or ())
+        self._stamps = array("q")
+        self._values = array("d")  # position, velocity and torque of all joints, row by row
+
+    def add(self, message: LoggedMessage) -> None:
+        self.topics.setdefault(message.topic, message.schema)
+        if message.schema != JOINT_STATE:
+            return
+        if self.topic is None:
+            self.topic = message.topic
+        if message.topic != self.topic:
+            return
+        try:
+            state = self._codec.decode(message.payload)
+        except WireFormatError:
+            self.malformed += 1
+            return
+        if self.joints is None:
+            if not state.names:
+                raise RecordingError(f"topic {self.topic} does not name its joints")
+            self.joints = state.names
+            self._codec = JointStateCodec(state.names, state.frame_id)
+        self._append(state, self.joints)
+
+    def _append(self, state: JointStateMessage, joints: tuple[str, ...]) -> None:
+        if state.names == joints:
+            columns = slice(None)
+        elif set(state.names) >= set(joints):
+            columns = [state.names.index(name) for name in joints]
+        elif self._fixed:
+            self.elsewhere += 1
+            return
+        else:
+            raise RecordingError(
+                f"topic {self.topic} has messages of the joints {', '.join(joints)} and of "
+                f"{', '.join(state.names) or 'none'}; say which robot's are meant"
+            )
+        self._stamps.append(state.stamp_ns)
+        missing = np.full(len(joints), np.nan)
+        for values in (state.position, state.velocity, state.torque):
+            self._values.frombytes((values[columns] if values.size else missing).tobytes())
+
+    def log(self, robot: str, warnings: tuple[str, ...]) -> JointStateLog:
+        """Return all rows in order of their stamps."""
+        self._check_topic()
+        assert self.joints is not None  # noqa: S101  # there are rows
+        assert self.topic is not None  # noqa: S101
+        stamps = np.array(self._stamps, dtype=np.int64)
+        reordered = self._reordered(stamps)
+        order = np.argsort(stamps, kind="stable")
+        values = np.array(self._values).reshape(stamps.size, 3, -1)[order]
+        stamps = stamps[order]
+        position, velocity, torque = (values[:, k] for k in range(3))
+        self._check_measured(position, torque)
+        return JointStateLog(
+            Columns(
+                (stamps - stamps[0]) * _NANOSECOND,
+                position,
+                torque,
+                None if np.isnan(velocity).all() else velocity,
+                warnings=warnings,
+                robot=robot,
+            ),
+            self.joints,
+            self.topic,
+            int(stamps[0]),
+            duplicates=int((np.diff(stamps) == 0).sum()),
+            reordered=reordered,
+            malformed=self.malformed,
+            elsewhere=self.elsewhere,
+        )
+
+    def _check_topic(self) -> None:
+        found = [topic for topic, schema in self.topics.items() if schema == JOINT_STATE]
+        if self._wanted and len(found) > 1:
+            raise RecordingError(
+                f"joint states of several topics: {', '.join(found)}; say which is meant"
+            )
+        if not self._stamps:
+            named = [f"{topic} ({schema})" for topic, schema in self.topics.items()][:_LISTED]
+            asked = "" if self._wanted else f" of topic {self.topic}"
+            unread = f"; {self.malformed} are malformed" if self.malformed else ""
+            others = f"; {self.elsewhere} are of other joints" if self.elsewhere else ""
+            raise RecordingError(
+                f"no joint states{asked} in these logs{unread}{others}; they hold "
+                f"{', '.join(named) or 'nothing'}"
+            )
+
+    def _reordered(self, stamps: NDArray[np.int64]) -> int:
+        late = np.append(False, stamps[1:] < np.maximum.accumulate(stamps)[:-1])
+        if late.mean() > SYSTEMATIC:
+            at = int(np.flatnonzero(late)[0])
+            raise RecordingError(
+                f"the stamps run backwards at message {at} of {self.topic}, and {late.mean():.0%} "
+                "of them do; are these two recordings? convert them one by one",
+                rows=[at],
+            )
+        return int(late.sum())
+
+    def _check_measured(self, position: FloatArray, torque: FloatArray) -> None:
+        for name, values in (("position", position), ("effort", torque)):
+            if np.isnan(values).all():
+                raise RecordingError(
+                    f"the joint states of {self.topic} have no {name}; a recording needs "
+                    "position and effort"
+                )
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Return what sorts names with numbers in them by the numbers."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]

@@ -1,0 +1,64 @@
+"""How long something takes, as a histogram that never grows."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
+
+_LOWEST: Final = 1e-6  # [s]
+_PER_DECADE: Final = 50  # bins; a percentile is good to 5 %
+_BINS: Final = 8 * _PER_DECADE  # up to 100 s
+
+
+class LatencyHistogram:
+    """Counts durations in bins of equal ratio from 1 µs to 100 s."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, dtype=np.int64)
+        self.longest = 0.0  # [s]
+
+    def add(self, duration: float) -> None:
+        """Count a duration [s]; what is below 1 µs counts as that."""
+        bin_ = int(_PER_DECADE * math.log10(max(duration, _LOWEST) / _LOWEST))
+        self._counts[min(bin_, _BINS - 1)] += 1
+        self.longest = max(self.longest, duration)
+
+    @property
+    def count(self) -> int:
+        """Durations counted."""
+        return int(self._counts.sum())
+
+    @property
+    def edges(self) -> FloatArray:
+        """Upper edges of the bins [s]."""
+        return _LOWEST * 10.0 ** (np.arange(1, _BINS + 1) / _PER_DECADE)
+
+    def percentile(self, percent: float) -> float:
+        """Return the upper edge of the bin that holds a percentile [s]; NaN if there is none."""
+        if not self.count:
+            return float("nan")
+        reached = np.cumsum(self._counts) >= percent / 100.0 * self.count
+        return min(float(self.edges[int(np.argmax(reached))]), self.longest)
+
+    def take(self) -> LatencyHistogram:
+        """Return what was counted, and begin anew."""
+        taken = LatencyHistogram()
+        taken._counts, self._counts = self._counts, np.zeros(_BINS, dtype=np.int64)
+        taken.longest, self.longest = self.longest, 0.0
+        return taken
+
+    def as_json(self) -> dict[str, Any]:
+        """Return percentiles [s] and the counts per decade, as JSON values."""
+        if not self.count:
+            return {"count": 0}
+        return {
+            "count": self.count,
+            **{f"p{p:g}".replace(".", "_"): self.percentile(p) for p in (50, 99, 99.9)},
+            "longest": self.longest,
+            "counts": self._counts.tolist(),
+        }

@@ -1,0 +1,144 @@
+"""limo_msgs/msg/TorqueEstimate as CDR: what a model says of one joint state, and how surely."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from limo_driver.messages.cdr import (
+    LITTLE_ENDIAN,
+    CdrReader,
+    RobotCodec,
+    check_lengths,
+    check_shapes,
+    padding,
+    split_time,
+    utf8,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class TorqueEstimate:
+    """An estimate as it came off the wire; arrays have one value for each name, or none."""
+
+    stamp_ns: int  # of the joint state that it answers
+    frame_id: str
+    names: tuple[str, ...]
+    torque: FloatArray  # (n,) or (0,) [N m], estimated
+    std: FloatArray  # (n,) or (0,) [N m], one standard deviation
+    external: FloatArray  # (n,) or (0,) [N m], measured minus estimated
+    outside: NDArray[np.bool_]  # (n,) or (0,), motion unlike what was learned
+    model: str  # its version
+    fallback: bool  # the estimate is of the physics alone
+    reset: bool  # the memory of the estimator started anew at this sample
+
+
+class TorqueEstimateCodec(RobotCodec):
+    """Encodes estimates for one robot; what does not change is encoded once.
+
+    Args:
+        names: Joints, in the order of the arrays.
+        frame_id: Of the header.
+    """
+
+    def __init__(self, names: Sequence[str], frame_id: str = "") -> None:
+        super().__init__(names, frame_id, "ddd?")
+
+    def encode(
+        self,
+        stamp_ns: int,
+        torque: FloatArray,
+        std: FloatArray,
+        external: FloatArray,
+        outside: NDArray[np.bool_],
+        *,
+        model: str = "",
+        fallback: bool = False,
+        reset: bool = False,
+    ) -> bytes:
+        """Return the message.
+
+        Args:
+            stamp_ns: Time of the joint state that is answered [ns].
+            torque: Estimated torques, shape (n,), or (0,) where unknown [N m].
+            std: Standard deviations, likewise [N m].
+            external: Measured minus estimated torques, likewise [N m].
+            outside: Whether the motion is unlike what was learned, likewise.
+            model: Version of the model.
+            fallback: The estimate is of the physics alone.
+            reset: The memory of the estimator started anew at this sample.
+
+        Raises:
+            ShapeError: An array has another shape.
+            WireFormatError: The stamp does not fit into 32 bits of seconds.
+        """
+        lengths = len(torque), len(std), len(external), len(outside)
+        try:
+            body = self._layouts[lengths].pack(
+                LITTLE_ENDIAN,
+                *split_time(stamp_ns),
+                self._fixed,
+                lengths[0],
+                *torque.tolist(),
+                lengths[1],
+                *std.tolist(),
+                lengths[2],
+                *external.tolist(),
+                lengths[3],
+                *outside.tolist(),
+            )
+        except (KeyError, struct.error):
+            check_shapes(
+                len(self.names), torque=torque, std=std, external=external, outside=outside
+            )
+            raise
+        return body + _tail(len(body), model, fallback, reset)
+
+
+def decode_torque_estimate(payload: bytes | memoryview) -> TorqueEstimate:
+    """Return the estimate that a payload holds, of either byte order.
+
+    Raises:
+        WireFormatError: The payload is malformed; names its offset.
+    """
+    reader = CdrReader(payload)
+    estimate = TorqueEstimate(
+        reader.time("stamp"),
+        reader.string("frame_id"),
+        reader.strings("name"),
+        reader.doubles("torque"),
+        reader.doubles("std"),
+        reader.doubles("external"),
+        reader.flags("outside"),
+        reader.string("model"),
+        reader.flag("fallback"),
+        reader.flag("reset"),
+    )
+    reader.end()
+    check_lengths(
+        reader.offset,
+        name=len(estimate.names),
+        torque=estimate.torque.size,
+        std=estimate.std.size,
+        external=estimate.external.size,
+        outside=estimate.outside.size,
+    )
+    return estimate
+
+
+@lru_cache(maxsize=64)
+def _tail(offset: int, model: str, fallback: bool, reset: bool) -> bytes:
+    """Return the fields after the arrays, which begin at `offset`; they seldom change."""
+    encoded = utf8(model) + b"\x00"
+    before = padding(offset, 4)
+    return struct.pack(f"<{before}xI{len(encoded)}s??", len(encoded), encoded, fallback, reset)

@@ -1,0 +1,338 @@
+"""Joint states on Zenoh: sessions, keys, publishing, and what arrived of what was sent.
+
+| key | payload |
+|---|---|
+| `limo/<arm>/state/joints` | sensor_msgs/JointState |
+| `limo/<arm>/torque/estimate` | limo_msgs/TorqueEstimate |
+| `limo/<arm>/torque/external` | sensor_msgs/JointState whose effort is the external torque |
+| `limo/<arm>/event` | rcl_interfaces/Log |
+| `limo/<arm>/status/service` | JSON, once a second |
+| `limo/<arm>/model/<verb>` | queryables of the service |
+| `limo/<arm>/alive/<part>/<id>` | liveliness token |
+
+Payloads are CDR, see `messages`. Joint states are best effort and dropped on congestion, since an
+old one is worth nothing; events and status are kept for those who come late.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import zenoh
+import zenoh.ext
+
+from limo_driver.closing import Closing
+from limo_driver.errors import ConfigError, ConnectionLostError
+from limo_driver.messages import Attachment, JointStateCodec
+from limo_driver.network_config import explained, read_config
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import Self
+
+    from limo_driver.types import JointState
+
+KEPT_EVENTS: Final = 100  # for those who come late
+_ANY: Final = "*"
+_NAME: Final = re.compile(r"[A-Za-z0-9_.-]+")
+_LINKING: Final = 0.5  # [s] in which those who are there are linked
+_HEARTBEAT: Final = 1.0  # [s] after which a missed event is noticed
+_REMEMBERED: Final = 4096  # lost samples that may still come late
+_INSISTENT: Final = 100  # old samples in a row that are no longer taken for late ones
+_NANOSECONDS: Final = 1e9
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Where everything about one arm is found.
+
+    Raises:
+        ConfigError: The name cannot be part of a key.
+    """
+
+    arm: str
+
+    def __post_init__(self) -> None:
+        if self.arm != _ANY and not _NAME.fullmatch(self.arm):
+            raise ConfigError(
+                f"the arm's name is {self.arm!r}, expected letters, digits, '_', '-' and '.'"
+            )
+
+    @classmethod
+    def of_any(cls) -> Self:
+        """Return key expressions that are those of every arm."""
+        return cls(_ANY)
+
+    @property
+    def root(self) -> str:
+        """What all of them begin with."""
+        return f"limo/{self.arm}"
+
+    @property
+    def joints(self) -> str:
+        """Measured joint states."""
+        return f"{self.root}/state/joints"
+
+    @property
+    def estimate(self) -> str:
+        """Torque estimates."""
+        return f"{self.root}/torque/estimate"
+
+    @property
+    def external(self) -> str:
+        """External torques, measured less estimated: -Jᵀ F of what pushes the arm."""
+        return f"{self.root}/torque/external"
+
+    @property
+    def event(self) -> str:
+        """Contacts, drift, swaps of models, and what else happens."""
+        return f"{self.root}/event"
+
+    def status(self, part: str) -> str:
+        """Condition of a part: of the `service`."""
+        return f"{self.root}/status/{part}"
+
+    def alive(self, part: str, identity: str = _ANY) -> str:
+        """Liveliness token of a part, `driver` or `service`; of any one that is it by default."""
+        return f"{self.root}/alive/{part}/{identity}"
+
+    def model(self, verb: str) -> str:
+        """Queryable of the service's models."""
+        return f"{self.root}/model/{verb}"
+
+
+def open_session(
+    connect: Sequence[str] = (), listen: Sequence[str] = (), config: Path | str | None = None
+) -> zenoh.Session:
+    """Open a Zenoh session: a peer that finds others on its network, unless told otherwise.
+
+    Args:
+        connect: Endpoints to reach, for example `tcp/192.168.1.2:7447`.
+        listen: Endpoints to be reached at.
+        config: Zenoh's own configuration file (JSON5), for routers, TLS, users and access control;
+            its paths are relative to it.
+
+    Raises:
+        ConfigError: The file or an endpoint cannot be used.
+        ConnectionLostError: No session could be opened with it.
+    """
+    zenoh.try_init_log_from_env()  # RUST_LOG=zenoh=debug tells why a link is refused
+    settings = zenoh.Config() if config is None else read_config(Path(config))
+    try:
+        settings.insert_json5("timestamping/enabled", "true")  # caches need it
+        for role, endpoints in (("connect", connect), ("listen", listen)):
+            if endpoints:
+                settings.insert_json5(f"{role}/endpoints", json.dumps(list(endpoints)))
+    except zenoh.ZError as error:
+        raise ConfigError(
+            f"endpoint {', '.join([*connect, *listen])}: {explained(error)}"
+        ) from None
+    try:
+        return zenoh.open(settings)
+    except zenoh.ZError as error:
+        ends = ", ".join([*connect, *listen]) or "any peer"
+        raise ConnectionLostError(f"no Zenoh session with {ends}: {explained(error)}") from None
+
+
+class JointStatePublisher(Closing):
+    """Publishes the joint states of one arm as they are measured.
+
+    Stamps are in Unix time but run with the robot's clock, so that they are as even as its cycle;
+    the two are brought together once, by the first state.
+
+    Args:
+        session: Open Zenoh session.
+        arm: Name of the arm in keys.
+        joint_names: Of the arm.
+        also: Given every payload, with its sequence and Unix time [ns], to publish it elsewhere.
+
+    Raises:
+        ConfigError: Another driver publishes an arm of this name.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        arm: str,
+        joint_names: Sequence[str],
+        also: Callable[[bytes, int, int], None] | None = None,
+    ) -> None:
+        keys = Keys(arm)
+        self._token = claim(session, keys, "driver")
+        self._codec = JointStateCodec(joint_names, frame_id=arm)
+        self._publisher = declare_stream(session, keys.joints)
+        self._source = zenoh.SourceInfo(self._publisher.id, 0)  # the number is in the attachment
+        self._also = also
+        self._origin: int | None = None  # [ns], of the robot's clock in Unix time
+        self.published = 0
+
+    def publish(self, state: JointState) -> None:
+        """Send a state; it never waits for anyone."""
+        source = round(state.time * _NANOSECONDS)
+        if self._origin is None:
+            self._origin = time.time_ns() - source
+        attachment = Attachment(state.sequence, source, stale=state.stale, holding=state.holding)
+        stamp = self._origin + source
+        payload = self._codec.encode(stamp, state.position, state.velocity, state.torque)
+        self._publisher.put(payload, attachment=attachment.encode(), source_info=self._source)
+        if self._also is not None:
+            self._also(payload, state.sequence, stamp)
+        self.published += 1
+
+    def close(self) -> None:
+        """Take the arm off the network."""
+        self._token.undeclare()
+        self._publisher.undeclare()
+
+
+def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToken:
+    """Be the only driver or service of an arm, until the token that is returned is undeclared.
+
+    Whoever was there before stays, whatever the clocks say; of two that begin together, the one
+    that began earlier. Links to others need time to come about, so it takes a second.
+
+    Raises:
+        ConfigError: Another one is there.
+    """
+    identity = f"{time.time_ns()}-{session.zid()}"
+    own = keys.alive(part, identity)
+    if not _others(session, keys.alive(part), own):
+        token = session.liveliness().declare_token(own)
+        if not any(other < own for other in _others(session, keys.alive(part), own)):
+            return token
+        token.undeclare()
+    raise ConfigError(
+        f"another {part} of an arm called {keys.arm!r} is on the network already; give this one "
+        "another name, or stop that one"
+    )
+
+
+def _others(session: zenoh.Session, tokens: str, own: str) -> set[str]:
+    """Return the other tokens that are seen while links come about."""
+    seen: set[str] = set()
+    ends = time.monotonic() + _LINKING
+    while time.monotonic() < ends:
+        replies = session.liveliness().get(tokens, timeout=_LINKING)
+        seen |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+        time.sleep(_LINKING / 10)
+    return seen - {own}
+
+
+def is_alive(session: zenoh.Session, token: str, timeout: float = 0.5) -> bool:
+    """Say whether a liveliness token is on the network, waiting at most `timeout` [s]."""
+    return any(True for _ in session.liveliness().get(token, timeout=timeout))
+
+
+def declare_stream(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    """Return a publisher of what is worth nothing when it is late."""
+    return session.declare_publisher(
+        key,
+        encoding=zenoh.Encoding.APPLICATION_CDR,
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.REAL_TIME,
+        express=True,
+        reliability=zenoh.Reliability.BEST_EFFORT,
+    )
+
+
+def declare_history(
+    session: zenoh.Session, key: str, kept: int = KEPT_EVENTS
+) -> zenoh.ext.AdvancedPublisher:
+    """Return a publisher whose last samples are there for those who come late."""
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        cache=zenoh.ext.CacheConfig(kept),
+        publisher_detection=True,
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(
+            heartbeat=_HEARTBEAT, sporadic_heartbeat=None
+        ),
+    )
+
+
+def follow_history(
+    session: zenoh.Session, key: str, callback: Callable[[zenoh.Sample], None]
+) -> zenoh.ext.AdvancedSubscriber[None]:
+    """Subscribe to what `declare_history` publishes, with what came before."""
+    return zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        callback,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+        recovery=zenoh.ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
+    )
+
+
+class Arrivals:
+    """Counts what is lost, duplicated or late among numbered samples.
+
+    A sample is late when one that follows it came before; it was counted as lost then, and is
+    taken off that count. Only samples in order are of use to who remembers. A number that goes
+    back while the stamp goes on is a source that began anew. So is one whose samples are all old
+    but follow each other, a hundred of them: its clock was set back, or what seemed newer was not
+    its own.
+    """
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter(received=0, lost=0, late=0, duplicated=0, restarts=0)
+        self._sequence: int | None = None
+        self._stamp = 0  # [ns]
+        self._missing: dict[int, None] = {}  # may still come late; oldest first
+        self._old = (0, 0)  # number and stamp of the latest one that was old
+        self._in_a_row = 0  # old ones that follow each other
+
+    def take(self, sequence: int, stamp: int) -> bool:
+        """Count a sample and say whether it follows all that came before it.
+
+        Args:
+            sequence: Its number.
+            stamp: When it was measured [ns].
+        """
+        last = self._sequence
+        old = last is not None and sequence <= last and stamp <= self._stamp
+        if old and not self._insists(sequence, stamp):
+            self._count_old(sequence)
+            return False
+        if last is not None and sequence <= last:
+            self.counts["restarts"] += 1
+            self._missing.clear()
+        elif last is not None:
+            self._count_lost(last + 1, sequence)
+        self._sequence, self._stamp, self._in_a_row = sequence, stamp, 0
+        self.counts["received"] += 1
+        return True
+
+    def _insists(self, sequence: int, stamp: int) -> bool:
+        follows = sequence > self._old[0] and stamp > self._old[1]
+        self._old = sequence, stamp
+        self._in_a_row = self._in_a_row + 1 if follows else 1
+        return self._in_a_row > _INSISTENT
+
+    def _count_old(self, sequence: int) -> None:
+        if sequence in self._missing:
+            del self._missing[sequence]
+            self.counts["lost"] -= 1
+            self.counts["late"] += 1
+        else:
+            self.counts["duplicated"] += 1
+
+    def _count_lost(self, first: int, stop: int) -> None:
+        if first == stop:
+            return
+        self.counts["lost"] += stop - first
+        for sequence in range(max(first, stop - _REMEMBERED), stop):
+            self._missing[sequence] = None
+        while len(self._missing) > _REMEMBERED:
+            del self._missing[next(iter(self._missing))]
+
+
+def to_json(value: dict[str, Any]) -> bytes:
+    """Return a status or an answer as it is sent."""
+    return json.dumps(value, allow_nan=False).encode()

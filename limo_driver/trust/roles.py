@@ -1,0 +1,143 @@
+"""The roles on the network, and the access control lists that follow from them.
+
+Every session checks what comes in from the sessions that it is linked to, by the common name of
+their certificate. What goes out is its own affair: a list that a session keeps about itself would
+protect nobody from it.
+
+Chunks that begin with `@` are matched by no wildcard, so what the caches of events and status need
+is listed beside their keys.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+_CACHE: Final = "/@adv/**"  # what zenoh.ext adds to the keys of its caches
+_EVERYTHING: Final = ("limo/**", f"limo/**{_CACHE}")
+_ALL_MESSAGES: Final = (
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+)
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a session may send; any role may hear everything of `limo/`."""
+
+    name: str  # common name of its certificate, and its user name
+    purpose: str
+    publishes: tuple[str, ...] = ()  # key expressions
+    keeps: tuple[str, ...] = ()  # published with a cache for those who come late
+    announces: tuple[str, ...] = ()  # liveliness tokens
+    answers: tuple[str, ...] = ()  # queries
+    asks: tuple[str, ...] = ("limo/*/model/index",)
+    links_to: tuple[str, ...] = ()  # roles that it reaches; the others reach it
+
+
+ROLES: Final = {
+    role.name: role
+    for role in (
+        Role(
+            "driver",
+            "drives the arm and publishes its joint states",
+            publishes=("limo/*/state/**",),
+            announces=("limo/*/alive/driver/*",),
+        ),
+        Role(
+            "service",
+            "publishes torque estimates and events, and answers queries about models",
+            publishes=("limo/*/torque/**",),
+            keeps=("limo/*/event", "limo/*/status/service"),
+            announces=("limo/*/alive/service/*",),
+            answers=("limo/*/model/**",),
+            links_to=("driver",),
+        ),
+        Role(
+            "operator",
+            "sends commands, and loads, promotes and rolls back models",
+            publishes=("limo/*/command/**",),
+            asks=("limo/*/model/**",),
+            links_to=("driver", "service"),
+        ),
+        Role("viewer", "only reads", links_to=("driver", "service")),
+    )
+}
+
+
+def access_control(role: Role) -> dict[str, Any]:
+    """Return Zenoh's `access_control` for sessions of a role."""
+    others = _linked(role)
+    rules = [_rule("ours", _ALL_MESSAGES, _EVERYTHING, "egress"), _hears()]
+    for other in others:
+        rules += _sends(other)
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [_subject(role, other) for other in others],
+        "policies": [
+            {
+                "subjects": [other.name],
+                "rules": ["ours", "hears", *(rule["id"] for rule in _sends(other))],
+            }
+            for other in others
+        ],
+    }
+
+
+def _linked(role: Role) -> list[Role]:
+    return [
+        other
+        for other in ROLES.values()
+        if other.name in role.links_to or role.name in other.links_to
+    ]
+
+
+def _subject(role: Role, other: Role) -> dict[str, Any]:
+    """Return how another role is known: only who opens a link gives a user name."""
+    known: dict[str, Any] = {"id": other.name, "cert_common_names": [other.name]}
+    if role.name in other.links_to:
+        known["usernames"] = [other.name]
+    return known
+
+
+def _hears() -> dict[str, Any]:
+    messages = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
+    return _rule("hears", messages, _EVERYTHING)
+
+
+def _sends(role: Role) -> list[dict[str, Any]]:
+    """Return the rules of what may come in from a role."""
+    caches = tuple(key + _CACHE for key in role.keeps)
+    kept = tuple(key + _CACHE for other in ROLES.values() for key in other.keeps)
+    permitted = {
+        "publishes": (("put", "delete"), role.publishes + role.keeps + caches),
+        "announces": (("liveliness_token",), role.announces + caches),
+        "answers": (("declare_queryable", "reply"), role.answers + role.keeps + caches),
+        "asks": (("query",), role.asks + kept),
+    }
+    return [
+        _rule(f"{role.name} {verb}", messages, keys)
+        for verb, (messages, keys) in permitted.items()
+        if keys
+    ]
+
+
+def _rule(
+    name: str, messages: tuple[str, ...], keys: tuple[str, ...], flow: str = "ingress"
+) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "allow",
+        "flows": [flow],
+        "messages": list(messages),
+        "key_exprs": list(keys),
+    }

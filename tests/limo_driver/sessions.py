@@ -1,0 +1,39 @@
+"""Real Zenoh sessions on free ports of this machine."""
+
+import json
+import socket
+import time
+from contextlib import contextmanager
+
+from limo_driver.streaming import open_session
+
+
+def free_port():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+def configurations_of_two(folder):
+    """Write the configurations of two sessions that see each other and nobody else."""
+    endpoints = {"endpoints": [f"tcp/127.0.0.1:{free_port()}"]}
+    paths = folder / "here.json5", folder / "there.json5"
+    for path, role in zip(paths, ("listen", "connect"), strict=True):
+        alone = {"multicast": {"enabled": False}}
+        path.write_text(json.dumps({role: endpoints, "scouting": alone}))
+    return paths
+
+
+@contextmanager
+def sessions_of_two(folder):
+    """Two sessions that see each other and nobody else."""
+    here, there = configurations_of_two(folder)
+    with open_session(config=here) as first, open_session(config=there) as second:
+        yield first, second
+
+
+def wait_until(condition, seconds=10.0):
+    ends = time.monotonic() + seconds
+    while not condition() and time.monotonic() < ends:
+        time.sleep(0.005)
+    assert condition()

@@ -1,0 +1,383 @@
+"""Roles on a network of real sessions: who is let in, and what arrives of what each one sends."""
+
+import json
+import stat
+import sys
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+import zenoh
+from sessions import free_port, wait_until
+from typer.testing import CliRunner
+
+from limo_driver.cli.secure import command
+from limo_driver.errors import ConfigError, ConnectionLostError
+from limo_driver.messages import decode_joint_state
+from limo_driver.network_config import read_config
+from limo_driver.streaming import (
+    JointStatePublisher,
+    Keys,
+    declare_history,
+    follow_history,
+    open_session,
+)
+from limo_driver.trust import ROLES, Host, write_trust
+from limo_driver.types import JointState
+
+KEYS = Keys("arm")
+
+
+@pytest.fixture(scope="module")
+def trust(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("network") / "trust"
+    hosts = {"driver": Host("127.0.0.1", free_port()), "service": Host("localhost", free_port())}
+    return write_trust(folder, hosts)
+
+
+@pytest.fixture(scope="module")
+def network(trust):
+    """A session of each role, linked as configured."""
+    with ExitStack() as open_:
+        sessions = {
+            name: open_.enter_context(open_session(config=path))
+            for name, path in trust.configurations.items()
+        }
+        links = {"driver": 3, "service": 3, "operator": 2, "viewer": 2}
+        wait_until(
+            lambda: all(len(sessions[n].info.peers_zid()) == k for n, k in links.items()), 30.0
+        )
+        yield sessions
+
+
+class Inbox:
+    """What a role hears under a key."""
+
+    def __init__(self, session, key):
+        self.heard = []
+        self._subscriber = session.declare_subscriber(
+            key, lambda sample: self.heard.append(sample.payload.to_string())
+        )
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._subscriber.undeclare()
+
+
+def put_until_heard(sender, key, inbox, text):
+    def heard():
+        sender.put(key, text)
+        return text in inbox.heard
+
+    wait_until(heard)
+
+
+class TestWhatArrives:
+    @pytest.mark.parametrize(
+        ("sender", "key", "hearer"),
+        [
+            ("driver", KEYS.joints, "service"),
+            ("driver", KEYS.joints, "viewer"),
+            ("service", KEYS.estimate, "viewer"),
+            ("service", KEYS.external, "driver"),
+            ("service", KEYS.event, "operator"),
+            ("operator", "limo/arm/command/joints", "driver"),
+            ("operator", "limo/arm/command/joints", "service"),
+        ],
+    )
+    def test_what_a_role_may_publish(self, network, sender, key, hearer):
+        with Inbox(network[hearer], "limo/**") as inbox:
+            put_until_heard(network[sender], key, inbox, "allowed")
+
+    @pytest.mark.parametrize(
+        ("sender", "key", "hearer"),
+        [
+            ("viewer", "limo/arm/command/joints", "driver"),
+            ("viewer", "limo/*/command/*", "driver"),
+            ("viewer", "limo/**", "driver"),
+            ("viewer", KEYS.joints, "service"),
+            ("viewer", KEYS.event, "service"),
+            ("service", "limo/arm/command/joints", "driver"),
+            ("service", KEYS.joints, "driver"),
+            ("operator", KEYS.joints, "service"),
+            ("driver", KEYS.estimate, "service"),
+            ("driver", KEYS.status("service"), "service"),
+        ],
+    )
+    def test_what_it_may_not_never_arrives(self, network, sender, key, hearer):
+        by_right = {"driver": KEYS.joints, "service": KEYS.estimate}
+        witness = "operator" if sender == "viewer" else sender
+        allowed = by_right.get(witness, "limo/arm/command/joints")
+        with Inbox(network[hearer], "limo/**") as inbox:
+            for _ in range(3):
+                network[sender].put(key, "forbidden")
+                network[sender].delete(key)
+            put_until_heard(network[witness], allowed, inbox, "allowed")
+            assert set(inbox.heard) == {"allowed"}
+
+    def test_states_reach_the_service_over_tls(self, network):
+        got = []
+        subscriber = network["service"].declare_subscriber(KEYS.joints, got.append)
+        values = np.array([0.1, -0.2])
+        with JointStatePublisher(network["driver"], "arm", ["a", "b"]) as publisher:
+
+            def arrived():
+                publisher.publish(JointState(0.0, values, values, 3 * values, 0))
+                return got
+
+            wait_until(arrived)
+        subscriber.undeclare()
+        np.testing.assert_array_equal(
+            decode_joint_state(got[0].payload.to_bytes()).torque, 3 * values
+        )
+
+    def test_who_comes_late_hears_events(self, network):
+        publisher = declare_history(network["service"], Keys("late").event)
+        publisher.put("told before")
+        heard = []
+        subscriber = follow_history(
+            network["viewer"],
+            Keys("late").event,
+            lambda sample: heard.append(sample.payload.to_string()),
+        )
+        wait_until(lambda: heard == ["told before"])
+        subscriber.undeclare()
+        publisher.undeclare()
+
+
+class TestModels:
+    @pytest.fixture
+    def asked(self, network):
+        asked = []
+
+        def answer(query: zenoh.Query) -> None:
+            asked.append(str(query.key_expr))
+            query.reply(query.key_expr, b"done")
+
+        queryable = network["service"].declare_queryable(KEYS.model("*"), answer)
+        wait_until(lambda: ask(network["operator"], KEYS.model("index")) == ["done"])
+        asked.clear()
+        yield asked
+        queryable.undeclare()
+
+    def test_an_operator_may_change_them(self, network, asked):
+        assert ask(network["operator"], KEYS.model("promote")) == ["done"]
+        assert asked == [KEYS.model("promote")]
+
+    @pytest.mark.parametrize("role", ["viewer", "driver"])
+    @pytest.mark.parametrize(
+        "key",
+        [KEYS.model("promote"), KEYS.model("load"), KEYS.model("rollback"), "limo/*/model/*", "**"],
+    )
+    def test_others_may_not(self, network, asked, role, key):
+        assert ask(network[role], key) == []
+        assert asked == []
+
+    @pytest.mark.usefixtures("asked")
+    def test_everyone_may_list_them(self, network):
+        assert ask(network["viewer"], KEYS.model("index")) == ["done"]
+
+    @pytest.mark.usefixtures("asked")
+    def test_only_the_service_answers(self, network):
+        queryable = network["driver"].declare_queryable(
+            KEYS.model("promote"), lambda query: query.reply(query.key_expr, b"forged")
+        )
+        assert ask(network["operator"], KEYS.model("promote")) == ["done"]
+        queryable.undeclare()
+
+    def test_only_a_driver_is_alive_as_one(self, network):
+        true = network["driver"].liveliness().declare_token(Keys("a").alive("driver", "1"))
+        forged = network["viewer"].liveliness().declare_token(Keys("b").alive("driver", "1"))
+
+        def alive():
+            replies = network["service"].liveliness().get("limo/*/alive/driver/*", timeout=2.0)
+            return [str(reply.ok.key_expr) for reply in replies]
+
+        wait_until(lambda: alive() == ["limo/a/alive/driver/1"])
+        assert alive() == ["limo/a/alive/driver/1"]
+        true.undeclare()
+        forged.undeclare()
+
+
+def ask(session, key):
+    return [reply.ok.payload.to_string() for reply in session.get(key, timeout=3.0) if reply.ok]
+
+
+@pytest.mark.usefixtures("network")
+class TestStrangers:
+    """Sessions that say at once when they are refused."""
+
+    def link(self, trust, role, changes):
+        config = read_config(trust.configurations[role])
+        for key, value in changes.items():
+            config.insert_json5(key, json.dumps(value))
+        config.insert_json5("connect/timeout_ms", "2000")
+        config.insert_json5("connect/exit_on_failure", "true")
+        return zenoh.open(config)
+
+    def test_one_that_changes_nothing_is_let_in(self, trust):
+        with self.link(trust, "viewer", {}) as session:
+            wait_until(lambda: len(session.info.peers_zid()) == 2)
+
+    def test_without_a_certificate(self, trust):
+        nothing = {
+            "transport/link/tls/connect_certificate": None,
+            "transport/link/tls/connect_private_key": None,
+            "transport/link/tls/enable_mtls": False,
+        }
+        with pytest.raises(zenoh.ZError):
+            self.link(trust, "viewer", nothing)
+
+    def test_with_a_certificate_of_another_authority(self, trust, tmp_path):
+        hosts = {"driver": Host("127.0.0.1", 1), "service": Host("localhost", 2)}
+        other = write_trust(tmp_path / "other", hosts).path / "viewer"
+        theirs = {
+            "transport/link/tls/connect_certificate": str(other / "certificate.pem"),
+            "transport/link/tls/connect_private_key": str(other / "key.pem"),
+        }
+        with pytest.raises(zenoh.ZError):
+            self.link(trust, "viewer", theirs)
+
+    def test_with_a_wrong_password(self, trust):
+        with pytest.raises(zenoh.ZError):
+            self.link(trust, "viewer", {"transport/auth/usrpwd/password": "guessed"})
+
+    def test_without_a_password(self, trust):
+        nobody = {"transport/auth/usrpwd/user": None, "transport/auth/usrpwd/password": None}
+        with pytest.raises(zenoh.ZError):
+            self.link(trust, "viewer", nobody)
+
+    def test_in_the_clear(self, trust):
+        endpoint = json.loads(
+            read_config(trust.configurations["viewer"]).get_json("connect/endpoints")
+        )["peer"][0].replace("tls/", "tcp/")
+        config = zenoh.Config()
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        config.insert_json5("connect/timeout_ms", "2000")
+        config.insert_json5("connect/exit_on_failure", "true")
+        config.insert_json5("scouting/multicast/enabled", "false")
+        with pytest.raises(zenoh.ZError):
+            zenoh.open(config)
+
+    def test_a_stolen_password_without_the_certificate_lets_nothing_through(self, network, trust):
+        operator = read_config(trust.configurations["operator"])
+        stolen = {
+            f"transport/auth/usrpwd/{key}": json.loads(
+                operator.get_json(f"transport/auth/usrpwd/{key}")
+            )
+            for key in ("user", "password")
+        }
+        with (
+            self.link(trust, "viewer", stolen) as session,
+            Inbox(network["driver"], "limo/**") as inbox,
+        ):
+            for _ in range(3):
+                session.put("limo/arm/command/joints", "forbidden")
+            put_until_heard(network["operator"], "limo/arm/command/joints", inbox, "allowed")
+            assert set(inbox.heard) == {"allowed"}
+
+    def test_an_endpoint_in_the_clear_is_refused_on_the_command_line(self, trust):
+        with pytest.raises((ConfigError, ConnectionLostError), match="tcp/127"):
+            open_session(
+                listen=[f"tcp/127.0.0.1:{free_port()}"], config=trust.configurations["viewer"]
+            )
+
+
+class TestFolder:
+    HOSTS = {"driver": Host("robot", 7447), "service": Host("robot", 7448)}  # noqa: RUF012
+
+    def test_is_readable_by_its_owner_alone(self, trust):
+        files = [path for path in trust.path.rglob("*") if path.is_file()]
+        assert len(files) == 2 + 4 * 4 + 2
+        assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}
+
+    def test_a_password_is_only_where_it_is_needed(self, trust):
+        password = json.loads(
+            read_config(trust.configurations["viewer"]).get_json("transport/auth/usrpwd/password")
+        )
+        holders = {
+            str(path.relative_to(trust.path))
+            for path in trust.path.rglob("*")
+            if path.is_file() and password in path.read_text()
+        }
+        assert holders == {"viewer/zenoh.json5", "driver/users.txt", "service/users.txt"}
+
+    def test_nothing_is_written_over_without_force(self, tmp_path):
+        write_trust(tmp_path, self.HOSTS)
+        before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+        with pytest.raises(ConfigError, match=r"certificate\.pem: is there already.*--force"):
+            write_trust(tmp_path, self.HOSTS)
+        assert {path: path.read_bytes() for path in before} == before
+        write_trust(tmp_path, self.HOSTS, force=True)
+        assert all(path.read_bytes() != content for path, content in before.items()
+                   if path.name == "key.pem")  # fmt: skip
+
+    def test_a_role_can_be_moved(self, trust, tmp_path):
+        moved = tmp_path / "elsewhere"
+        (trust.path / "viewer").rename(moved)
+        try:
+            config = read_config(moved / "zenoh.json5")
+        finally:
+            moved.rename(trust.path / "viewer")
+        assert json.loads(config.get_json("transport/link/tls/connect_private_key")) == str(
+            moved / "key.pem"
+        )
+
+    def test_a_file_that_is_missing_is_named(self, tmp_path):
+        write_trust(tmp_path, self.HOSTS)
+        (tmp_path / "driver" / "users.txt").unlink()
+        with pytest.raises(ConfigError, match=r"zenoh\.json5: .*dictionary_file is users\.txt"):
+            open_session(config=tmp_path / "driver" / "zenoh.json5")
+
+    def test_one_address_cannot_be_two_endpoints(self, tmp_path):
+        same = {"driver": Host("robot", 7447), "service": Host("robot", 7447)}
+        with pytest.raises(ConfigError, match="both at tls/robot:7447"):
+            write_trust(tmp_path, same)
+
+    def test_certificates_have_to_be_valid_for_some_time(self, tmp_path):
+        with pytest.raises(ConfigError, match="valid for 0 days, expected 1 or more"):
+            write_trust(tmp_path, self.HOSTS, days=0)
+
+    def test_names_the_extra_that_is_not_installed(self, tmp_path, monkeypatch):
+        monkeypatch.delitem(sys.modules, "limo_driver.trust.certificates", raising=False)
+        monkeypatch.setitem(sys.modules, "cryptography", None)
+        with pytest.raises(ConfigError, match=r"need the extra limo\[secure\]"):
+            write_trust(tmp_path, self.HOSTS)
+
+    def test_every_role_has_a_configuration_that_zenoh_reads(self, trust):
+        assert set(trust.configurations) == set(ROLES)
+        for path in trust.configurations.values():
+            assert json.loads(read_config(path).get_json("access_control/enabled")) is True
+
+
+class TestHosts:
+    @pytest.mark.parametrize(
+        ("text", "endpoint"),
+        [
+            ("robot.local", "tls/robot.local:7447"),
+            ("10.0.0.2:7500", "tls/10.0.0.2:7500"),
+            ("[fe80::1]:7500", "tls/[fe80::1]:7500"),
+        ],
+    )
+    def test_are_read(self, text, endpoint):
+        assert Host.parse(text, 7447).endpoint == endpoint
+
+    @pytest.mark.parametrize("text", ["", "a b", "robot:", "robot:0", "robot:70000", "tls/robot"])
+    def test_are_refused(self, text):
+        with pytest.raises(ConfigError, match="expected HOST or HOST:PORT"):
+            Host.parse(text, 7447)
+
+
+def test_the_command_says_what_it_wrote(tmp_path):
+    import typer
+
+    app = typer.Typer()
+    app.command()(command)
+    given = ["--out", str(tmp_path / "trust"), "--driver", "robot", "--service", "10.0.0.3:7500"]
+    result = CliRunner().invoke(app, given)
+    assert result.exit_code == 0, result.output
+    assert f"{tmp_path}/trust/viewer/zenoh.json5: only reads" in result.output
+    text = (tmp_path / "trust" / "viewer" / "zenoh.json5").read_text()
+    assert '["tls/robot:7447", "tls/10.0.0.3:7500"]' in text
