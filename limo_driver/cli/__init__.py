@@ -8,6 +8,7 @@ that `limo --help` stays fast.
 from __future__ import annotations
 
 import sys
+from functools import cache
 from importlib import import_module
 from importlib.metadata import version
 from pkgutil import iter_modules
@@ -54,8 +55,8 @@ def limo(
     """
 
 
-def main() -> None:
-    """Run the command line; bad input ends with one clear line and exit status 2."""
+@cache  # a program that calls `main` again would add every command again
+def _add_commands() -> None:
     for module in sorted(iter_modules(__path__), key=lambda item: item.name):
         command = import_module(f"{__name__}.{module.name}").command
         name = module.name.replace("_", "-")
@@ -63,6 +64,11 @@ def main() -> None:
             app.add_typer(command, name=name)
         else:
             app.command(name=name)(command)
+
+
+def main() -> None:
+    """Run the command line; bad input ends with one clear line and exit status 2."""
+    _add_commands()
     try:
         app()
     except LimoError as error:

@@ -1,0 +1,145 @@
+"""Which version serves, which one is tried, and how that came about."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Final
+
+from limo_driver.errors import ModelStoreError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ALIASES: Final = "aliases.json"
+NAMES: Final = ("champion", "challenger")
+_SCHEMA: Final = 1
+
+
+@dataclass(frozen=True)
+class Change:
+    """An alias that was given to a version."""
+
+    time: str  # UTC, ISO 8601
+    action: str  # promote, rollback, challenge
+    alias: str
+    before: int | None  # version that had the alias
+    after: int | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Aliases:
+    """The versions that have a name, and every change of them, oldest first."""
+
+    champion: int | None = None
+    challenger: int | None = None
+    previous: tuple[int, ...] = ()  # champions to roll back to, the last one first in line
+    history: tuple[Change, ...] = ()
+
+    def promote(self, number: int, reason: str) -> Aliases:
+        """Make a version the champion.
+
+        Raises:
+            ModelStoreError: It is already.
+        """
+        if number == self.champion:
+            raise ModelStoreError(f"version {number} is the champion already")
+        before = () if self.champion is None else (self.champion,)
+        return replace(
+            self,
+            champion=number,
+            challenger=None if self.challenger == number else self.challenger,
+            previous=self.previous + before,
+            history=self._with("promote", "champion", number, reason),
+        )
+
+    def rollback(self, reason: str) -> Aliases:
+        """Make the champion before the champion again.
+
+        Raises:
+            ModelStoreError: There is none.
+        """
+        if not self.previous:
+            raise ModelStoreError("there is no champion before this one to roll back to")
+        *previous, number = self.previous
+        return replace(
+            self,
+            champion=number,
+            previous=tuple(previous),
+            history=self._with("rollback", "champion", number, reason),
+        )
+
+    def challenge(self, number: int | None, reason: str) -> Aliases:
+        """Make a version the challenger; None: there is none any more.
+
+        Raises:
+            ModelStoreError: It is the champion.
+        """
+        if number is not None and number == self.champion:
+            raise ModelStoreError(f"version {number} is the champion, it cannot challenge itself")
+        return replace(
+            self,
+            challenger=number,
+            history=self._with("challenge", "challenger", number, reason),
+        )
+
+    def of(self, number: int) -> tuple[str, ...]:
+        """Return the aliases of a version."""
+        return tuple(name for name in NAMES if getattr(self, name) == number)
+
+    def as_json(self) -> bytes:
+        """Return the content of the file."""
+        return (json.dumps({"schema": _SCHEMA, **asdict(self)}, indent=1) + "\n").encode()
+
+    def _with(self, action: str, alias: str, number: int | None, reason: str) -> tuple[Change, ...]:
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        change = Change(now, action, alias, getattr(self, alias), number, reason)
+        return (*self.history, change)
+
+
+def read_aliases(folder: Path) -> Aliases:
+    """Read the aliases of a robot's versions; none, if the file is not there yet.
+
+    Raises:
+        ModelStoreError: The file cannot be understood.
+    """
+    path = folder / ALIASES
+    try:
+        content = json.loads(path.read_text())
+    except FileNotFoundError:
+        return Aliases()
+    except OSError as error:
+        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise ModelStoreError(f"{path}: no JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("schema") != _SCHEMA:
+        raise ModelStoreError(f"{path}: its schema is not {_SCHEMA}")
+    try:
+        return parsed_aliases(content)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ModelStoreError(f"{path}: cannot be understood: {error!r}") from None
+
+
+def parsed_aliases(content: dict[str, Any]) -> Aliases:
+    """Return aliases from JSON values.
+
+    Raises:
+        KeyError, TypeError, ValueError: They are no aliases.
+    """
+    names = tuple(field.name for field in fields(Change))
+    return Aliases(
+        champion=_number(content["champion"]),
+        challenger=_number(content["challenger"]),
+        previous=tuple(int(number) for number in content["previous"]),
+        history=tuple(
+            Change(**{name: entry[name] for name in names}) for entry in content["history"]
+        ),
+    )
+
+
+def _number(value: object) -> int | None:
+    if value is not None and not isinstance(value, int):
+        raise TypeError(f"{value!r} is no version")
+    return value

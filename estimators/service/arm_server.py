@@ -1,0 +1,437 @@
+"""One arm on the network: its rate found, its models loaded, its states answered."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from traceback import format_exc
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import zenoh
+from zenoh.handlers import RingChannel
+
+from estimators.service.arm_service import ArmService, ServedArm, Window
+from estimators.service.live_model import LiveModel
+from estimators.service.log_watch import LogWatch
+from estimators.service.outlet import NetworkOutlet
+from estimators.service.queries import ModelQueries
+from estimators.service.rate import RateFinder
+from estimators.service.source import FollowedSource, Silence
+from estimators.service.vetting import Demand
+from estimators.service.watchdog import ContactWatchdog
+from estimators.stream import Stream
+from limo_driver.causal_differentiation import RATE_TOLERANCE
+from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
+from limo_driver.messages import Attachment, Level, RosAttachment, decode_joint_state
+from limo_driver.ros import RosReader
+from limo_driver.streaming import Keys, claim
+from limo_driver.types import readonly
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from estimators.service.keeper import Keeper
+    from estimators.service.models import ServedModels
+    from estimators.service.settings import ServiceSettings
+    from limo_driver.mcap_log import McapLog
+    from limo_driver.messages import Event
+    from limo_driver.ros import RosTopic
+
+PHYSICS: Final = "physics"  # version of estimates without a learned part
+_WAITING_FOR_STATES, _PREPARING, _SERVING = "waiting for joint states", "preparing", "serving"
+_PAUSE: Final = 10.0  # [s] before another try to serve states that could not be served
+_WAITING: Final = 32  # states; older ones are lost rather than answered late
+
+
+class ArmServer:
+    """Serves one arm from its first states on, until it is closed.
+
+    Args:
+        session: Open Zenoh session.
+        arm: Name of the arm in keys.
+        models: What can serve.
+        settings: How.
+        log: Where everything is kept, if anywhere.
+        tell: Told every event.
+        ros: Topic of joint states to answer instead of a driver's.
+
+    Raises:
+        ConfigError: Another service of the arm is on the network.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        arm: str,
+        models: ServedModels,
+        settings: ServiceSettings,
+        log: McapLog | None,
+        tell: Callable[[Event], None],
+        ros: RosTopic | None = None,
+    ) -> None:
+        self.keys, self.models, self.settings = Keys(arm), models, settings
+        self._physics = models.physics
+        settings.contact(self._physics.model.n)  # refuses those of an arm with other joints
+        self._token = claim(session, self.keys, "service")
+        self.outlet = NetworkOutlet(session, self.keys, log, tell)
+        self._logging = None if log is None else LogWatch(log, self.outlet)
+        self.service: ArmService | None = None
+        self._rate = RateFinder()
+        self._next_try = 0.0  # [s], of opening the service
+        self._refused: Counter[str] = Counter(malformed=0)  # before the service began
+        self._told = False  # why something was refused
+        self._failures = 0  # of this program
+        self._opening: threading.Thread | None = None
+        self._state = _WAITING_FOR_STATES
+        self._source, self._silence = FollowedSource(), Silence()
+        self.keeper: Keeper | None = None  # retrains the champion, where there is one
+        self._changing = threading.RLock()  # one change of models after the other
+        self._ros = None if ros is None else RosReader(self._physics.model.joint_names, arm)
+        key = self.keys.joints if ros is None else ros.key_of_any_hash
+        self._subscriber = session.declare_subscriber(key, RingChannel(_WAITING))
+        self._thread = threading.Thread(
+            target=self._receive, args=(self._subscriber.handler,), name=f"limo-{arm}"
+        )
+        self._thread.start()
+        self._queries = ModelQueries(session, self)
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm in keys."""
+        return self.keys.arm
+
+    @property
+    def answering(self) -> bool:
+        """Whether joint states are answered, those of the rate that is served."""
+        return self._state == _SERVING
+
+    def status(self) -> dict[str, Any]:
+        """Return the condition since the last call, as JSON values, and publish it."""
+        service = self.service
+        now: dict[str, Any] = {
+            "arm": self.keys.arm,
+            "time_ns": time.time_ns(),
+            "state": self._state,
+            "counts": dict(self._refused),
+        }
+        if service is not None:
+            service.end_silent_contacts()
+            window, service.window = service.window, Window(len(service.arm.joint_names))
+            now |= {**_condition(service, window), "state": self._told_silence(service)}
+            if self.keeper is not None:
+                self.keeper.watch(window)
+                now["retraining"] = self.keeper.status()
+        now["counts"]["internal_errors"] = self._failures
+        if self._logging is not None:
+            now["log"] = self._logging.look()
+        self.outlet.status(now)
+        return now
+
+    def index(self) -> dict[str, Any]:
+        """Return which models there are and which serves, as JSON values."""
+        serving = None if self.service is None else self.service.model.version
+        return {"arm": self.keys.arm, "serving": serving, **self.models.index()}
+
+    def load(self, version: str) -> dict[str, Any]:
+        """Let a version serve that was found fit to, until the service ends.
+
+        Raises:
+            LimoError: It is not fit, or cannot follow the stream; the old one serves on.
+        """
+        return self._change(version, lambda _: None)
+
+    def promote(self, version: str, reason: str) -> dict[str, Any]:
+        """Let a version serve, and make it the champion.
+
+        Raises:
+            LimoError: As for `load`, or it is the champion; nothing changes.
+        """
+        version = self.models.number(version)
+        if version in self.models.candidates[:1]:
+            raise ModelStoreError(f"version {version} is the champion already; load it to serve")
+        facts = self._change(version, lambda number: self.models.promote(number, reason))
+        self.outlet.event("promoted", f"{version} is the champion: {reason}", **facts)
+        return facts
+
+    def rollback(self, reason: str) -> dict[str, Any]:
+        """Let the champion before serve again.
+
+        Raises:
+            LimoError: There is none, or it is not fit to serve; nothing changes.
+        """
+        self._running()
+        with self._changing:
+            _, *before = self.models.candidates or ("",)
+            if not before:
+                raise ModelStoreError("there is no champion before this one to roll back to")
+            facts = self._change(before[0], lambda _: self.models.rollback(reason))
+        self.outlet.event(
+            "rollback", f"{before[0]} is the champion again: {reason}", Level.WARN, **facts
+        )
+        return facts
+
+    def retrain(self, reason: str) -> dict[str, Any]:
+        """Train a challenger as soon as can be, and return the stage of retraining.
+
+        Raises:
+            LimoError: The service does not retrain, or cannot now.
+        """
+        self._running()
+        if self.keeper is None:
+            raise LimoError("this service does not retrain: it needs --store and --log")
+        return self.keeper.ask(reason)
+
+    def demand(self) -> Demand:
+        """Return what is needed of a version, to serve here.
+
+        Raises:
+            LimoError: No joint states came yet.
+        """
+        arm = self._running().arm
+        return Demand(arm.rate, self.settings.delay, joints=arm.joint_names)
+
+    def loaded(self, version: str) -> LiveModel:
+        """Load a version, with everything compiled that its first answer needs.
+
+        Raises:
+            LimoError: It cannot be read, or no joint states came yet.
+        """
+        return self._loaded(version, self._running().arm)
+
+    def close(self) -> None:
+        """Stop answering and take the arm's keys off the network."""
+        self.models.close()
+        self._queries.close()
+        with self._changing:  # what is under way still tells its end
+            pass
+        if self.keeper is not None:
+            self.keeper.close()
+        self._subscriber.undeclare()
+        self._thread.join()
+        if self._opening is not None:
+            self._opening.join()
+        self._token.undeclare()
+        self.outlet.close()
+
+    def _change(self, which: str, note: Callable[[str], None]) -> dict[str, Any]:
+        """Let a version serve that is fit to, and note it; where that fails, nothing changes."""
+        service, began, version = self._running(), time.monotonic(), which
+        try:
+            with self._changing:
+                version = self.models.number(which)
+                self.models.vet(version, self.demand())
+                before = service.swap(self.loaded(version))
+                try:
+                    note(version)
+                except LimoError:
+                    service.swap(before)
+                    raise
+        except LimoError as error:
+            self.outlet.event("refused", str(error), Level.ERROR, version=version)
+            raise
+        facts: dict[str, Any] = {
+            "version": version,
+            "before": before.version,
+            "seconds": time.monotonic() - began,
+        }
+        self.outlet.event("swap", f"{version} serves instead of {before.version}", **facts)
+        return facts
+
+    @property
+    def _counts(self) -> Counter[str]:
+        """Of what is not answered, before the service began and since."""
+        return self._refused if self.service is None else self.service.counts
+
+    def _running(self) -> ArmService:
+        if self.service is None:
+            raise LimoError(f"{self.keys.arm} is not served yet: no joint states came")
+        if not self.answering:
+            raise LimoError(f"{self.keys.arm} is not served now: {self._state}")
+        return self.service
+
+    def _receive(self, states: zenoh.Handler[zenoh.Sample]) -> None:
+        """Take one state after the other until the subscription ends."""
+        while True:
+            try:
+                sample = states.recv()
+            except zenoh.ZError:  # closed
+                return
+            try:
+                self._take(sample)
+            except Exception as error:  # noqa: BLE001  # of our own; the stream has to go on
+                self._failures += 1
+                if self._failures == 1:
+                    self.outlet.event("failure", f"{error!r}", Level.FATAL, trace=format_exc())
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        payload = sample.payload.to_bytes()
+        source = "" if sample.source_info is None else str(sample.source_info.source_id)
+        attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+        if self._ros is not None:
+            try:
+                payload, about = self._ros.read(payload, attachment)
+            except WireFormatError as error:
+                self._refuse(error)
+                return
+            source = RosAttachment.decode(attachment).gid.hex()
+            attachment = about.encode()
+        if self._source.is_foreign(source):
+            self._counts["foreign"] += 1
+            return
+        if self.answering and self.service is not None:
+            if self.service.handle(payload, attachment):
+                self._follow(source)
+            if self.service.other_rate is not None:
+                self._stop_for(self.service.arm.rate, self.service.other_rate)
+        elif self._state != _PREPARING and time.monotonic() >= self._next_try:
+            self._find_rate(payload, attachment, source)
+
+    def _told_silence(self, service: ArmService) -> str:
+        """Return the state, and tell when joint states end and come again."""
+        silence = self._silence
+        if silence.look(service.arrivals.counts.total(), answering=self.answering):
+            if silence.silent:
+                text = f"no joint states for {silence.limit:g} s"
+                self.outlet.event("silent", text, Level.ERROR)
+            elif self.answering:
+                self.outlet.event("serving", "joint states come again")
+        return f"silent for {silence.lasts:.0f} s" if silence.silent else self._state
+
+    def _follow(self, source: str) -> None:
+        """Keep to the source of a state, and tell when another one sends at the same time."""
+        if (text := self._source.follow(source)) is not None:
+            self.outlet.event("foreign", text, Level.ERROR)
+
+    def _stop_for(self, rate: float, found: float) -> None:
+        """Answer no states of another rate: velocities and memory would be wrong by it."""
+        text = f"joint states came at {found:g} Hz, {rate:g} Hz was served"
+        if self.settings.rate is None:
+            self._state, then = _WAITING_FOR_STATES, "the service begins anew at their rate"
+        else:
+            self._state = f"refused: {text}"
+            then = "they are not answered: --rate says otherwise"
+        self.outlet.event("rate", f"{text}; {then}", Level.ERROR, given=rate, found=found)
+
+    def _refuse(self, error: WireFormatError) -> None:
+        """Count what is no joint state of this arm, and tell why the first one is none."""
+        self._counts["malformed"] += 1
+        if not self._told:
+            self._told = True
+            self.outlet.event("refused", str(error), Level.ERROR)
+
+    def _find_rate(self, payload: bytes, attachment: bytes, source: str) -> None:
+        """Gather states until their rate is known, then open the service."""
+        try:
+            about = Attachment.decode(attachment)
+            state = decode_joint_state(payload)
+        except WireFormatError as error:
+            self._refuse(error)
+            return
+        if state.names != tuple(self._physics.model.joint_names):
+            self._refuse(WireFormatError(f"joint states of {', '.join(state.names)}", len(payload)))
+            return
+        self._follow(source)
+        rate = self._served_rate(about.sequence, state.stamp_ns)
+        if rate is None:
+            return
+        self._state = _PREPARING
+        self._opening = threading.Thread(
+            target=self._open, args=(rate,), name=f"limo-open-{self.keys.arm}"
+        )
+        self._opening.start()
+
+    def _served_rate(self, sequence: int, stamp: int) -> float | None:
+        """Return the rate to serve; a stated one is believed until states came at another."""
+        stated = self.settings.rate
+        if stated is not None and self.service is None:
+            return stated
+        found = self._rate.take(sequence, stamp)
+        if stated is None or found is None:
+            return found
+        return stated if abs(found / stated - 1.0) <= RATE_TOLERANCE else None
+
+    def _open(self, rate: float) -> None:
+        try:
+            service = self._service_of_physics(rate)
+            service.model = self._first_model(service)
+        except Exception as error:  # noqa: BLE001  # states go on coming, and may be served later
+            known = isinstance(error, LimoError)
+            why, facts = (str(error), {}) if known else (repr(error), {"trace": format_exc()})
+            self.outlet.event("refused", f"cannot serve: {why}", Level.FATAL, **facts)
+            self._next_try = time.monotonic() + _PAUSE
+            self._state = f"refused: {error}"
+            return
+        version = service.model.version
+        with self._changing:
+            self.service, self._state = service, _SERVING
+        self.outlet.event("serving", f"{version} serves at {rate:g} Hz", rate=rate, version=version)
+
+    def _first_model(self, service: ArmService) -> LiveModel:
+        """Return the champion, or else a champion before it, or else the physics."""
+        try:
+            candidates = self.models.candidates
+        except LimoError as error:
+            self.outlet.event("refused", f"no champion is known: {error}", Level.ERROR)
+            return service.model
+        for candidate in candidates:
+            try:
+                return self._loaded(candidate, service.arm)
+            except LimoError as error:
+                self.outlet.event("refused", f"champion {candidate}: {error}", Level.ERROR)
+        return service.model
+
+    def _loaded(self, version: str, arm: ServedArm) -> LiveModel:
+        stream = Stream(self.models.load(version), arm.rate, self.settings.delay)
+        warm_up(stream)
+        return LiveModel(version, stream, arm.bound)
+
+    def _service_of_physics(self, rate: float) -> ArmService:
+        simulation, settings = self._physics, self.settings
+        bound = settings.bounds(simulation.model.limits)
+        arm = ServedArm(
+            self.keys.arm, tuple(simulation.model.joint_names), rate, settings.history, bound
+        )
+        stream = Stream(simulation, rate, settings.delay)
+        warm_up(stream)
+        return ArmService(
+            arm,
+            LiveModel(PHYSICS, stream, bound, physics_only=True),
+            ContactWatchdog(*settings.contact(simulation.model.n)),
+            self.outlet,
+        )
+
+
+def warm_up(stream: Stream) -> None:
+    """Answer a few states at rest, so that the first real one finds everything compiled.
+
+    With torque and without, of arrays that are read-only, as those off the wire are.
+    """
+    still = readonly(np.zeros(stream.model.n))
+    for torque in (still, None):
+        state = stream.init()
+        for k in range(3):
+            _, state = stream.step(state, k / stream.rate, still, torque)
+        rows = None if torque is None else torque[None]
+        stream.advance(state, np.array([3 / stream.rate]), still[None], rows)
+
+
+def _condition(service: ArmService, window: Window) -> dict[str, Any]:
+    model = service.model
+    return {
+        "model": model.version,
+        "physics_only": model.physics_only,
+        "rate": service.arm.rate,
+        "delay": model.stream.delay,
+        "bound": service.arm.bound.tolist(),
+        "answered": window.count,
+        "external_rms": [None if np.isnan(v) else v for v in window.rms.tolist()],
+        "outside": window.outside.astype(int).tolist(),
+        "clipped": window.clipped,
+        "contact": service.watchdog.active.tolist(),
+        "arrivals": dict(service.arrivals.counts),
+        "counts": dict(service.counts),
+        "latency": service.latency.take().as_json(),
+        "age": service.age.take().as_json(),
+    }

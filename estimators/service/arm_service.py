@@ -1,0 +1,369 @@
+"""One arm's states in, its estimates out: what runs a thousand times a second."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import numpy as np
+
+from estimators.service.history import History
+from estimators.service.rate import RateWatch
+from limo_driver.errors import LimoError, WireFormatError
+from limo_driver.latency import LatencyHistogram
+from limo_driver.messages import Attachment, JointStateCodec, Level, TorqueEstimateCodec
+from limo_driver.streaming import Arrivals
+
+if TYPE_CHECKING:
+    from estimators.service.live_model import Answer, LiveModel
+    from estimators.service.watchdog import Contact, ContactWatchdog
+    from limo_driver.messages import JointStateMessage
+    from limo_driver.types import FloatArray
+
+_TURNED: Final = 0.05  # [rad], after which how friction stood before hardly counts
+_FALLBACK_MEMORY: Final = 1.0  # [s] of history that the physics-only model is primed with
+_CONTACTS: Final = 1000  # kept, for whoever judges models on what came before
+_CLOSE: Final = 20  # states that may be left to catch up with while the stream waits
+_SILENCE: Final = 1.0  # [s] without states, after which nothing is known of a contact
+_NANOSECONDS: Final = 1e-9
+_RESET_PAUSE: Final = 1.0  # [s] between events that memory began anew
+_FARTHEST: Final = 1e3  # [rad] that no joint has turned by
+_STRONGEST: Final = 1e5  # [N m] that no joint has felt
+
+
+class Outlet(Protocol):
+    """Where results go; none of it may wait."""
+
+    def estimate(self, payload: bytes, attachment: bytes, stamp_ns: int) -> None:
+        """Publish a torque estimate."""
+
+    def external(self, payload: bytes, attachment: bytes) -> None:
+        """Publish an external torque, -Jᵀ F of the wrench that the environment exerts."""
+
+    def state(self, payload: bytes, stamp_ns: int, sequence: int) -> None:
+        """Keep a joint state as it came."""
+
+    def event(self, kind: str, text: str, level: Level = Level.INFO, **facts: object) -> None:
+        """Tell what happened."""
+
+
+class Window:
+    """Sums over the answers since they were last looked at, of n joints."""
+
+    def __init__(self, n: int) -> None:
+        self.count = 0
+        self.squares = np.zeros(n)  # [(N m)²], of external torque without contact
+        self.samples = np.zeros(n)  # that went into `squares`
+        self.outside = np.zeros(n)
+        self.clipped = 0
+        self.contacts = 0  # that began or ended
+
+    @property
+    def rms(self) -> FloatArray:
+        """Of the external torque without contact, (n,) [N m]; NaN where there was none."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.sqrt(self.squares / self.samples)
+
+
+@dataclass(frozen=True)
+class ServedArm:
+    """What is served, and how."""
+
+    name: str
+    joint_names: tuple[str, ...]
+    rate: float  # [Hz]
+    history: float = 120.0  # [s] kept, from which another model's memory is made
+    bound: FloatArray = field(default_factory=lambda: np.empty(0))  # (n,) [N m]
+
+
+class ArmService:
+    """Answers the joint states of one arm with the model that serves.
+
+    States come through `handle`, one at a time; `swap` may be called from another thread, and takes
+    effect between two states.
+
+    Args:
+        arm: Arm and rate.
+        fallback: Physics only; it serves where the model fails.
+        watchdog: Of contact.
+        outlet: Where results go.
+    """
+
+    def __init__(
+        self, arm: ServedArm, fallback: LiveModel, watchdog: ContactWatchdog, outlet: Outlet
+    ) -> None:
+        self.arm, self.watchdog = arm, watchdog
+        self._outlet = outlet
+        self._fallback = self.model = fallback
+        n = len(arm.joint_names)
+        self.history = History(n, round(arm.history * arm.rate))
+        self.arrivals = Arrivals()
+        self.counts: Counter[str] = Counter(malformed=0, foreign=0, stale=0, swaps=0, failures=0)
+        self.latency = LatencyHistogram()  # from state taken to estimate out
+        self.age = LatencyHistogram()  # of a state when its estimate goes out, if clocks agree
+        self.window = Window(n)
+        self.contacts: deque[Contact] = deque(maxlen=_CONTACTS)  # that ended, oldest first
+        self.other_rate: float | None = None  # [Hz] of the states; nothing is answered any more
+        self._untold_resets, self._next_reset = 0, 0.0  # and when the next is told [s]
+        self._told_joints = False  # that states of other joints came
+        self._rate = RateWatch(arm.rate)
+        self._states = JointStateCodec(arm.joint_names, arm.name)
+        self._estimates = TorqueEstimateCodec(arm.joint_names, arm.name)
+        self._boundary = threading.Lock()  # held while a state is answered
+        self._origin: int | None = None  # [ns], stamp of the first state
+        self._last = np.nan  # [s], of the last state
+        self._measured = False  # torque comes with the states
+        self._settled = np.inf  # [s], when the memory that began anew will be full
+        self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
+        self._highest = np.full(n, -np.inf)
+        self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
+        self._came = np.inf  # [s], of this machine's clock, when the last state did
+
+    def handle(self, payload: bytes, attachment: bytes) -> bool:
+        """Answer a joint state as it came off the wire, and say whether it was one of this arm.
+
+        Malformed ones are counted and dropped.
+        """
+        began = time.perf_counter()
+        try:
+            about = Attachment.decode(attachment)
+            state = self._states.decode(payload)
+        except WireFormatError:
+            self.counts["malformed"] += 1
+            return False
+        if not self._usable(state):
+            return False
+        with self._boundary:
+            if not self._in_order(about.sequence, state.stamp_ns):
+                return True
+            if about.stale:  # its values are the last known ones, and were answered
+                self.counts["stale"] += 1
+                return True
+            try:
+                self._outlet.state(payload, state.stamp_ns, about.sequence)
+                self._answer(state, about)
+            except LimoError:  # not even physics could; begin anew with the next state
+                self.counts["unanswered"] += 1
+                self._last = np.nan
+                return True
+        self.latency.add(time.perf_counter() - began)
+        self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
+        return True
+
+    def swap(self, model: LiveModel) -> LiveModel:
+        """Let another model serve from the next state on, and return the one that did.
+
+        Its memory is made what it would be had it served since memory last began, or as far back as
+        states are kept; the stream goes on meanwhile.
+
+        Raises:
+            LimoError: The model cannot follow the states kept; the old one serves on.
+        """
+        first = model.catch_up(self.history, close=_CLOSE)
+        with self._boundary:
+            if first >= self.history.began:
+                model.follow(self.history.since(first))
+            else:
+                model.catch_up(self.history, close=0)
+            before, self.model = self.model, model
+            self.counts["swaps"] += 1
+        return before
+
+    def end_silent_contacts(self) -> None:
+        """End the contacts of an arm whose states no longer come."""
+        patience = max(_SILENCE, self.model.stream.differentiator.longest_step)
+        with self._boundary:
+            if self.watchdog.active.any() and time.monotonic() - self._came > patience:
+                self._cut_contacts_off()
+
+    def _in_order(self, sequence: int, stamp: int) -> bool:
+        """Say whether a state is a new one, of the rate that is served."""
+        if not self.arrivals.take(sequence, stamp):
+            return False
+        self.other_rate = self.other_rate or self._rate.take(sequence, stamp)
+        return self.other_rate is None
+
+    def _usable(self, state: JointStateMessage) -> bool:
+        if state.names != self.arm.joint_names:
+            if not self._told_joints:
+                self._told_joints = True
+                self._outlet.event(
+                    "refused",
+                    f"joint states of {', '.join(state.names) or 'no joint'}, "
+                    f"expected {', '.join(self.arm.joint_names)}",
+                    Level.ERROR,
+                )
+            self.counts["foreign"] += 1
+            return False
+        if not (state.position.size and _possible(state)):
+            self.counts["malformed"] += 1
+            return False
+        return True
+
+    def _answer(self, state: JointStateMessage, about: Attachment) -> None:
+        if self._origin is None:
+            self._origin = state.stamp_ns
+        now = _NANOSECONDS * (state.stamp_ns - self._origin)
+        measured = bool(state.torque.size)
+        gap = now - self._last
+        longest = self.model.stream.differentiator.longest_step
+        if not 0 < gap <= longest or measured != self._measured:
+            why = _why_anew(gap, longest, measured=measured)
+            self._measured = measured
+            self._restart(now, why)
+        self._last, self._came = now, time.monotonic()
+        torque = state.torque if measured else None
+        self.history.append(now, state.position, torque)
+        answer = self._flagged(self._step(now, state.position, torque), state.position)
+        reset = now < self._settled
+        for contact in self.watchdog.step(now, answer.external) if not reset else ():
+            self._tell(contact, now)
+        self._note(answer, reset=reset)
+        self._publish(state, about, answer, reset=reset)
+
+    def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> Answer:
+        try:
+            return self.model.step(now, position, torque)
+        except LimoError as error:
+            if self.model is self._fallback:
+                raise
+            self.counts["failures"] += 1
+            failed, self.model = self.model, self._fallback
+            present = self.history.count - 1  # is answered below
+            first = max(self.history.first, present - round(_FALLBACK_MEMORY * self.arm.rate))
+            self._fallback.prime(self.history.since(first, present - first))
+            self._outlet.event(
+                "fallback",
+                f"model {failed.version} failed, physics alone serves: {error}",
+                Level.ERROR,
+                version=failed.version,
+            )
+            return self._fallback.step(now, position, torque)
+
+    def _flagged(self, answer: Answer, position: FloatArray) -> Answer:
+        """Return the answer with joints outside that have not turned enough since memory began."""
+        if not self._unturned.any():
+            return answer
+        np.minimum(self._lowest, position, out=self._lowest)
+        np.maximum(self._highest, position, out=self._highest)
+        self._unturned = self._highest - self._lowest < _TURNED
+        return replace(answer, outside=answer.outside | self._unturned)
+
+    def _restart(self, now: float, why: str) -> None:
+        """Begin memory anew: before the first state, or after a gap that cannot be bridged."""
+        first = np.isnan(self._last)
+        self.history.restart()
+        self.model.state = self.model.stream.init()
+        self._cut_contacts_off()
+        self._lowest.fill(np.inf)
+        self._highest.fill(-np.inf)
+        self._unturned = np.ones_like(self._unturned)
+        self._settled = now + 2.0 * self.model.stream.delay
+        if not first:
+            self.counts["resets"] += 1
+            self._tell_reset(why)
+
+    def _tell_reset(self, why: str) -> None:
+        """Tell the first at once, then one a second, so that other events are not pushed out."""
+        self._untold_resets += 1
+        if time.monotonic() < self._next_reset:
+            return
+        count, self._untold_resets = self._untold_resets, 0
+        self._next_reset = time.monotonic() + _RESET_PAUSE
+        times = f", {count} times since it was last told" if count > 1 else ""
+        self._outlet.event("reset", f"memory begins anew {why}{times}", Level.WARN, count=count)
+
+    def _cut_contacts_off(self) -> None:
+        for contact in self.watchdog.restart():
+            self._tell(contact, contact.ended or contact.began)
+
+    def _stamp(self, time: float) -> int:
+        """Return the Unix time [ns] of a time of the stream [s]."""
+        return (self._origin or 0) + round(time / _NANOSECONDS)
+
+    def _tell(self, contact: Contact, now: float) -> None:
+        """Tell of a contact; `state_stamp` is of the state that told, others of the torque."""
+        self.window.contacts += 1
+        delay = self.model.stream.delay
+        facts: dict[str, Any] = {
+            "joint": contact.joint,
+            "torque": contact.torque,
+            "state_stamp": self._stamp(now),
+            "began_stamp": self._stamp(contact.began - delay),
+        }
+        if contact.ended is None:
+            self._outlet.event(
+                "contact",
+                f"contact on joint {contact.joint}: {contact.torque:+.2f} N m",
+                Level.WARN,
+                **facts,
+            )
+        else:
+            self.contacts.append(contact)
+            self._outlet.event(
+                "contact_end",
+                f"contact on joint {contact.joint} "
+                f"{'was lost sight of' if contact.cut_off else 'ended'} after "
+                f"{contact.ended - contact.began:.2f} s, at most {contact.torque:+.2f} N m",
+                **facts,
+                ended_stamp=self._stamp(contact.ended - delay),
+                lasted=contact.ended - contact.began,
+                cut_off=contact.cut_off,
+            )
+
+    def _note(self, answer: Answer, *, reset: bool) -> None:
+        window = self.window
+        window.count += 1
+        window.clipped += answer.clipped
+        window.outside += answer.outside
+        if reset:
+            return
+        free = ~self.watchdog.active & ~self._unturned & np.isfinite(answer.external)
+        window.squares += np.where(free, answer.external, 0.0) ** 2
+        window.samples += free
+
+    def _publish(
+        self, state: JointStateMessage, about: Attachment, answer: Answer, *, reset: bool
+    ) -> None:
+        model = self.model
+        stamp = state.stamp_ns - round(model.stream.delay / _NANOSECONDS)
+        attachment = Attachment(
+            about.sequence, about.stamp_ns, model.version, holding=about.holding
+        ).encode()
+        self._outlet.estimate(
+            self._estimates.encode(
+                stamp,
+                answer.torque,
+                answer.std,
+                answer.external,
+                answer.outside,
+                model=model.version,
+                fallback=model.physics_only,
+                reset=reset,
+            ),
+            attachment,
+            stamp,
+        )
+        nothing = state.position[:0]
+        self._outlet.external(
+            self._states.encode(stamp, nothing, nothing, answer.external), attachment
+        )
+
+
+def _possible(state: JointStateMessage) -> bool:
+    """Say whether an arm could be there; values that are not finite are nowhere."""
+    return bool(
+        (np.abs(state.position) < _FARTHEST).all() and (np.abs(state.torque) < _STRONGEST).all()
+    )
+
+
+def _why_anew(gap: float, longest: float, *, measured: bool) -> str:
+    """Return why memory cannot go on over a gap between two stamps [s]."""
+    if gap <= 0:
+        return f"after stamps went back by {-gap:.3f} s"
+    if gap <= longest:
+        return f"since torque {'came with' if measured else 'left'} the states"
+    return f"after a gap of {gap:.3f} s"

@@ -1,0 +1,120 @@
+"""A model on a live stream: its memory, made from what came before, and its bounded answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.errors import DivergedError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.service.history import History, Rows
+    from estimators.stream import LiveEstimate, Stream, StreamState
+    from limo_driver.types import FloatArray
+
+_ROWS: Final = 1000  # copied at once, so that whoever answers the next state need not wait
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the service says of one state; arrays are (n,).
+
+    The drives resist what pushes the arm, so that external torque is -Jᵀ F of the wrench F that the
+    environment exerts.
+    """
+
+    torque: FloatArray  # [N m], physics and the learned part within its bound
+    std: FloatArray  # [N m], NaN where the model does not say
+    external: FloatArray  # [N m], measured less estimated; NaN without a measured torque
+    outside: NDArray[np.bool_]  # the motion is unlike what was learned
+    clipped: bool  # the learned part was beyond its bound
+
+
+class LiveModel:
+    """One model that answers state after state.
+
+    Args:
+        version: What its estimates are labelled with.
+        stream: The model at the rate and delay of the service.
+        bound: Largest torque that the learned part may add, (n,) [N m].
+        physics_only: It serves for want of a learned model.
+    """
+
+    def __init__(
+        self, version: str, stream: Stream, bound: FloatArray, *, physics_only: bool = False
+    ) -> None:
+        self.version, self.stream, self.bound = version, stream, bound
+        self.physics_only = physics_only
+        self.state: StreamState = stream.init()
+
+    def step(self, time: float, position: FloatArray, torque: FloatArray | None) -> Answer:
+        """Take the next state and answer for `stream.delay` before it.
+
+        Raises:
+            DivergedError: The torque is not finite.
+            LimoError: The state cannot follow the one before.
+        """
+        estimate, self.state = self.stream.step(self.state, time, position, torque)
+        return bounded(estimate, self.bound)
+
+    def prime(self, rows: Rows) -> None:
+        """Make memory what it would be had the model answered these states from the first on."""
+        self.state = self.stream.init()
+        self.follow(rows)
+
+    def follow(self, rows: Rows) -> None:
+        """Take states without answering."""
+        if len(rows.time):
+            _, self.state = self.stream.advance(self.state, rows.time, rows.position, rows.torque)
+
+    def errors(self, rows: Rows) -> FloatArray:
+        """Take states, and return the measured torque less the bounded answers, (T, n) [N m].
+
+        NaN where no torque was measured.
+
+        Raises:
+            LimoError: The model cannot follow the states.
+        """
+        late, self.state = self.stream.advance(self.state, rows.time, rows.position, rows.torque)
+        torque = late.simulation + np.clip(late.learned, -self.bound, self.bound)
+        return np.full(torque.shape, np.nan) if late.measured is None else late.measured - torque
+
+    def catch_up(self, history: History, close: int) -> int:
+        """Take what came until at most `close` states are left, and return the next one's number.
+
+        States keep coming meanwhile; memory that began anew on the way is begun anew here, too.
+        """
+        first = -1
+        while True:
+            began = history.first
+            if first < began:
+                first, self.state = began, self.stream.init()
+            if history.count - first <= close:
+                return first
+            rows = history.since(first, _ROWS)
+            self.follow(rows)
+            first += len(rows.time)
+
+
+def bounded(estimate: LiveEstimate, bound: FloatArray) -> Answer:
+    """Return the estimate with the learned part clipped.
+
+    Raises:
+        DivergedError: The torque is not finite.
+    """
+    learned = np.clip(estimate.learned, -bound, bound)
+    torque = estimate.simulation + learned
+    if not np.isfinite(torque).all():
+        raise DivergedError(f"the torque is {torque} N m")
+    measured = np.full(torque.shape, np.nan) if estimate.measured is None else estimate.measured
+    return Answer(
+        torque,
+        estimate.std,
+        measured - torque,
+        estimate.outside,
+        bool((learned != estimate.learned).any()),
+    )

@@ -1,0 +1,142 @@
+"""What a service logged: the newest motion of an arm, without what leaned on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from estimators.service.watchdog import MARGIN
+from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.joint_state_log import joint_states
+from limo_driver.mcap_log import log_files
+from limo_driver.messages import LOG, decode_event
+from limo_driver.recording import Recording
+from limo_driver.streaming import Keys
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from limo_driver.mcap_file import LoggedMessage
+
+_NANOSECONDS: Final = 1e9
+_NAME_ENDS: Final = "_%Y%m%dT%H%M%S.%fZ"  # of a log file: when it began
+
+
+@dataclass(frozen=True)
+class LoggedMotion:
+    """Motion outside of contact, and where it came from."""
+
+    recording: Recording
+    origin: dict[str, Any]  # logs, times and digest, as JSON values
+    contact: float  # [s] that were left out for contact
+
+
+@dataclass
+class Contacts:
+    """Stretches of Unix time in which the service saw contact, event by event."""
+
+    key: str  # of the events
+    intervals: list[tuple[int, float]] = field(default_factory=list)  # [ns], to inf if it lasts
+    _open: dict[int, int] = field(default_factory=dict)  # joint → [ns]
+
+    def take(self, message: LoggedMessage) -> None:
+        """Look whether a message of the log begins or ends a contact."""
+        if message.schema != LOG or message.topic != self.key:
+            return
+        try:
+            event = decode_event(message.payload)
+        except WireFormatError:  # of another program
+            return
+        match event.kind, event.facts:
+            case "serving", _:  # the service began anew, and with it its watchdog
+                for joint in tuple(self._open):
+                    self._end(joint, event.stamp_ns)
+            case "contact", {"joint": int(joint), "state_stamp": int(stamp)}:
+                self._open.setdefault(joint, stamp)
+            case "contact_end", {"joint": int(joint), "state_stamp": int(stamp)}:
+                self._end(joint, stamp)
+            case _:
+                pass
+
+    def free(self, stamps: NDArray[np.int64], margin_ns: float) -> NDArray[np.bool_]:
+        """Return which stamps (T,) [ns] are farther than a margin from every contact."""
+        free = np.ones(stamps.shape, dtype=bool)
+        for first, last in [*self.intervals, *((first, np.inf) for first in self._open.values())]:
+            free &= (stamps < first - margin_ns) | (stamps > last + margin_ns)
+        return free
+
+    def _end(self, joint: int, stamp: int) -> None:
+        first = self._open.pop(joint, None)
+        if first is not None:
+            self.intervals.append((first, stamp))
+
+
+def newest_motion(
+    folder: Path, arm: str, joints: tuple[str, ...], seconds: float, margin: float = MARGIN
+) -> LoggedMotion:
+    """Read the newest motion of an arm from the logs of its service.
+
+    Args:
+        folder: Of the logs.
+        arm: Its name in keys, with which the names of the logs begin.
+        joints: Names, in the order of the columns.
+        seconds: How far back from the newest state [s].
+        margin: Left out before and after each contact, beyond the time in which the service
+            notices it [s].
+
+    Raises:
+        RecordingError: There are no logs, no joint states in them, or none that can be used.
+    """
+    keys, paths = Keys(arm), _newest(folder, arm, seconds)
+    contacts = Contacts(keys.event)
+    log = joint_states(paths, joints, keys.joints, also=contacts.take)
+    columns = log.columns
+    stamps = log.start_ns + np.round(columns.time * _NANOSECONDS).astype(np.int64)
+    new = stamps >= stamps[-1] - seconds * _NANOSECONDS
+    free = contacts.free(stamps, margin * _NANOSECONDS)
+    rows = new & free
+    if not rows.any():
+        raise RecordingError(f"the last {seconds:g} s are all in contact", path=folder)
+    time = columns.time[rows]
+    recording = Recording.from_arrays(time, columns.position[rows], columns.torque[rows])
+    return LoggedMotion(
+        recording,
+        {
+            "logs": [path.name for path in paths],
+            "start_ns": int(stamps[rows][0]),
+            "end_ns": int(stamps[rows][-1]),
+            "samples": len(recording),
+            "sha256": _digest(recording),
+        },
+        contact=float((new & ~free).sum() * np.median(np.diff(columns.time))),
+    )
+
+
+def _newest(folder: Path, arm: str, seconds: float) -> list[Path]:
+    """Return the logs that may hold the last seconds, oldest first."""
+    paths = log_files(folder, arm) if folder.is_dir() else []
+    if not paths:
+        raise RecordingError(f"holds no logs of {arm}", path=folder)
+    until = paths[-1].stat().st_mtime
+    begins = [_began(path, arm) for path in paths]
+    first = max((k for k, begin in enumerate(begins) if begin <= until - seconds), default=0)
+    return paths[first:]
+
+
+def _began(path: Path, arm: str) -> float:
+    stamp = datetime.strptime(path.stem[len(arm) :], _NAME_ENDS)
+    return stamp.replace(tzinfo=UTC).timestamp()
+
+
+def _digest(recording: Recording) -> str:
+    """Return the SHA-256 of what is learned from, which the same logs give again."""
+    digest = sha256()
+    for values in (recording.time, recording.position, recording.torque):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,223 @@
+"""What can serve an arm: the physics, and the models of a store or of one folder."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+from estimators.model_folder import load_model
+from estimators.service.vetting import Demand, vet
+from limo_driver.errors import ModelStoreError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+    from typing import Self
+
+    from estimators.residual_model import ResidualModel
+    from estimators.service.store import ModelStore
+    from limo_driver.physics import Simulation
+
+
+class ServedModels(Protocol):
+    """Where models come from; versions are called by their numbers or names."""
+
+    @property
+    def physics(self) -> Simulation:
+        """What serves where no model does."""
+        ...
+
+    @property
+    def candidates(self) -> Sequence[str]:
+        """Versions that should serve, the champion first, then those it came after."""
+        ...
+
+    def number(self, which: str) -> str:
+        """Return what a version given by an alias is called."""
+        ...
+
+    def load(self, version: str) -> ResidualModel[Any]:
+        """Load a version."""
+        ...
+
+    def vet(self, version: str, demand: Demand) -> None:
+        """Raise if a version must not serve."""
+        ...
+
+    def promote(self, version: str, reason: str) -> None:
+        """Note that a version is the champion from now on."""
+        ...
+
+    def rollback(self, reason: str) -> None:
+        """Note that the champion before is the champion again."""
+        ...
+
+    def index(self) -> dict[str, Any]:
+        """Return versions and aliases, as JSON values."""
+        ...
+
+    def close(self) -> None:
+        """End what is under way."""
+        ...
+
+
+@dataclass(frozen=True)
+class OneFolder:
+    """A model folder without a store, called by its name."""
+
+    version: str
+    model: ResidualModel[Any]
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Load a folder.
+
+        Raises:
+            ModelStoreError: It is incomplete or does not fit together, by name.
+        """
+        return cls(folder.resolve().name, load_model(folder))
+
+    @property
+    def physics(self) -> Simulation:
+        """The simulation whose residual the model learned."""
+        return self.model.simulation
+
+    @property
+    def candidates(self) -> Sequence[str]:
+        """The folder's name."""
+        return (self.version,)
+
+    def number(self, which: str) -> str:
+        """Return the name as it is: there are no aliases."""
+        return which
+
+    def load(self, version: str) -> ResidualModel[Any]:
+        """Return the model.
+
+        Raises:
+            ModelStoreError: Another version is asked for.
+        """
+        if version != self.version:
+            raise ModelStoreError(f"there is no version {version!r}; there is {self.version!r}")
+        return self.model
+
+    def vet(self, version: str, demand: Demand) -> None:  # noqa: ARG002  # it was loaded
+        """Raise if another version is asked for."""
+        self.load(version)
+
+    def promote(self, version: str, reason: str) -> None:  # noqa: ARG002
+        """Raise: there is no store that could note it."""
+        raise ModelStoreError(f"version {version} cannot be promoted: the service has no --store")
+
+    def rollback(self, reason: str) -> None:  # noqa: ARG002
+        """Raise: there is no store that could note it."""
+        raise ModelStoreError("cannot roll back: the service has no --store")
+
+    def index(self) -> dict[str, Any]:
+        """Return the only version."""
+        return {"versions": [{"version": self.version}], "champion": self.version}
+
+    def close(self) -> None:
+        """Nothing is under way."""
+
+
+@dataclass(frozen=True)
+class StoreModels:
+    """The versions of a store.
+
+    Args:
+        store: Of the arm's robot.
+        simulation: Serves where no model does; that of a version if not given.
+    """
+
+    store: ModelStore
+    simulation: Simulation | None = None
+    _stopped: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
+    _read: dict[str, ResidualModel[Any]] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def physics(self) -> Simulation:
+        """What was given, or what the first candidate that can be read learned the residual of.
+
+        Raises:
+            ModelStoreError: Nothing was given, and no version can be read.
+        """
+        return self._physics
+
+    @cached_property
+    def _physics(self) -> Simulation:
+        if self.simulation is not None:
+            return self.simulation
+        reasons: list[str] = []
+        for version in (*self.candidates, *map(str, reversed(self.store.numbers()))):
+            try:
+                self._read[version] = self.load(version)
+                return self._read[version].simulation
+            except ModelStoreError as error:
+                reasons.append(str(error))
+        raise ModelStoreError(
+            f"{self.store.root}: no version gives the physics of the arm; give --sim"
+            + (f" ({reasons[0]})" if reasons else "")
+        )
+
+    @property
+    def candidates(self) -> Sequence[str]:
+        """The champion, and the champions before it, the last one first."""
+        aliases = self.store.aliases
+        if aliases.champion is None:
+            return ()
+        return tuple(map(str, (aliases.champion, *reversed(aliases.previous))))
+
+    def number(self, which: str) -> str:
+        """Return the number of a version by number or alias.
+
+        Raises:
+            ModelStoreError: There is no such version.
+        """
+        return str(self.store.number(which))
+
+    def load(self, version: str) -> ResidualModel[Any]:
+        """Check the files of a version and read it.
+
+        One that was read for its physics is given out once, rather than read again.
+
+        Raises:
+            ModelStoreError: There is no such version, or a file differs from what was added.
+        """
+        read = self._read.pop(version, None)
+        return self.store.open(version).load() if read is None else read
+
+    def vet(self, version: str, demand: Demand) -> None:
+        """Check a version in a process of its own.
+
+        Raises:
+            ModelStoreError: It must not serve, and why.
+        """
+        found = vet(self.store, version, demand, stopped=self._stopped)
+        if not found.ok:
+            raise ModelStoreError(f"version {version} is refused, {found.refused}: {found.reason}")
+
+    def promote(self, version: str, reason: str) -> None:
+        """Make a version the champion."""
+        self.store.promote(version, reason)
+
+    def rollback(self, reason: str) -> None:
+        """Make the champion before the champion again."""
+        self.store.rollback(reason)
+
+    def index(self) -> dict[str, Any]:
+        """Return versions and aliases."""
+        aliases = self.store.aliases
+        return {
+            "versions": [dict(version.record) for version in self.store.versions()],
+            "champion": aliases.champion,
+            "challenger": aliases.challenger,
+            "previous": list(aliases.previous),
+            "history": [vars(change) for change in aliases.history],
+        }
+
+    def close(self) -> None:
+        """End a vetting that is under way."""
+        self._stopped.set()

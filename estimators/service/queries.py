@@ -1,0 +1,87 @@
+"""What can be asked of a running service about its models, verb by verb."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Final
+
+from limo_driver.errors import LimoError
+from limo_driver.streaming import to_json
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+    from estimators.service.arm_server import ArmServer
+
+_LONGEST: Final = 4096  # bytes of a query
+
+
+class ModelQueries:
+    """Answers queries on `limo/<arm>/model/<verb>`; changes come one after the other.
+
+    A query's payload is a JSON object, `{"version": "3", "reason": "..."}` where that is needed;
+    the answer is one, too, or an error that says why not.
+
+    Args:
+        session: Open Zenoh session.
+        server: Whose models.
+    """
+
+    def __init__(self, session: zenoh.Session, server: ArmServer) -> None:
+        verbs: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
+            "index": lambda _: server.index(),
+            "load": lambda asked: server.load(_version(asked)),
+            "promote": lambda asked: server.promote(_version(asked), _reason(asked)),
+            "rollback": lambda asked: server.rollback(_reason(asked)),
+            "retrain": lambda asked: server.retrain(_reason(asked)),
+        }
+        self._queryables = [
+            session.declare_queryable(
+                server.keys.model(verb), lambda query, act=act: self._answer(query, act)
+            )
+            for verb, act in verbs.items()
+        ]
+
+    def close(self) -> None:
+        """Answer no more."""
+        for queryable in self._queryables:
+            queryable.undeclare()
+
+    def _answer(self, query: zenoh.Query, act: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        with query:
+            try:
+                answer = to_json(act(_asked(query)))
+            except LimoError as error:
+                query.reply_err(to_json({"error": str(error)}))
+            except Exception as error:  # of our own; who asked should not wait in vain
+                query.reply_err(to_json({"error": f"the service failed: {error!r}"}))
+                raise
+            else:
+                query.reply(query.key_expr, answer)
+
+
+def _asked(query: zenoh.Query) -> dict[str, Any]:
+    if query.payload is None:
+        return {}
+    data = query.payload.to_bytes()
+    try:
+        asked: object = json.loads(data) if len(data) <= _LONGEST else None
+        json.dumps(asked, ensure_ascii=False).encode()  # half a character could not be told on
+    except (ValueError, RecursionError):
+        asked = None
+    if not isinstance(asked, dict):
+        raise LimoError('the query is no JSON object, expected for example {"version": "3"}')
+    return asked
+
+
+def _version(asked: dict[str, Any]) -> str:
+    version = asked.get("version")
+    if not isinstance(version, str | int) or not str(version):
+        raise LimoError('the query names no version, expected for example {"version": "3"}')
+    return str(version)
+
+
+def _reason(asked: dict[str, Any]) -> str:
+    return str(asked.get("reason") or "asked for")

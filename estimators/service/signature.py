@@ -1,0 +1,123 @@
+"""Ed25519 signatures of versions; needs the extra limo[secure].
+
+A signature is over the bytes of version.json, which holds the SHA-256 of every other file. Keys are
+PEM files, as `openssl genpkey -algorithm ed25519` and `openssl pkey -pubout` write them.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Final, cast
+
+from estimators.service.durable import replace
+from limo_driver.errors import ModelStoreError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
+    from types import ModuleType
+
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import (
+        Ed25519PrivateKey,
+        Ed25519PublicKey,
+    )
+
+SIGNATURE: Final = "signature.json"
+_ALGORITHM: Final = "ed25519"
+
+
+def sign(record: Path, key: Path) -> None:
+    """Write the signature of a version beside it.
+
+    Args:
+        record: The version.json.
+        key: Private key, PEM, not encrypted.
+
+    Raises:
+        ModelStoreError: The key cannot be used, or the extra is not installed.
+    """
+    signer = _private_key(key)
+    content = {"algorithm": _ALGORITHM, "signature": signer.sign(record.read_bytes()).hex()}
+    replace(record.with_name(SIGNATURE), (json.dumps(content) + "\n").encode())
+
+
+def check_signature(record: bytes, folder: Path, trusted_keys: Iterable[Path]) -> None:
+    """Check that one of the trusted keys signed a version.
+
+    Args:
+        record: Bytes of the version.json.
+        folder: Of the version.
+        trusted_keys: Public keys, PEM.
+
+    Raises:
+        ModelStoreError: It is not signed, or by none of them, or a key cannot be used.
+    """
+    _library()
+    from cryptography.exceptions import InvalidSignature
+
+    path = folder / SIGNATURE
+    signature = _signature(path)
+    for key in trusted_keys:
+        try:
+            _public_key(key).verify(signature, record)
+        except InvalidSignature:
+            continue
+        return
+    raise ModelStoreError(f"{path}: is of none of the trusted keys, or version.json was changed")
+
+
+def _signature(path: Path) -> bytes:
+    try:
+        content = json.loads(path.read_text())
+        if content["algorithm"] != _ALGORITHM:
+            raise ModelStoreError(
+                f"{path}: is of {content['algorithm']!r}, expected {_ALGORITHM!r}"
+            )
+        return bytes.fromhex(content["signature"])
+    except FileNotFoundError:
+        raise ModelStoreError(f"{path}: the version is not signed, expected a signature") from None
+    except OSError as error:
+        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise ModelStoreError(f"{path}: cannot be understood: {error!r}") from None
+
+
+def _private_key(path: Path) -> Ed25519PrivateKey:
+    keys, ed25519 = _library()
+    key = _key(path, lambda data: keys.load_pem_private_key(data, password=None))
+    if not isinstance(key, ed25519.Ed25519PrivateKey):
+        raise ModelStoreError(f"{path}: expected a private Ed25519 key")
+    return cast("Ed25519PrivateKey", key)
+
+
+def _public_key(path: Path) -> Ed25519PublicKey:
+    keys, ed25519 = _library()
+    key = _key(path, keys.load_pem_public_key)
+    if not isinstance(key, ed25519.Ed25519PublicKey):
+        raise ModelStoreError(f"{path}: expected a public Ed25519 key")
+    return cast("Ed25519PublicKey", key)
+
+
+def _key(path: Path, parse: Callable[[bytes], object]) -> object:
+    from cryptography.exceptions import UnsupportedAlgorithm
+
+    try:
+        return parse(path.read_bytes())
+    except OSError as error:
+        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, TypeError, UnsupportedAlgorithm):
+        raise ModelStoreError(f"{path}: no PEM file of such a key without a password") from None
+
+
+def _library() -> tuple[ModuleType, ModuleType]:
+    """Import what an optional extra installs.
+
+    Raises:
+        ModelStoreError: It is not installed.
+    """
+    try:
+        from cryptography.hazmat.primitives import serialization
+        from cryptography.hazmat.primitives.asymmetric import ed25519
+    except ImportError as error:
+        raise ModelStoreError(f"signatures need the extra limo[secure]: {error}") from None
+    return serialization, ed25519

@@ -1,0 +1,165 @@
+"""Train a challenger from the newest logs, in a process of its own.
+
+    python -m estimators.service.trainer models --logs logs --arm iiwa14 --seconds 300
+
+`joint-physics` learns what the champion's simulation leaves of the torque, outside of contact. The
+last part of the motion is held out, and challenger and champion are compared on it as they would
+answer live. The challenger then is the store's next version, with the champion as its parent; a
+process that is killed before leaves nothing. It has the lowest priority and one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import time
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from estimators.joint_physics import JointPhysics
+from estimators.service.background import give_way
+from estimators.service.durable import draft
+from estimators.service.gate import BLOCK, accuracy, compare, plain
+from estimators.service.logged_motion import newest_motion
+from estimators.service.store import ModelStore
+from estimators.service.watchdog import MARGIN
+from estimators.stream import Stream
+from limo_driver.errors import LimoError, RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.base import LiveEstimator
+    from estimators.service.logged_motion import LoggedMotion
+    from estimators.service.version import Version
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
+
+_HELD_OUT: Final = 0.2  # of the motion, the last part
+_LEAST: Final = 20.0  # [s] of motion, to learn anything from
+_NICE: Final = 19
+
+
+def train(store: ModelStore, motion: LoggedMotion, delay: float) -> dict[str, Any]:
+    """Fit a challenger, compare it with the champion, and add it to the store.
+
+    Args:
+        store: Of the arm's robot; it has a champion.
+        motion: To learn from.
+        delay: Of the service [s].
+
+    Returns:
+        The new version and its metrics, as JSON values.
+
+    Raises:
+        LimoError: There is no champion that can be read, or too little motion.
+    """
+    champion = store.open("champion")
+    known = champion.load()
+    learned_from, held_out = _split(motion.recording)
+    model = JointPhysics(known.simulation, known.bandwidth).fit([learned_from])
+    metrics = _metrics(model, known, held_out, delay)
+    record = {
+        "metrics": metrics,
+        "data": {**motion.origin, "contact_seconds": motion.contact},
+    }
+    added = _add(store, model, held_out, champion, record, delay)
+    return {"version": added.number, "parent": champion.number, **record}
+
+
+def _split(recording: Recording) -> tuple[Recording, Recording]:
+    """Return the motion to learn from, and the last part, which is held out."""
+    moved = len(recording) / recording.rate
+    if moved < _LEAST:
+        raise RecordingError(
+            f"only {moved:.3g} s of motion outside of contact to learn from, expected at least "
+            f"{_LEAST:g} s"
+        )
+    first = round((1.0 - _HELD_OUT) * len(recording))
+    return recording[:first], recording[first:]
+
+
+def _metrics(
+    challenger: LiveEstimator, champion: LiveEstimator, held_out: Recording, delay: float
+) -> dict[str, Any]:
+    mine, theirs = (live_errors(model, held_out, delay) for model in (challenger, champion))
+    block = min(round(BLOCK * held_out.rate), len(mine))
+    rmse = accuracy(mine, block)
+    return {
+        "held_out_seconds": len(mine) / held_out.rate,
+        "rmse": {name: plain(values) for name, values in vars(rmse).items()},
+        "against_champion": compare(theirs, mine, block).as_values(),
+    }
+
+
+def live_errors(model: LiveEstimator, recording: Recording, delay: float) -> FloatArray:
+    """Return measured less estimated torque as a service would see it, (T, n) [N m].
+
+    Rows in which memory is not full yet, at the start and after gaps, are left out.
+
+    Raises:
+        RecordingError: No row is left.
+    """
+    stream = Stream(model, recording.rate, delay)
+    late, _ = stream.advance(stream.init(), recording.time, recording.position, recording.torque)
+    settled = np.zeros(len(recording), dtype=bool)
+    for rows in recording.segments:
+        settled[rows.start + ceil(2 * stream.delay * recording.rate) : rows.stop] = True
+    if late.measured is None or not settled.any():
+        raise RecordingError(f"no stretch of the held-out motion is longer than {2 * delay:g} s")
+    return (late.measured - late.torque)[settled]
+
+
+def _add(
+    store: ModelStore,
+    model: JointPhysics,
+    golden: Recording,
+    parent: Version,
+    record: dict[str, Any],
+    delay: float,
+) -> Version:
+    with draft(store.home) as path:  # is removed by the next writer, should this one be killed
+        model.save(path / "model")
+        return store.add(
+            path / "model", golden=golden, parent=parent.number, record=record, delay=delay
+        )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Train, and print one line of JSON: the version, or the error."""
+    parser = argparse.ArgumentParser(description="Train a challenger from the newest logs.")
+    parser.add_argument("store", type=Path)
+    parser.add_argument("--robot")
+    parser.add_argument("--logs", type=Path, required=True, help="folder of the service's logs")
+    parser.add_argument("--arm", required=True, help="its name in keys")
+    parser.add_argument("--seconds", type=float, required=True, help="of the newest motion")
+    parser.add_argument("--delay", type=float, default=0.1, help="of the service [s]")
+    parser.add_argument("--margin", type=float, default=MARGIN, help="around contact [s]")
+    parser.add_argument("--limit", type=float, help="after which the process is ended [s]")
+    parser.add_argument("--trust", action="append", default=[], type=Path, help="public key")
+    given = parser.parse_args(arguments)
+    give_way(_NICE)
+    if given.limit is not None:
+        signal.setitimer(signal.ITIMER_REAL, given.limit)  # ends it also inside compiled code
+    store = ModelStore(given.store, given.robot, given.trust)
+    began = time.monotonic()
+    try:
+        joints = store.open("champion").joints
+        motion = newest_motion(given.logs, given.arm, joints, given.seconds, given.margin)
+        with threadpool_limits(1):
+            found = train(store, motion, given.delay)
+    except LimoError as error:
+        sys.stdout.write(f"{json.dumps({'error': str(error)})}\n")
+        sys.exit(1)
+    found["seconds"] = time.monotonic() - began
+    sys.stdout.write(f"{json.dumps(found)}\n")
+
+
+if __name__ == "__main__":
+    main()

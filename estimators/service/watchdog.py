@@ -1,0 +1,102 @@
+"""Contact: external torque above a threshold for longer than a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.errors import ConfigError, ShapeError
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
+
+MARGIN: Final = 1.0  # [s] before and after a contact, in which something may lean on the arm
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A contact that began, or ended."""
+
+    joint: int  # 1-based
+    began: float  # [s], when the threshold was passed
+    torque: float  # [N m], external, of the largest magnitude so far
+    ended: float | None = None  # [s], when the torque fell, or was last known
+    cut_off: bool = False  # ended because nothing more is known of the torque
+
+
+class ContactWatchdog:
+    """Says when something leans on a joint: |external torque| above a threshold for `duration`.
+
+    A contact ends when the torque has been below `release` of the threshold, or not known, for as
+    long. Both are told `duration` late, with the time at which they happened.
+
+    Args:
+        threshold: (n,) [N m].
+        duration: (n,) [s].
+        release: Part of the threshold.
+
+    Raises:
+        ConfigError: A threshold or duration is not above 0.
+        ShapeError: There are not as many thresholds as durations.
+    """
+
+    def __init__(self, threshold: FloatArray, duration: FloatArray, release: float = 0.7) -> None:
+        if threshold.shape != duration.shape:
+            raise ShapeError("duration", duration.shape, f"{threshold.shape}")
+        for name, values, unit in (("threshold", threshold, "N m"), ("duration", duration, "s")):
+            if not (np.isfinite(values).all() and (values > 0).all()):
+                raise ConfigError(f"contact {name} {values} {unit} has to be above 0 and finite")
+        self.threshold, self.duration, self.release = threshold, duration, release
+        self._since = np.full(threshold.shape, np.nan)  # [s], when it crossed the present bound
+        self._contact: list[Contact | None] = [None] * threshold.size
+        self.active = np.zeros(threshold.shape, dtype=bool)
+        self._time = np.nan  # [s], of the latest step
+
+    def step(self, time: float, external: FloatArray) -> list[Contact]:
+        """Take the external torque, (n,) [N m], at `time` [s]; return what began or ended.
+
+        NaN torque, which is not known, begins nothing.
+        """
+        self._time = time
+        size = np.abs(external)
+        held = size >= self.release * self.threshold  # NaN is not
+        crossed = np.where(self.active, ~held, size > self.threshold)
+        if not (crossed.any() or self.active.any()):
+            self._since.fill(np.nan)
+            return []
+        self._since = np.where(crossed, np.where(np.isnan(self._since), time, self._since), np.nan)
+        self._note_peaks(external)
+        due = np.flatnonzero(time - self._since >= self.duration)
+        return [self._turn(int(j), float(external[j])) for j in due]
+
+    @property
+    def present(self) -> tuple[Contact, ...]:
+        """The contacts that have not ended."""
+        return tuple(contact for contact in self._contact if contact is not None)
+
+    def restart(self) -> list[Contact]:
+        """Forget all, after a gap; return the contacts that this cuts off, ended when last seen."""
+        lost = [replace(contact, ended=self._time, cut_off=True) for contact in self.present]
+        self._since.fill(np.nan)
+        self._contact = [None] * self.threshold.size
+        self.active.fill(False)
+        return lost
+
+    def _note_peaks(self, external: FloatArray) -> None:
+        for j in np.flatnonzero(self.active):
+            contact = self._contact[j]
+            if contact is not None and abs(external[j]) > abs(contact.torque):
+                self._contact[j] = replace(contact, torque=float(external[j]))
+
+    def _turn(self, j: int, torque: float) -> Contact:
+        since, self._since[j] = float(self._since[j]), np.nan
+        contact = self._contact[j]
+        if contact is None:
+            self._contact[j] = contact = Contact(j + 1, since, torque)
+            self.active[j] = True
+            return contact
+        self._contact[j] = None
+        self.active[j] = False
+        return replace(contact, ended=since, cut_off=bool(np.isnan(torque)))

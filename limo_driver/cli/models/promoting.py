@@ -1,0 +1,105 @@
+"""`limo models load`, `promote` and `rollback`: which version serves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.cli.models.options import (
+    MODELS,
+    ArmOption,
+    JsonOption,
+    ReasonOption,
+    RobotOption,
+    StoreOption,
+    TrustOption,
+    WhichArgument,
+    asked,
+    print_found,
+    reached,
+)
+from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+
+if TYPE_CHECKING:
+    from estimators.service.aliases import Aliases
+
+
+def load(
+    which: WhichArgument,
+    arm: Annotated[str, typer.Option(help="Whose running service is asked.")],
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ConfigFile = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Let a version serve in a running service until that ends; the champion stays what it is.
+
+    The service vets it first, which takes some seconds; the old version serves on meanwhile, and
+    also where the new one is refused.
+
+    [bold]Example[/bold]
+
+        limo models load 2 --arm iiwa14
+    """
+    with asked(arm, connect, listen, config) as client:
+        facts = client.load(which)
+    text = f"version {facts['version']} serves instead of {facts['before']}"
+    print_found(facts, text, as_json=as_json)
+
+
+def promote(
+    which: WhichArgument,
+    reason: ReasonOption = "by hand",
+    store: StoreOption = MODELS,
+    robot: RobotOption = None,
+    trust: TrustOption = None,
+    arm: ArmOption = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ConfigFile = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a version the champion; its files are checked first.
+
+    With --arm the running service vets it and lets it serve at once.
+
+    [bold]Examples[/bold]
+
+        limo models promote 2 --reason "better on all joints"
+
+        limo models promote 2 --arm iiwa14
+    """
+    with reached(store, robot, trust, arm, connect, listen, config) as models:
+        _print(models.promote(which, reason), as_json=as_json)
+
+
+def rollback(
+    reason: ReasonOption = "by hand",
+    store: StoreOption = MODELS,
+    robot: RobotOption = None,
+    trust: TrustOption = None,
+    arm: ArmOption = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ConfigFile = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make the champion before the champion again.
+
+    [bold]Examples[/bold]
+
+        limo models rollback --reason "worse since the tool was changed"
+
+        limo models rollback --arm iiwa14
+    """
+    with reached(store, robot, trust, arm, connect, listen, config) as models:
+        _print(models.rollback(reason), as_json=as_json)
+
+
+def _print(aliases: Aliases, *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    last = aliases.history[-1]
+    before = "" if last.before is None else f" instead of {last.before}"
+    print_found(asdict(aliases), f"champion: version {last.after}{before}", as_json=as_json)

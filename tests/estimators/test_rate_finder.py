@@ -1,0 +1,48 @@
+"""The rate of joint states, from their numbers and stamps."""
+
+import numpy as np
+import pytest
+
+from estimators.service.rate import RateFinder, RateWatch
+
+NANOSECONDS = 1_000_000_000
+
+
+def found(rate: float, numbers: np.ndarray) -> list[float]:
+    finder = RateFinder()
+    rates = [finder.take(int(k), round(k * NANOSECONDS / rate)) for k in numbers]
+    return [value for value in rates if value is not None]
+
+
+@pytest.mark.parametrize("rate", [30.0, 125.0, 250.0, 1000.0, 5000.0])
+def test_is_found_from_a_hundred_states(rate: float) -> None:
+    assert found(rate, np.arange(101)) == [pytest.approx(rate)]
+    assert found(rate, np.arange(100)) == []
+
+
+def test_is_found_though_most_states_are_lost() -> None:
+    kept = np.flatnonzero(np.random.default_rng(0).random(3000) < 0.1)[:101]
+    assert found(1000.0, kept) == [pytest.approx(1000.0)]
+
+
+def test_begins_anew_with_the_source() -> None:
+    numbers = np.r_[500:560, 0:101]
+    assert found(1000.0, numbers) == [pytest.approx(1000.0)]
+
+
+@pytest.mark.parametrize("rate", [0.1, 1e6])
+def test_no_arm_has_any_rate(rate: float) -> None:
+    assert found(rate, np.arange(300)) == []
+
+
+@pytest.mark.parametrize(("came", "told"), [(100.0, False), (100.5, False), (102.0, True)])
+def test_another_rate_is_told(came: float, told: bool) -> None:
+    watch = RateWatch(100.0)
+    found = [watch.take(k, round(k * NANOSECONDS / came)) for k in range(500)]
+    assert any(found) == told
+    assert set(found) <= {None, came}
+
+
+def test_uneven_stamps_are_no_other_rate() -> None:
+    watch, noise = RateWatch(1000.0), np.random.default_rng(0).normal(0.0, 2e4, 5000)
+    assert not any(watch.take(k, round(1e6 * k + noise[k])) for k in range(5000))
