@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError, JointLimitError, ShapeError
+from limo_driver.latency import LatencyHistogram
 from limo_driver.model import BUILT_IN
 from limo_driver.physics import Simulation
 from limo_driver.robot import Robot
@@ -39,6 +41,9 @@ class SavedState:
 class SimulatedRobot(Robot):
     """A robot in simulated time, which starts at 0 and advances only by `receive`.
 
+    With `keep_time`, `receive` waits for the cycle as a real robot does; a cycle that comes late is
+    followed by the next at once, until the robot's time has caught up.
+
     Args:
         simulation: The arm and the physics of its joints.
         period: Control cycle [s].
@@ -57,6 +62,13 @@ class SimulatedRobot(Robot):
         self.simulation = simulation
         self._cycle = 0
         self._losing = 0
+        self._began: float | None = None  # [s], where time is kept: when cycle 0 was
+        self._keeps_time = False
+        self.lateness = LatencyHistogram()
+
+    def keep_time(self) -> None:
+        """Run no faster than real time from now on."""
+        self._keeps_time, self._began = True, None
 
     def lose_measurements(self, count: int) -> None:
         """Lose the next `count` measurements, as a network might; the arm moves on meanwhile."""
@@ -70,15 +82,27 @@ class SimulatedRobot(Robot):
         """Go back to a moment of this robot."""
         self._restore_session(saved.session)
         self._restore_plant(saved.plant)
-        self._cycle, self._losing = saved.cycle, saved.losing
+        self._cycle, self._losing, self._began = saved.cycle, saved.losing, None
 
-    def _receive(self, timeout: float | None) -> Measurement | None:  # noqa: ARG002  # never waits
+    def _receive(self, timeout: float | None) -> Measurement | None:  # noqa: ARG002  # in time
+        if self._keeps_time:
+            self._wait()
         measured = self._cycle_once()
         self._cycle += 1
         if self._losing:
             self._losing -= 1
             return None
         return measured
+
+    def _wait(self) -> None:
+        """Sleep until this cycle is due."""
+        now, since = time.monotonic(), self._cycle * self.spec.period
+        if self._began is None:
+            self._began = now - since
+        due = self._began + since
+        if due > now:
+            time.sleep(due - now)
+        self.lateness.add(max(time.monotonic() - due, 0.0))
 
     def _close(self) -> None:
         """Nothing outside this process has to be told."""

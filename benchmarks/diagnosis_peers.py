@@ -38,7 +38,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from limo_driver.cli.predict import write_torque
+from limo_driver.cli.predict import write
 from limo_driver.errors import LimoError
 from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
@@ -71,8 +71,9 @@ def run(case: Path, name: str) -> None:
     for k in (1, 2):
         recording = Recording.load(case / f"held_out_{k}.parquet")
         before = nominal.predict_recording(recording, BAND)
-        write_torque(recording, before, out / f"before_{k}.parquet")
-        write_torque(recording, answer.foretell(recording), out / f"after_{k}.parquet")
+        write(recording, recording.time, {"torque": before}, out / f"before_{k}.parquet")
+        after = answer.foretell(recording)
+        write(recording, recording.time, {"torque": after}, out / f"after_{k}.parquet")
     verdict = "explained" if answer.findings else "consistent"
     said = {"verdict": verdict, "findings": answer.findings}
     (out / "verdict.json").write_text(json.dumps(said, indent=1))

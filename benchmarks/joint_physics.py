@@ -8,7 +8,7 @@ Every fifth scaffold is test motion, which nothing is fitted to; both models lea
 on a rigid body identified on excitation.parquet, and --tenth leaves joint physics a tenth of all
 scaffolds. The LSTM is trained by the paper's protocol, which takes minutes, or read from the folder
 if one is there. Test and validation motion are scored as they are used: memory runs on. Where a
-scaffold begins, both have seen the ten seconds before.
+scaffold begins, both have seen the ten seconds before. All torques are scored behind one filter.
 """
 
 from __future__ import annotations
@@ -99,9 +99,9 @@ class Scores:
         errors, alone, within, outside = [], [], [], []
         for recording, use in pieces:
             measured = recording.filtered_torque(BANDWIDTH)[use]
-            found = model.estimate(recording)
+            found = model.estimate(recording).filtered(recording, BANDWIDTH)
             errors.append(measured - found.torque[use])
-            alone.append(measured - model.parts(recording).rigid_body[use])
+            alone.append(measured - found.simulation[use])
             within.append(np.abs(errors[-1]) <= DEVIATIONS * found.std[use])
             outside.append(found.outside[use])
         return cls(

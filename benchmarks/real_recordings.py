@@ -5,7 +5,7 @@ mean square difference between predicted and measured torque, both low-passed fo
 at 8 Hz (Butterworth, order 4). The baseline: all base parameters and per joint viscous friction,
 tanh(v / 0.01), offset and armature, by least squares.
 
-    python benchmarks/real_recordings.py [--hybrid]
+    python benchmarks/real_recordings.py [--hybrid | --physics]
 """
 
 from __future__ import annotations
@@ -15,16 +15,21 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from estimators.evaluation import evaluate
 from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
 from limo_driver.differentiation import smooth
 from limo_driver.model import RobotModel
 from limo_driver.recording import Recording
 from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from limo_driver.physics import Simulation
 
 BANDWIDTH = 8.0  # [Hz]
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[1] / ".." / "shared" / "data"))
@@ -127,30 +132,51 @@ def hybrid(case: Case) -> Iterator[tuple[str, Predict]]:
     First comes the rigid body of both.
     """
     from estimators.hybrid import HybridModel
-    from estimators.joint_physics import JointPhysics
     from estimators.training import usual_settings
 
     simulation = identify(RobotModel.load(case.urdf), case.train, rows=Rows(BANDWIDTH)).simulation
     model = HybridModel(simulation, usual_settings("drive")).fit(case.train)
-    yield "rigid body of the hybrid", lambda recording: model.parts(recording).rigid_body
+    yield "rigid body of the hybrid", lambda recording: model.estimate(recording).simulation
     yield "hybrid, limo train --features drive", model.predict
-    physics = JointPhysics(simulation, BANDWIDTH).fit(case.train)
-    yield "joint physics, limo train --model joint-physics", physics.predict
+    yield from physics(case, simulation)
     gains = "".join(f"{value:7.2f}" for value in model.fitted.gain)
     print(f"  {'gain of the network, from training motion':46}{gains}")
+
+
+def physics(case: Case, simulation: Simulation | None = None) -> Iterator[tuple[str, Predict]]:
+    """Fit joint physics as `limo train --model joint-physics` does; print what its interval holds.
+
+    On an identified simulation, unless one is given.
+    """
+    from estimators.joint_physics import JointPhysics
+
+    if simulation is None:
+        found = identify(RobotModel.load(case.urdf), case.train, rows=Rows(BANDWIDTH))
+        simulation = found.simulation
+    model = JointPhysics(simulation, BANDWIDTH).fit(case.train)
+    yield "joint physics, limo train --model joint-physics", model.predict
+    evaluation = evaluate(model, case.test)
+    for name, part in (
+        ("part within its 95 % interval", evaluation.coverage),
+        ("part of the motion flagged as outside", evaluation.outside),
+    ):
+        print(f"  {name:46}" + "".join(f"{value:7.3f}" for value in part))
 
 
 def main() -> None:
     """Print each model's error beside the baseline's."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hybrid", action="store_true", help="only the hybrid and its rigid body")
-    with_hybrid = parser.parse_args().hybrid
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--hybrid", action="store_true", help="hybrid, its rigid body, joint physics")
+    only.add_argument("--physics", action="store_true", help="joint physics and its interval")
+    given = parser.parse_args()
+    fit = hybrid if given.hybrid else physics if given.physics else models
     if not DATA.is_dir():
         parser.error(f"no recordings in {DATA}; name their folder in LIMO_DATA")
     for case in cases():
         print(f"\n{case.name}: RMSE [N m], then its ratio to the baseline")
         print(f"  {'baseline':46}" + "".join(f"{value:7.2f}" for value in case.baseline))
-        fitted = list(hybrid(case) if with_hybrid else models(case))
+        fitted = list(fit(case))
         for name, predict in fitted:
             rmse = heldout_rmse(predict, case.test)
             ratio = rmse / case.baseline

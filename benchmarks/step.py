@@ -1,4 +1,4 @@
-"""One streaming step, features + rigid body + network, beside its bar and its peers.
+"""One streaming step, features + rigid body + network or joint physics, beside bar and peers.
 
     python benchmarks/step.py
 
@@ -24,8 +24,9 @@ from step_peers import onnx_step, torch_step
 
 from estimators.features import FEATURE_SETS, feature_set
 from estimators.hybrid import FittedNetwork, HybridModel
+from estimators.joint_physics import JointPhysics
 from estimators.neural import LstmFcl, Mlp
-from estimators.scaling import InputScaling, Scaling
+from estimators.scaling import InputScaling, Scaling, normalise_inputs
 from estimators.stream import Stream
 from limo_driver.differentiation import differentiate
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
@@ -136,20 +137,25 @@ def measure(timed: list[Timed], calls: int) -> None:
             one.turn(calls // ROUNDS)
 
 
+def fitted_physics() -> JointPhysics:
+    """Return joint physics of the same arm, fitted to half a minute of its motion."""
+    moved = motion(30.0, seed=3)
+    noise = 0.02 * np.random.default_rng(0).standard_normal(moved.position.shape)
+    torque = Simulation.load(EXAMPLE).predict(moved) + noise
+    recording = Recording.from_arrays(moved.time, moved.position, torque)
+    return JointPhysics(IDENTIFIED).fit([recording])
+
+
 def own_parts(model: HybridModel, samples: list[JointSample]) -> list[Timed]:
     """Return the parts of a step of a model."""
     fitted, simulation = model.fitted, model.simulation
     rows = [sample.motion() for sample in samples]
     torques = [simulation.advance(simulation.init(), row)[0] for row in rows]
-    inputs = [
-        fitted.features.advance(
-            fitted.features.init(), *given, simulation.body, fitted.inputs.table
-        )
-        for given in zip(rows, torques, strict=True)
-    ]
-    features = [
-        (*given, simulation.body, fitted.inputs.table) for given in zip(rows, torques, strict=True)
-    ]
+    seen = [(*given, simulation.body) for given in zip(rows, torques, strict=True)]
+    features, table = fitted.features, fitted.inputs.table
+    inputs = [(features.advance(features.init(), *given)[0],) for given in seen]
+    for (x,) in inputs:
+        normalise_inputs(x, table, fitted.columns)
     return [
         Timed(
             "  rigid body, 14 frictions",
@@ -157,10 +163,8 @@ def own_parts(model: HybridModel, samples: list[JointSample]) -> list[Timed]:
             simulation.init(),
             [(r,) for r in rows],
         ),
-        Timed("  features, scaled", fitted.features.advance, fitted.features.init(), features),
-        Timed(
-            "  network", fitted.network.advance, fitted.network.init(1), [(x,) for x, _ in inputs]
-        ),
+        Timed("  features", features.advance, features.init(), seen),
+        Timed("  network", fitted.network.advance, fitted.network.init(1), inputs),
     ]
 
 
@@ -197,11 +201,11 @@ def late(epochs: int) -> None:
     recorded = Recording.from_arrays(train.time, train.position, truth.predict(train))
     model = HybridModel(IDENTIFIED, settings).fit([recorded])
     recording = Recording.from_arrays(test.time, test.position, truth.predict(test))
-    parts, exact = model.parts(recording), recording.motion(10.0)
-    zero = parts.hybrid
+    found, exact = model.estimate(recording), recording.motion(10.0)
+    zero = found.torque
     torque = recording.filtered_torque(10.0)
     print(f"\nstream against zero phase, RMS; LSTM-FCL of {epochs} epochs, 1 kHz, bandwidth 10 Hz")
-    for name, predicted in (("rigid body", parts.rigid_body), ("hybrid", zero)):
+    for name, predicted in (("rigid body", found.simulation), ("hybrid", zero)):
         error = np.sqrt(np.mean((predicted - torque)[1000:-1000] ** 2))
         print(f"  zero-phase {name:10} against the filtered torque {error:7.4f} N m")
     print("  delay   velocity  acceleration  torque, mean  worst joint")
@@ -211,7 +215,7 @@ def late(epochs: int) -> None:
         D = round(stream.delay * RATE)
         inner, before = slice(2 * D + 1000, -1000), slice(D + 1000, -1000 - D)
         moved, _ = stream.differentiator.advance(
-            stream.init().positions, recording.time, recording.position
+            stream.init().signals, recording.time, recording.position
         )
         rows = [
             np.sqrt(np.mean((a[inner] - b[before]) ** 2, axis=0))
@@ -255,10 +259,16 @@ def main() -> None:
     positions = list(
         zip(np.arange(10**6) / RATE, np.resize(moved.position, (10**6, 7)), strict=True)
     )
-    stream = Stream(main_model, RATE, 0.1)
-    streamed = Timed("stream from positions, delay 100 ms", stream.step, stream.init(), positions)
+    streamed = [
+        Timed(f"stream, delay 100 ms: {name}", stream.step, stream.init(), positions)
+        for name, stream in (
+            ("simulation alone", Stream(IDENTIFIED, RATE, 0.1)),
+            ("lstm-fcl, with std", Stream(main_model, RATE, 0.1)),
+            ("joint physics, with std", Stream(fitted_physics(), RATE, 0.1)),
+        )
+    ]
     assert "torch" not in sys.modules
-    measure([*first, *parts, streamed, *others], given.calls)
+    measure([*first, *parts, *streamed, *others], given.calls)
     network = main_model.fitted.network
     rivals = peers(network)
     again = own_parts(main_model, samples[:500])[-1]
@@ -267,7 +277,7 @@ def main() -> None:
     columns = "".join(f"{name:>9}" for name in ("p10", "p50", "p99"))
     print(f"{'[µs], one core; wall, then processor':50}{columns}  {columns}")
     first[0].show(f"bar {BARS[0]:g} / {BARS[1]:g} (p50 / p99)")
-    for one in (*parts, streamed, *others):
+    for one in (*parts, *streamed, *others):
         one.show()
     print("\nthe same network in peers, turn by turn in one run")
     for one in (again, whole, *rivals):

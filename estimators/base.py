@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Self
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from limo_driver.recording import Recording
-    from limo_driver.types import FloatArray, JointSample
+    from limo_driver.types import FloatArray, JointSample, Motion
 
 DEVIATIONS: Final = 1.959964  # of a normal distribution, that hold 95 %
 
@@ -25,12 +26,79 @@ class Estimate:
     """Torque of n joints and how sure it is, for T samples (T, n) or for one (n,).
 
     95 % of measured torques, filtered as those of training were, are meant to lie within
-    `DEVIATIONS` standard deviations.
+    `DEVIATIONS` standard deviations. An estimator that does not know its errors says NaN, and flags
+    nothing as outside.
     """
 
-    torque: FloatArray  # [N m]
+    simulation: FloatArray  # [N m], of the physics that was known beforehand
+    learned: FloatArray  # [N m], what data add to that
     std: FloatArray  # [N m]
     outside: NDArray[np.bool_]  # the motion is unlike what was learned; `std` is a guess there
+
+    @property
+    def torque(self) -> FloatArray:
+        """The whole torque [N m], of the shape of its parts."""
+        return self.simulation + self.learned
+
+    def filtered(self, recording: Recording, bandwidth: float) -> Self:
+        """Return the estimate of a recording with its torque low-passed as the measured one is.
+
+        Where dry friction changes its sign, a torque as it is differs from one behind a filter by
+        as much as that friction, though both are right: errors are judged behind the filter.
+        """
+        both = np.concatenate([self.simulation, self.learned], axis=1)
+        simulation, learned = np.split(recording.filtered(both, bandwidth), 2, axis=1)
+        return replace(self, simulation=simulation, learned=learned)
+
+    @classmethod
+    def unsure(cls, simulation: FloatArray) -> Estimate:
+        """Return torque to which nothing was learned, and whose errors nobody knows."""
+        shape = simulation.shape
+        return cls(simulation, np.zeros(shape), np.full(shape, np.nan), np.zeros(shape, np.bool_))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Estimate]) -> Estimate:
+        """Return estimates (T, n) that follow each other as one."""
+        return cls(
+            np.concatenate([part.simulation for part in parts]),
+            np.concatenate([part.learned for part in parts]),
+            np.concatenate([part.std for part in parts]),
+            np.concatenate([part.outside for part in parts]),
+        )
+
+
+class LiveEstimator(Protocol):
+    """What a stream needs of an estimator."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        ...
+
+    @property
+    def bandwidth(self) -> float:
+        """Of the filters on motion and torque that it was fitted behind [Hz]."""
+        ...
+
+    def init(self, rate: float | None = None) -> State:
+        """Return the memory before the first sample, see `InverseDynamics`."""
+        ...
+
+    def advance(self, state: State, motion: Motion) -> tuple[Estimate, State]:
+        """Estimate T samples that follow `state`: a whole recording and a `step` in one.
+
+        Args:
+            state: Memory after the sample before; not changed.
+            motion: T samples of n joints without a gap.
+
+        Returns:
+            The torque, (T, n), and the memory after the last sample.
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+            ShapeError: The motion has another number of joints.
+        """
+        ...
 
 
 @runtime_checkable
@@ -65,8 +133,11 @@ class InverseDynamics(Protocol):
         """
         ...
 
-    def init(self) -> State:
+    def init(self, rate: float | None = None) -> State:
         """Return the memory before the first sample.
+
+        Args:
+            rate: Rate at which `step` will be called [Hz]; the estimator's own if not given.
 
         Raises:
             NotFittedError: `fit` has not been called.

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import welch
 
 from estimators.base import DEVIATIONS
+from estimators.model_folder import provenance
 from limo_driver.differentiation import ORDER
 from limo_driver.errors import RecordingError
 
@@ -16,15 +17,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.base import Estimate
-    from estimators.hybrid import HybridModel, TorqueParts
-    from estimators.joint_physics import JointPhysics
+    from estimators.residual_model import ResidualModel
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
 _NOISE_FROM: Final = 0.6  # of the Nyquist frequency; above, a torque is taken to be noise
 _FLAT: Final = 3.0  # white noise is as dense in the lower half of that band as in the upper
 _STOP_BAND: Final = 1.5  # [bandwidth], where the filter passes less than 4 % of the amplitude
-_SEGMENT: Final = 2.0  # [s] of a spectrum
+_SEGMENT: Final = 32  # samples of a spectrum, so short that few hold a step of dry friction
+_FREQUENCIES: Final = 2000  # of the filter's response
 
 
 @dataclass(frozen=True)
@@ -43,36 +44,37 @@ class Errors:
 class Evaluation:
     """Torques measured and predicted over a recording, and their errors.
 
-    The measured torque went through the same zero-phase low-pass as in training. Rows near the end
-    of a stretch, whose derivatives are unsure, are not scored.
+    All torques went through the zero-phase low-pass that the measured one went through in training:
+    what only the filter makes of a torque is no error of who predicts it. Rows near the end of a
+    stretch, whose derivatives are unsure, are not scored.
     """
 
     model: str  # name of the estimator
     recording: Recording
     motion: Motion
     measured: FloatArray  # (T, n) [N m], filtered
-    parts: TorqueParts
-    estimate: Estimate
-    frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics
+    estimate: Estimate  # filtered
+    frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics, filtered
     scored: NDArray[np.bool_]  # (T,)
     bandwidth: float  # [Hz]
     joint_names: tuple[str, ...]
     noise_floor: FloatArray  # (n,) [N m], of the noise left in `measured`; NaN where unknown
+    trained_on: bool  # the model, on this very file; its errors elsewhere are larger
 
     @property
     def rigid_body(self) -> Errors:
         """Errors of the simulation alone."""
-        return self._errors(self.parts.rigid_body)
+        return self._errors(self.estimate.simulation)
 
     @property
     def contribution(self) -> FloatArray:
         """RMS of the torque that the network adds, (n,) [N m]."""
-        return np.sqrt(np.mean(self.parts.network[self.scored] ** 2, axis=0))
+        return np.sqrt(np.mean(self.estimate.learned[self.scored] ** 2, axis=0))
 
     @property
     def hybrid(self) -> Errors:
         """Errors of the hybrid."""
-        return self._errors(self.parts.hybrid)
+        return self._errors(self.estimate.torque)
 
     @property
     def coverage(self) -> FloatArray:
@@ -118,6 +120,7 @@ class Evaluation:
             "schema": 1,
             "model": self.model,
             "recording": self.recording.source,
+            "trained_on": self.trained_on,
             "bandwidth": self.bandwidth,
             "samples": int(self.scored.sum()),
             "joints": list(self.joint_names),
@@ -131,8 +134,8 @@ class Evaluation:
         }
 
 
-def evaluate(model: HybridModel | JointPhysics, recording: Recording) -> Evaluation:
-    """Predict a recording and compare with its filtered torque.
+def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
+    """Predict a recording and compare with its torque, both behind one filter.
 
     Raises:
         NotFittedError: The model is not trained.
@@ -148,42 +151,73 @@ def evaluate(model: HybridModel | JointPhysics, recording: Recording) -> Evaluat
             f"{1 / bandwidth:.2g} s without a gap",
             path=recording.source or None,
         )
-    motion = recording.motion(bandwidth)
+    motion, estimate = recording.motion(bandwidth), model.estimate(recording)
     return Evaluation(
         model.name,
         recording,
         motion,
         recording.filtered_torque(bandwidth),
-        model.parts(recording),
-        model.estimate(recording),
-        model.simulation.without_effects().predict(motion),
+        estimate.filtered(recording, bandwidth),
+        recording.filtered(model.simulation.without_effects().predict(motion), bandwidth),
         scored,
         bandwidth,
         model.simulation.model.joint_names,
-        noise_floor(recording, bandwidth),
+        noise_floor(recording, bandwidth, estimate.simulation),
+        trained_on(model, recording),
     )
 
 
-def noise_floor(recording: Recording, bandwidth: float) -> FloatArray:
+def trained_on(model: ResidualModel[Any], recording: Recording) -> bool:
+    """Say whether the model's folder states that it was trained on the file of a recording.
+
+    Raises:
+        NotFittedError: The model is not trained.
+    """
+    digest = provenance(recording)["sha256"]
+    known = [item.get("sha256") for item in model.fitted.record.get("recordings", [])]
+    return digest is not None and digest in known
+
+
+def noise_floor(
+    recording: Recording, bandwidth: float, predicted: FloatArray | None = None
+) -> FloatArray:
     """Estimate the noise that the low-pass leaves in the measured torque, (n,) [N m].
 
     The level of the torque's spectrum above 0.6 of the Nyquist frequency is taken for the level of
-    white noise, and multiplied with the equivalent width of the filter. It is a floor: noise that
-    grows towards low frequencies is not seen. NaN where that says nothing: the filter reaches up to
-    there, or the spectrum still falls there, since the torque was filtered before it was recorded.
+    white noise, and multiplied with the equivalent width of the filter. Steps of dry friction reach
+    up there as well; so the spectrum is the median of many short ones, most of which hold no step,
+    and that of what a prediction leaves counts where it is lower. It is a floor: noise that grows
+    towards low frequencies is not seen. NaN where that says nothing: the filter reaches up there,
+    or the spectrum still falls there, since the torque was filtered before it was recorded.
+
+    Args:
+        recording: The measured torque.
+        bandwidth: Of the low-pass [Hz].
+        predicted: Torque (T, n) [N m] that holds steps where the measured one does.
+
+    Source: Welch, "The use of fast Fourier transform for the estimation of power spectra", IEEE
+    TAU 1967, with the median in place of the mean.
     """
-    rate = recording.rate
-    lowest = _NOISE_FROM * rate / 2
+    nyquist = recording.rate / 2
     longest = max(recording.segments, key=lambda rows: rows.stop - rows.start)
-    torque = recording.torque[longest]
-    window = min(len(torque), int(_SEGMENT * rate))
-    frequency, density = welch(torque, rate, nperseg=window, axis=0)
-    middle = (lowest + rate / 2) / 2
-    lower, upper = (frequency > lowest) & (frequency < middle), frequency >= middle
-    if not (lower.any() and upper.any()) or lowest < _STOP_BAND * bandwidth:
+    if _NOISE_FROM * nyquist < _STOP_BAND * bandwidth or (longest.stop - longest.start < _SEGMENT):
         return np.full(recording.n, np.nan)
-    falling = np.median(density[lower], axis=0) > _FLAT * np.median(density[upper], axis=0)
+    level = _white_level(recording.torque[longest], recording.rate)
+    if predicted is not None:
+        left = recording.torque[longest] - predicted[longest]
+        level = np.fmin(level, _white_level(left, recording.rate))
+    frequency = np.linspace(0.0, nyquist, _FREQUENCIES)
     amplitude = 1.0 / (1.0 + (frequency / bandwidth) ** (2 * ORDER))  # run forward and backward
-    width = float(np.trapezoid(amplitude**2, frequency))
-    floor = np.sqrt(np.median(density[lower | upper], axis=0) * width)
-    return np.where(falling, np.nan, floor)
+    return np.sqrt(level * np.trapezoid(amplitude**2, frequency))
+
+
+def _white_level(torque: FloatArray, rate: float) -> FloatArray:
+    """Return the density of the noise of torques (T, n), (n,) [N² m²/Hz]; NaN if it is not flat."""
+    frequency, density = welch(
+        torque, rate, "blackmanharris", _SEGMENT, detrend="linear", axis=0, average="median"
+    )
+    part = frequency / (rate / 2)  # of the Nyquist frequency
+    middle = (1.0 + _NOISE_FROM) / 2
+    lower, upper = (part > _NOISE_FROM) & (part < middle), part >= middle
+    falling = np.median(density[lower], axis=0) > _FLAT * np.median(density[upper], axis=0)
+    return np.where(falling, np.nan, np.median(density[lower | upper], axis=0))

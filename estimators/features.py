@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numba import njit
 
-from estimators.scaling import normalise_inputs
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 REVERSAL: Final = 2e-4  # [rad]; above the jitter of a filtered encoder, far below any LIMO motion
 SATURATION: Final = float(np.deg2rad(10.0))  # [rad], of the rotational history, as in the paper
-AS_THEY_ARE: FloatArray = np.zeros((4, 0))  # the table of no scaling
 _NOTHING: FloatArray = np.zeros((0, 0))
 _TURN, _EXTREME, _DIRECTION, _LAST, _STOPS = 0, 1, 2, 3, 4  # columns of a joint's memory
 
@@ -149,7 +147,6 @@ class Features:
         motion: Motion,
         rigid_body_torque: FloatArray,
         model: RobotModel,
-        scaling: FloatArray = AS_THEY_ARE,
     ) -> tuple[FloatArray, FloatArray]:
         """Compute the inputs of T samples that follow `memory`.
 
@@ -158,7 +155,6 @@ class Features:
             motion: T samples of n joints.
             rigid_body_torque: (T, n) [N m].
             model: The rigid body.
-            scaling: Table of an `InputScaling` by which they are normalised, if they are to be.
 
         Returns:
             The inputs, (T, number of inputs), and the memory after the last sample.
@@ -177,7 +173,6 @@ class Features:
             self._constants,
             self._places,
             len(self.stop_widths),
-            scaling,
         )
         return inputs, after
 
@@ -223,7 +218,7 @@ def _deflection(model: RobotModel, motion: Motion, angle: FloatArray) -> FloatAr
     return model.inverse_dynamics(motion.position - angle, v, a) - straight
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _inputs(
     memory: FloatArray,
     position: FloatArray,
@@ -234,7 +229,6 @@ def _inputs(
     constants: FloatArray,
     places: NDArray[np.int64],
     stops: int,
-    scaling: FloatArray,
 ) -> FloatArray:
     """Advance `memory` (n, ...) in place over T samples; return the inputs, (T, inputs).
 
@@ -265,12 +259,10 @@ def _inputs(
             for i in range(places.size):
                 if places[i] >= 0:
                     inputs[t, places[i] * n + j] = quantities[i]
-    if scaling.size:
-        normalise_inputs(inputs, scaling)
     return inputs
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _turn(own: FloatArray, q: float, reversal: float) -> float:
     """Advance the extremes of a joint in place to the position q; return the step to it [rad]."""
     if np.isnan(own[_LAST]):

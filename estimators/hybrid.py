@@ -7,25 +7,29 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numba import njit
 
-from limo_driver.errors import ModelStoreError, NotFittedError, ShapeError
+from estimators.base import Estimate
+from estimators.residual_model import ResidualModel
+from estimators.scaling import normalise_inputs
+from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
     from typing import Any, Self
 
-    from estimators.base import Estimate
+    from numpy.typing import NDArray
+
     from estimators.features import Features
     from estimators.neural import Network
     from estimators.scaling import InputScaling, Scaling
     from estimators.training import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
-    from limo_driver.types import FloatArray, JointSample, Motion
+    from limo_driver.types import FloatArray, Motion
 
 _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed
-_ROWS: Final = 100_000  # evaluated at once, to bound memory
+_OUTSIDE: Final = 0.1  # standard deviations of an input beyond its range; nearer, noise may be
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,22 @@ class FittedNetwork:
     bandwidth: float  # of the filters on motion and torque in training [Hz]
     record: Mapping[str, Any] = field(default_factory=dict)  # settings, data and metrics, as JSON
     standalone: bool = False  # no rigid-body torque goes into it or is added to it
+
+    @cached_property
+    def columns(self) -> NDArray[np.int64]:
+        """Inputs that the network of each joint may use, (n, f)."""
+        return self.features.columns
+
+    @cached_property
+    def error(self) -> FloatArray:
+        """Root mean square error on motion not trained on, (n,) [N m]; NaN if there was none.
+
+        On stretches left out whole if there were any, else on what was held out: blocks, which
+        chose the weights that were kept, and whose neighbours are alike and were trained on.
+        """
+        rmse = self.record.get("rmse", {})
+        known = rmse.get("left_out", rmse.get("held_out", {})).get("hybrid")
+        return np.full(self.features.n, np.nan) if known is None else np.array(known)
 
     @cached_property
     def slope(self) -> FloatArray:
@@ -78,20 +98,7 @@ class HybridState:
     network: FloatArray
 
 
-@dataclass(frozen=True)
-class TorqueParts:
-    """The two parts of a hybrid's torque, each (T, n) [N m]."""
-
-    rigid_body: FloatArray
-    network: FloatArray
-
-    @property
-    def hybrid(self) -> FloatArray:
-        """Their sum, (T, n) [N m]."""
-        return self.rigid_body + self.network
-
-
-class HybridModel:
+class HybridModel(ResidualModel[FittedNetwork]):
     """Predict tau_HYB = tau_RBD + g F_NN(q, dq, ddq, r, tau_RBD).
 
     tau_RBD is the prediction of a simulation, normally an identified one; the network learns
@@ -99,6 +106,16 @@ class HybridModel:
     in [0, 1], is what motion held out from training confirms; g = 1 is the paper's. A network that
     was trained to stand alone predicts the whole torque; tau_RBD is then zero. Neither `predict`
     nor `step` needs PyTorch.
+
+    How sure it is follows from its errors on motion not trained on, and from how far it is from all
+    of training:
+
+        variance of the error = e² + (d s)²
+
+    e is the root mean square error on stretches that were left out in turn, or on motion held out
+    if none was (NaN if neither), s the standard deviation of what the network had to learn, and d
+    how far the farthest input that it sees lies beyond the range of training, in standard
+    deviations of that input: at d = 1 the network's part is as good as unknown.
 
     Args:
         simulation: Gives tau_RBD.
@@ -109,39 +126,16 @@ class HybridModel:
     """
 
     name = "hybrid"
+    folder = "estimators.hybrid_folder"
 
     def __init__(self, simulation: Simulation, settings: TrainingSettings | None = None) -> None:
-        self.simulation = simulation
+        super().__init__(simulation)
         self.settings = settings
-        self.fitted_: FittedNetwork | None = None
-
-    @classmethod
-    def load(cls, folder: Path | str) -> HybridModel:
-        """Read a model folder; runs no code from it.
-
-        Raises:
-            ModelStoreError: The folder is incomplete or does not fit together, by name.
-        """
-        from estimators.model_store import load
-
-        return load(folder)
-
-    def save(self, folder: Path | str) -> None:
-        """Write the model folder: weights, manifest and the simulation."""
-        from estimators.model_store import save
-
-        save(self, folder)
 
     @property
-    def fitted(self) -> FittedNetwork:
-        """What training gave.
-
-        Raises:
-            NotFittedError: Nothing was trained or loaded.
-        """
-        if self.fitted_ is None:
-            raise NotFittedError(self.name)
-        return self.fitted_
+    def bandwidth(self) -> float:
+        """Bandwidth of the filters on motion and torque in training [Hz]."""
+        return self.fitted.bandwidth
 
     def fit(self, recordings: Sequence[Recording]) -> Self:
         """Train the network on what the simulation leaves of the filtered torque.
@@ -155,64 +149,15 @@ class HybridModel:
         self.fitted_ = train(self.simulation, recordings, self.settings or TrainingSettings())
         return self
 
-    def predict(self, recording: Recording) -> FloatArray:
-        """Predict the torque of a recorded motion, (T, n) [N m]; its torque is not looked at.
-
-        Raises:
-            NotFittedError: Nothing was trained or loaded.
-            ModelStoreError: The recording has another sampling rate than the model can take.
-        """
-        return self.parts(recording).hybrid
-
-    @property
-    def bandwidth(self) -> float:
-        """Bandwidth of the filters on motion and torque in training [Hz]."""
-        return self.fitted.bandwidth
-
-    def estimate(self, recording: Recording) -> Estimate:
-        """Predict as `predict` does, with standard deviation and flag.
-
-        Raises:
-            NotFittedError: Nothing was trained or loaded.
-            ModelStoreError: The recording has another sampling rate than the model can take.
-        """
-        from estimators.hybrid_uncertainty import estimate
-
-        return estimate(self, recording)
-
-    def parts(self, recording: Recording) -> TorqueParts:
-        """Predict as `predict` does, and keep the parts; memory starts anew in each segment."""
-        fitted = self.fitted
-        fitted.stride(recording.rate)
-        motion = recording.motion(fitted.bandwidth)
-        rigid_body, network = np.empty(motion.position.shape), np.empty(motion.position.shape)
-        for rows in recording.segments:
-            parts = self.predict_motion(motion[rows], recording.rate)
-            rigid_body[rows], network[rows] = parts.rigid_body, parts.network
-        return TorqueParts(rigid_body, network)
-
-    def predict_motion(self, motion: Motion, rate: float) -> TorqueParts:
-        """Predict one contiguous motion that is sampled at `rate` [Hz], from relaxed memory.
-
-        Raises:
-            ShapeError: The motion has another number of joints.
-        """
-        self._check_joints(motion.position.shape)
-        state = self.init(rate)
-        chunks: list[TorqueParts] = []
-        for start in range(0, len(motion), _ROWS):
-            parts, state = self.advance(state, motion[start : start + _ROWS])
-            chunks.append(parts)
-        return TorqueParts(
-            np.concatenate([c.rigid_body for c in chunks]),
-            np.concatenate([c.network for c in chunks]),
-        )
-
     def init(self, rate: float | None = None) -> HybridState:
         """Return the memory before the first sample.
 
         Args:
             rate: Rate at which `step` will be called [Hz]; the network's own if not given.
+
+        Raises:
+            NotFittedError: Nothing was trained or loaded.
+            ModelStoreError: The network has a memory whose rate this one is no multiple of.
         """
         fitted = self.fitted
         return HybridState(
@@ -221,40 +166,24 @@ class HybridModel:
             fitted.network.init(fitted.stride(rate or fitted.rate)),
         )
 
-    def step(self, state: HybridState, sample: JointSample) -> tuple[FloatArray, HybridState]:
-        """Predict the torque of the next sample, (n,) [N m], and return the memory after it.
-
-        Raises:
-            NotFittedError: Nothing was trained or loaded.
-            ShapeError: The sample has another number of joints.
-        """
-        self._check_joints(sample.position.shape)
-        motion = sample.motion()
-        parts, after = self.advance(state, motion)
-        return parts.hybrid[0], after
-
-    def advance(self, state: HybridState, motion: Motion) -> tuple[TorqueParts, HybridState]:
-        """Predict T samples that follow `state`: `predict` and `step` in one.
-
-        Args:
-            state: Memory after the sample before; not changed.
-            motion: T samples of as many joints as the model has.
-
-        Returns:
-            The parts of the torque, and the memory after the last sample.
-        """
+    def _advance(self, state: HybridState, motion: Motion) -> tuple[Estimate, HybridState]:
         fitted = self.fitted
         rigid_body, bodies = np.zeros(motion.position.shape), state.rigid_body
         if not fitted.standalone:
             rigid_body, bodies = self.simulation.advance(state.rigid_body, motion)
         x, history = fitted.features.advance(
-            state.features, motion, rigid_body, self.simulation.body, fitted.inputs.table
+            state.features, motion, rigid_body, self.simulation.body
         )
+        beyond = normalise_inputs(x, fitted.inputs.table, fitted.columns)
         y, network = fitted.network.advance(state.network, x)
-        parts = TorqueParts(rigid_body, fitted.slope * y + fitted.offset)
-        return parts, HybridState(bodies, history, network)
+        std, outside = _uncertainty(beyond, fitted.error, fitted.outputs.std)
+        estimate = Estimate(rigid_body, fitted.slope * y + fitted.offset, std, outside)
+        return estimate, HybridState(bodies, history, network)
 
-    def _check_joints(self, shape: tuple[int, ...]) -> None:
-        n = self.fitted.features.n
-        if shape[-1] != n:
-            raise ShapeError("position", shape, f"({n},)" if len(shape) == 1 else f"(T, {n})")
+
+@njit(cache=True, nogil=True)
+def _uncertainty(
+    beyond: FloatArray, error: FloatArray, unknown: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the standard deviation (T, n) and what is outside, of motion so far beyond (T, n)."""
+    return np.sqrt(error**2 + (beyond * unknown) ** 2), beyond > _OUTSIDE

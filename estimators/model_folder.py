@@ -5,14 +5,15 @@ model/
 ├── model.safetensors    tensors
 └── sim.yaml             the simulation whose residual was learned
 
-What each estimator keeps in them stands in `model_store` (hybrid) and `joint_physics.store`.
+What each estimator keeps in them stands in `hybrid_folder` and `joint_physics.store`.
 """
 
 from __future__ import annotations
 
-import json
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from hashlib import sha256
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,20 +23,23 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
+from estimators.manifest import MANIFEST, SCHEMA, Entries, as_manifest, read_manifest
 from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.physics import Simulation
+from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
-    from estimators.hybrid import HybridModel
-    from estimators.joint_physics import JointPhysics
+    from numpy.typing import NDArray
+
+    from estimators.residual_model import ResidualModel
+    from limo_driver.model import RobotModel
     from limo_driver.recording import Recording
 
-SCHEMA: Final = 1
-MANIFEST: Final = "manifest.json"
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"
+_POSES: Final = 4  # at which two bodies are compared; one could hide a difference by chance
 
 
 @dataclass(frozen=True)
@@ -43,35 +47,51 @@ class ModelFolder:
     """What a folder holds, checked to fit together."""
 
     path: Path
-    manifest: dict[str, Any]
+    manifest: Entries
     simulation: Simulation
 
     @classmethod
-    def open(cls, folder: Path | str, estimator: str, required: frozenset[str]) -> ModelFolder:
+    def open(cls, folder: Path | str, estimator: str) -> ModelFolder:
         """Read manifest and simulation.
 
         Args:
             folder: The model folder.
             estimator: Name of the estimator it has to be of.
-            required: Entries that its manifest has to have.
 
         Raises:
             ModelStoreError: A file is missing or does not fit the others; the message names it.
         """
         path = Path(folder)
         manifest = read_manifest(path)
-        if manifest.get("estimator") != estimator:
-            raise ModelStoreError(
-                f"{path / MANIFEST}: is of {manifest.get('estimator')!r}, expected {estimator!r}"
-            )
-        missing = (required | {"joints", "weights", "simulation"}) - set(manifest)
-        if missing:
-            raise ModelStoreError(f"{path / MANIFEST}: lacks {', '.join(sorted(missing))}")
-        if not isinstance(manifest["simulation"], dict):
-            raise ModelStoreError(f"{path / MANIFEST}: simulation names no file and sha256")
+        given = manifest.text("estimator")
+        if given != estimator:
+            raise ModelStoreError(f"{manifest.place}: is of {given!r}, expected {estimator!r}")
         return cls(path, manifest, _read_simulation(path, manifest))
 
-    def tensors(self) -> dict[str, Any]:
+    @property
+    def bandwidth(self) -> float:
+        """Of the filters on motion and torque that the model was fitted behind [Hz]."""
+        return self.manifest.number("bandwidth", above=0.0)
+
+    def record(self, *error: str) -> dict[str, Any]:
+        """Return which data the model was fitted to and how; empty where nothing is said.
+
+        Args:
+            error: Where in it the errors on motion held out stand, which have to be of each joint.
+        """
+        if "training" not in self.manifest:
+            return {}
+        training = self.manifest.entries("training")
+        if "recordings" in training:
+            training.list("recordings")
+        if "rmse" in training:
+            found = training.entries("rmse")
+            for name in error[:-1]:
+                found = found.entries(name)
+            found.numbers(error[-1], self.simulation.model.n, least=0.0)
+        return dict(training.values)
+
+    def tensors(self) -> dict[str, NDArray[Any]]:
         """Read the tensors.
 
         Raises:
@@ -83,13 +103,13 @@ class ModelFolder:
             raise ModelStoreError(
                 f"{self.path / WEIGHTS}: cannot be read: {error.strerror}"
             ) from None
-        if sha256(data).hexdigest() != self.manifest["weights"]["sha256"]:
+        if sha256(data).hexdigest() != self.manifest.entries("weights").text("sha256"):
             raise ModelStoreError(
                 f"{self.path}: {WEIGHTS} is not the one of the manifest (sha256 differs)"
             )
         try:
             return load_tensors(data)
-        except SafetensorError as error:
+        except (SafetensorError, KeyError, TypeError, ValueError) as error:
             raise ModelStoreError(f"{self.path}: {WEIGHTS}: {error}") from None
 
 
@@ -100,7 +120,7 @@ def write_folder(
     simulation: Simulation,
     packages: tuple[str, ...],
 ) -> None:
-    """Write a model folder.
+    """Write a model folder; a model that is there is replaced only when all of it can be written.
 
     Args:
         folder: Where to.
@@ -110,7 +130,7 @@ def write_folder(
         packages: Whose versions the manifest states.
 
     Raises:
-        ModelStoreError: The folder cannot be written.
+        ModelStoreError: The folder cannot be written, or an entry is no JSON.
     """
     path = Path(folder)
     weights = save_tensors({name: np.ascontiguousarray(value) for name, value in tensors.items()})
@@ -124,50 +144,33 @@ def write_folder(
     }
     try:
         path.mkdir(parents=True, exist_ok=True)
-        (path / WEIGHTS).write_bytes(weights)
-        simulation.save(path / SIMULATION)
-        manifest["simulation"] = {"file": SIMULATION, "sha256": _digest(path / SIMULATION)}
-        (path / MANIFEST).write_text(json.dumps(manifest, indent=1, allow_nan=False) + "\n")
+        with ExitStack() as undo:
+            partial = {name: path / f".{name}.partial" for name in (WEIGHTS, SIMULATION, MANIFEST)}
+            for file in partial.values():
+                undo.callback(file.unlink, missing_ok=True)
+            simulation.save(partial[SIMULATION])
+            manifest["simulation"] = {"file": SIMULATION, "sha256": _digest(partial[SIMULATION])}
+            partial[MANIFEST].write_text(as_manifest(manifest), encoding="utf-8")
+            partial[WEIGHTS].write_bytes(weights)
+            for name, file in partial.items():
+                file.replace(path / name)
     except OSError as error:
         raise ModelStoreError(f"{path}: cannot be written: {error.strerror}") from None
+    except ConfigError as error:
+        raise ModelStoreError(str(error)) from None
 
 
-def load_model(folder: Path | str) -> HybridModel | JointPhysics:
+def load_model(folder: Path | str) -> ResidualModel[Any]:
     """Read a model folder of any estimator; runs no code from it.
 
     Raises:
         ModelStoreError: The folder is incomplete or does not fit together, by name.
     """
-    name = read_manifest(Path(folder)).get("estimator")
-    if name not in _LOADERS:
-        raise ModelStoreError(
-            f"{Path(folder) / MANIFEST}: estimator {name!r} is unknown; known: "
-            f"{', '.join(_LOADERS)}"
-        )
-    return _LOADERS[name](folder)
+    name = read_manifest(Path(folder)).text("estimator", tuple(_FOLDERS))
+    return import_module(_FOLDERS[name]).load(folder)
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read the manifest of a folder.
-
-    Raises:
-        ModelStoreError: There is none that can be read.
-    """
-    path = folder / MANIFEST
-    if not folder.is_dir():
-        raise ModelStoreError(f"{folder}: no such model folder")
-    try:
-        manifest = json.loads(path.read_text())
-    except OSError as error:
-        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ModelStoreError(f"{path}: no JSON: {error}") from None
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        raise ModelStoreError(f"{path}: its schema is not {SCHEMA}")
-    return manifest
-
-
-def check_simulation(model: HybridModel | JointPhysics, simulation: Simulation) -> None:
+def check_simulation(model: ResidualModel[Any], simulation: Simulation) -> None:
     """Check that a simulation is the one whose residual the model learned.
 
     Raises:
@@ -188,6 +191,8 @@ def check_simulation(model: HybridModel | JointPhysics, simulation: Simulation) 
         for link, inertial in own.model.inertials.items()
         if not _close(asdict(inertial), asdict(simulation.model.inertials[link]))
     ]
+    if not differing and not _same_torque(own.body, simulation.body):
+        differing.append("where its joints are, or which way is down")
     if len(own.effects) != len(simulation.effects):
         differing.append(f"{len(simulation.effects)} effects instead of {len(own.effects)}")
     if differing:
@@ -206,45 +211,50 @@ def provenance(recording: Recording) -> dict[str, Any]:
         "file": path.name,
         "sha256": _digest(path) if readable else None,
         "samples": len(recording),
+        "time": [float(recording.time[0]), float(recording.time[-1])],
         "left_out": sum(len(item.rows) for item in recording.left_out),
     }
 
 
-def _hybrid(folder: Path | str) -> HybridModel:
-    from estimators.hybrid import HybridModel
-
-    return HybridModel.load(folder)
-
-
-def _joint_physics(folder: Path | str) -> JointPhysics:
-    from estimators.joint_physics import JointPhysics
-
-    return JointPhysics.load(folder)
-
-
-_LOADERS: Final[dict[str, Callable[[Path | str], HybridModel | JointPhysics]]] = {
-    "hybrid": _hybrid,
-    "joint-physics": _joint_physics,
+# by the name in the manifest; a module is imported when one of its models is read
+_FOLDERS: Final = {
+    "hybrid": "estimators.hybrid_folder",
+    "joint-physics": "estimators.joint_physics.store",
 }
 
 
-def _read_simulation(folder: Path, manifest: dict[str, Any]) -> Simulation:
+def _read_simulation(folder: Path, manifest: Entries) -> Simulation:
+    expected = manifest.entries("simulation").text("sha256")
     try:
         simulation = Simulation.load(folder / SIMULATION)
+        found = _digest(folder / SIMULATION)
     except ConfigError as error:
         raise ModelStoreError(str(error)) from None
-    if _digest(folder / SIMULATION) != manifest["simulation"].get("sha256"):
+    except OSError as error:
+        raise ModelStoreError(f"{folder / SIMULATION}: cannot be read: {error.strerror}") from None
+    if found != expected:
         raise ModelStoreError(
             f"{folder}: {SIMULATION} is not the one of the manifest (sha256 differs); "
             "the model learned what another simulation left over"
         )
-    joints = list(simulation.model.joint_names)
-    if manifest["joints"] != joints:
+    model, joints, robot = simulation.model, manifest.texts("joints"), manifest.text("robot")
+    if joints != model.joint_names:
         raise ModelStoreError(
-            f"{folder}: the manifest is of joints {', '.join(map(str, manifest['joints']))}, but "
-            f"{SIMULATION} of {', '.join(joints)}"
+            f"{folder}: the manifest is of joints {', '.join(joints)}, but {SIMULATION} of "
+            f"{', '.join(model.joint_names)}"
+        )
+    if not same_robot(robot, model.name):
+        raise ModelStoreError(
+            f"{folder}: the manifest is of robot {robot}, but {SIMULATION} of {model.name}"
         )
     return simulation
+
+
+def _same_torque(first: RobotModel, second: RobotModel) -> bool:
+    """Say whether two bodies need the same torque for the same motion of all joints."""
+    motion = np.random.default_rng(0).uniform(-1.0, 1.0, (3, _POSES, first.n))
+    torque = first.inverse_dynamics(*motion)
+    return np.allclose(second.inverse_dynamics(*motion), torque, rtol=1e-6, atol=1e-9)
 
 
 def _digest(path: Path) -> str:

@@ -95,8 +95,8 @@ def png(figure: Figure) -> bytes:
 
 def _lines(evaluation: Evaluation) -> Iterator[tuple[str, FloatArray]]:
     yield "measured", evaluation.measured
-    yield "rigid body", evaluation.parts.rigid_body
-    yield evaluation.model, evaluation.parts.hybrid
+    yield "rigid body", evaluation.estimate.simulation
+    yield evaluation.model, evaluation.estimate.torque
 
 
 def _figures(evaluation: Evaluation, j: int) -> str:

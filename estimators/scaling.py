@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 MEAN, STD, LOWEST, HIGHEST = 0, 1, 2, 3  # rows of the table of an `InputScaling`
+_NONE = np.zeros((0, 0), np.int64)  # columns, where nobody asks how far they are beyond
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,28 @@ class InputScaling(Scaling):
     def normalise(self, values: NDArray[np.floating]) -> FloatArray:
         """Return (T, d), clipped to the range, without unit."""
         inputs = np.array(values, dtype=np.float64)
-        normalise_inputs(inputs, self.table)
+        normalise_inputs(inputs, self.table, _NONE)
         return inputs
 
 
-@njit(cache=True)
-def normalise_inputs(inputs: FloatArray, table: FloatArray) -> None:
-    """Clip and normalise inputs (T, d), in place, by the table (4, d) of an `InputScaling`."""
+@njit(cache=True, nogil=True)
+def normalise_inputs(
+    inputs: FloatArray, table: FloatArray, columns: NDArray[np.int64]
+) -> FloatArray:
+    """Clip and normalise inputs (T, d), in place, by the table (4, d) of an `InputScaling`.
+
+    Returns:
+        How far the farthest of the inputs `columns` (m, f) lay beyond its range, in standard
+        deviations, (T, m).
+    """
+    beyond = np.zeros((inputs.shape[0], columns.shape[0]))
     for t in range(inputs.shape[0]):
-        for i in range(inputs.shape[1]):
-            inside = min(max(inputs[t, i], table[LOWEST, i]), table[HIGHEST, i])
-            inputs[t, i] = (inside - table[MEAN, i]) / table[STD, i]
+        x = inputs[t]
+        for j in range(columns.shape[0]):
+            for i in columns[j]:
+                excess = max(table[LOWEST, i] - x[i], x[i] - table[HIGHEST, i])
+                beyond[t, j] = max(beyond[t, j], excess / table[STD, i])
+        for i in range(x.size):
+            inside = min(max(x[i], table[LOWEST, i]), table[HIGHEST, i])
+            x[i] = (inside - table[MEAN, i]) / table[STD, i]
+    return beyond

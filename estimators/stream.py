@@ -3,51 +3,84 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.base import Estimate
+from estimators.simulation_only import SimulationOnly
 from limo_driver.causal_differentiation import RATE_TOLERANCE, CausalDifferentiator
-from limo_driver.errors import RecordingError
+from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.physics import Simulation
+from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from estimators.hybrid import HybridModel, HybridState
+    from numpy.typing import ArrayLike
+
+    from estimators.base import LiveEstimator, State
     from limo_driver.causal_differentiation import DelayLine
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
+
+
+_WITH: Final = {True: "with", False: "without"}
+
+
+@dataclass(frozen=True)
+class LiveEstimate(Estimate):
+    """Torque at `time`, of one sample (n,) or of T samples (T, n).
+
+    The measured torque went through the same filter, so that what it is more than the estimate is
+    the torque of something outside, like for like.
+    """
+
+    time: float | FloatArray  # [s], or (T,); `delay` before that of the position
+    measured: FloatArray | None  # [N m], filtered; None where none was given
+
+    def sample(self, row: int) -> LiveEstimate:
+        """Return one of T samples."""
+        return LiveEstimate(
+            self.simulation[row],
+            self.learned[row],
+            self.std[row],
+            self.outside[row],
+            np.asarray(self.time)[row],
+            None if self.measured is None else self.measured[row],
+        )
 
 
 @dataclass(frozen=True)
 class StreamState:
     """Memory after a position."""
 
-    positions: DelayLine
-    model: HybridState
+    signals: DelayLine  # positions; below them torques, if they are measured
+    model: State
 
 
 class Stream:
-    """A trained model on positions as they come, with the motion differentiated causally.
+    """An estimator on positions as they come, with the motion differentiated causally.
 
     Each call answers for `delay` before the position it is given. Memory goes in and out, so that
-    one stream serves several arms. After a gap it starts anew, as in `HybridModel.predict`.
+    one stream serves several arms. After a gap it starts anew, as in `predict` of an estimator.
 
     Args:
-        model: Trained or loaded.
+        model: Fitted or loaded; a bare simulation is taken for one that has learned nothing.
         rate: Of the positions [Hz].
         delay: Wanted delay [s]; the nearest number of samples is taken. A tenth of a second suits
             the usual bandwidth of 10 Hz, see `causal_differentiation` for what less costs.
 
     Raises:
-        NotFittedError: The model was neither trained nor loaded.
+        NotFittedError: The model was neither fitted nor loaded.
         ConfigError: The delay is too short, or the model's bandwidth too high for the rate.
         ModelStoreError: The model has a memory whose rate this one is no multiple of.
     """
 
-    def __init__(self, model: HybridModel, rate: float, delay: float = 0.1) -> None:
-        fitted = model.fitted
-        self.model, self.rate = model, rate
-        self.differentiator = CausalDifferentiator(rate, fitted.bandwidth, delay)
-        fitted.stride(rate)
+    def __init__(self, model: LiveEstimator | Simulation, rate: float, delay: float = 0.1) -> None:
+        self.model = SimulationOnly(model) if isinstance(model, Simulation) else model
+        self.rate, self.n = rate, self.model.n
+        self.differentiator = CausalDifferentiator(rate, self.model.bandwidth, delay)
+        self.init()  # refuses a model that is not ready
 
     @property
     def delay(self) -> float:
@@ -56,36 +89,70 @@ class Stream:
 
     def init(self) -> StreamState:
         """Return the memory before the first position, at which the arm is taken to have rested."""
-        n = self.model.fitted.features.n
-        return StreamState(self.differentiator.init(n), self.model.init(self.rate))
+        return StreamState(self.differentiator.init(self.n), self.model.init(self.rate))
 
     def step(
-        self, state: StreamState, time: float, position: FloatArray
-    ) -> tuple[FloatArray, StreamState]:
+        self,
+        state: StreamState,
+        time: float,
+        position: ArrayLike,
+        torque: ArrayLike | None = None,
+    ) -> tuple[LiveEstimate, StreamState]:
         """Take the next position and return the torque at `time - delay`.
 
         Args:
             state: Memory after the position before; not changed.
             time: Of the position [s].
             position: (n,) [rad].
+            torque: Measured with it, (n,) [N m]: with each position or with none.
 
         Returns:
             Joint torques (n,) [N m] at `time - delay`, and the memory after this position.
 
         Raises:
-            ShapeError: The position has another number of joints.
-            RecordingError: The time does not increase, or a value is not finite.
+            ShapeError: Position or torque has another number of joints.
+            RecordingError: The time does not increase, a value is not finite, or torque comes with
+                some positions only.
         """
-        if self.differentiator.gap(state.positions, time):
-            state = self.init()
-        motion, positions = self.differentiator.advance(
-            state.positions, np.array([time]), np.asarray(position, dtype=np.float64)[None]
-        )
-        parts, model = self.model.advance(state.model, motion)
-        return parts.hybrid[0], StreamState(positions, model)
+        signals = self._signals((), position, torque)[None]
+        late, after = self._advance_stretch(state, np.array([time]), signals)
+        return late.sample(0), after
+
+    def advance(
+        self,
+        state: StreamState,
+        time: FloatArray,
+        position: FloatArray,
+        torque: FloatArray | None = None,
+    ) -> tuple[LiveEstimate, StreamState]:
+        """Take T positions: `step` for all of them in one.
+
+        Args:
+            state: Memory after the position before; not changed.
+            time: (T,) [s], strictly increasing; gaps are allowed.
+            position: (T, n) [rad], T at least 1.
+            torque: Measured with them, (T, n) [N m].
+
+        Returns:
+            Joint torques (T, n) [N m] at `time - delay`, and the memory after the last position.
+
+        Raises:
+            ShapeError: Position or torque has another shape, or there is none.
+            RecordingError: As in `step`.
+        """
+        time = np.ascontiguousarray(time, dtype=np.float64)
+        if time.ndim != 1 or not time.size:
+            raise ShapeError("time", time.shape, "(T,) with T at least 1")
+        signals = self._signals(time.shape, position, torque)
+        gaps = np.flatnonzero(np.diff(time) > self.differentiator.longest_step) + 1
+        parts: list[LiveEstimate] = []
+        for first, last in pairwise((0, *gaps, time.size)):
+            part, state = self._advance_stretch(state, time[first:last], signals[first:last])
+            parts.append(part)
+        return _joined(parts), state
 
     def predict(self, recording: Recording) -> FloatArray:
-        """Return what `step` returns along a recording, (T, n) [N m].
+        """Return the torque that `step` returns along a recording, (T, n) [N m].
 
         Row t is the torque at `delay` before the time of row t; what the recording says of torque
         is not looked at.
@@ -100,10 +167,57 @@ class Stream:
                 "the stream",
                 path=recording.source or None,
             )
-        torque = np.empty(recording.position.shape)
-        for rows in recording.segments:
-            motion, _ = self.differentiator.advance(
-                self.init().positions, recording.time[rows], recording.position[rows]
+        return self.advance(self.init(), recording.time, recording.position)[0].torque
+
+    def _signals(
+        self, shape: tuple[int, ...], position: ArrayLike, torque: ArrayLike | None
+    ) -> FloatArray:
+        """Return positions, and beside them torques if there are any, (*shape, n or 2 n)."""
+        signals: list[FloatArray] = []
+        for name, given in (("position", position), ("torque", torque)):
+            if given is not None:
+                values = np.ascontiguousarray(given, dtype=np.float64)
+                if values.shape != (*shape, self.n):
+                    raise ShapeError(name, values.shape, f"{(*shape, self.n)}")
+                signals.append(values)
+        return signals[0] if torque is None else np.concatenate(signals, axis=-1)
+
+    def _advance_stretch(
+        self, state: StreamState, time: FloatArray, signals: FloatArray
+    ) -> tuple[LiveEstimate, StreamState]:
+        """Advance over T positions that follow each other without a gap."""
+        n, line = self.n, state.signals
+        if self.differentiator.gap(line, time[0]):
+            state = self.init()
+            line = state.signals
+        if np.isnan(line.time):
+            line = self.differentiator.init(signals.shape[1])
+        elif len(line.positions) != signals.shape[1]:
+            now, before = _WITH[signals.shape[1] > n], _WITH[len(line.positions) > n]
+            raise RecordingError(
+                f"the position at {time[0]:.6g} s comes {now} torque, those before came {before}; "
+                "give it with all or with none"
             )
-            torque[rows] = self.model.predict_motion(motion, self.rate).hybrid
-        return torque
+        motion, line = self.differentiator.advance(line, time, signals)
+        measured = None
+        if signals.shape[1] > n:
+            measured, moved = motion.position[:, n:], motion
+            motion = Motion.trusted(
+                moved.time,
+                np.ascontiguousarray(moved.position[:, :n]),
+                np.ascontiguousarray(moved.velocity[:, :n]),
+                np.ascontiguousarray(moved.acceleration[:, :n]),
+            )
+        estimate, model = self.model.advance(state.model, motion)
+        late = LiveEstimate(**vars(estimate), time=motion.time, measured=measured)
+        return late, StreamState(line, model)
+
+
+def _joined(parts: list[LiveEstimate]) -> LiveEstimate:
+    """Return estimates (T, n) that follow each other as one."""
+    measured = [part.measured for part in parts if part.measured is not None]
+    return LiveEstimate(
+        **vars(Estimate.joined(parts)),
+        time=np.concatenate([part.time for part in parts]),
+        measured=np.concatenate(measured) if measured else None,
+    )

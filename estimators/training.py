@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from estimators.hybrid import FittedNetwork, HybridModel
 from estimators.model_folder import provenance
 from estimators.neural import NETWORKS
 from estimators.training_data import prepare
-from estimators.training_gain import gain
+from estimators.training_gain import carry_over
 from estimators.training_settings import (
     DEVICES,
     TrainingSettings,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from estimators.neural import Network
     from estimators.neural.modules import Module
     from estimators.training_data import TrainingData
+    from estimators.training_gain import CarryOver
     from estimators.training_passes import Passes
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
@@ -100,7 +101,7 @@ def train(
     record = {
         **fitted.record,
         "recordings": [provenance(recording) for recording in recordings],
-        "rmse": _rmse(simulation, fitted, recordings, data),
+        "rmse": _rmse(simulation, fitted, recordings, data) | fitted.record.get("rmse", {}),
     }
     return replace(fitted, record=record)
 
@@ -126,7 +127,7 @@ def fit_prepared(
     features = settings.features_for(data.targets.shape[1])
     with _reproducible(settings.seed, device):
         network, history = _fit(data, features, settings, device, on_epoch)
-        gains = gain(
+        carried = carry_over(
             data,
             settings.folds,
             lambda rest, fold: _fit(rest, features, settings, device, on_epoch, fold)[0],
@@ -136,16 +137,24 @@ def fit_prepared(
         network,
         data.input_scaling,
         data.output_scaling,
-        gains,
+        carried.gain,
         data.rate,
         settings.bandwidth,
         record={
             "settings": asdict(settings),
             "device": str(device),
             "epochs": [asdict(epoch) for epoch in history],
+            **_left_out(carried),
         },
         standalone=settings.standalone,
     )
+
+
+def _left_out(carried: CarryOver) -> dict[str, Any]:
+    """Return the entry for errors on stretches left out, if there were any."""
+    if np.isnan(carried.rmse).any():
+        return {}
+    return {"rmse": {"left_out": {"hybrid": carried.rmse.tolist()}}}
 
 
 def _rmse(
@@ -154,14 +163,18 @@ def _rmse(
     recordings: Sequence[Recording],
     data: TrainingData,
 ) -> dict[str, dict[str, list[float]]]:
-    """Return RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all."""
+    """Return RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all.
+
+    Both are filtered as the measured torque is.
+    """
     model = HybridModel(simulation)
     model.fitted_ = fitted
-    parts = [model.parts(recording) for recording in recordings]
-    torque = np.concatenate([r.filtered_torque(fitted.bandwidth) for r in recordings])
+    bandwidth = fitted.bandwidth
+    found = [model.estimate(recording).filtered(recording, bandwidth) for recording in recordings]
+    torque = np.concatenate([r.filtered_torque(bandwidth) for r in recordings])
     predicted = {
-        "rigid_body": np.concatenate([part.rigid_body for part in parts]),
-        "hybrid": np.concatenate([part.hybrid for part in parts]),
+        "rigid_body": np.concatenate([own.simulation for own in found]),
+        "hybrid": np.concatenate([own.torque for own in found]),
     }
     rows = {"training": data.use == TRAINING, "held_out": data.use == HELD_OUT}
     return {

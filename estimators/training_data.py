@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.recordings import check_recordings
 from estimators.scaling import InputScaling, Scaling
 from estimators.training_split import (
+    HELD_OUT,
     LEFT_OUT,
     TRAINING,
     split_blocks,
@@ -67,7 +69,8 @@ def prepare(
         random: Draws what is held out.
 
     Raises:
-        RecordingError: There is none, one is of another robot, or their rates differ.
+        RecordingError: There is none, one is of another robot or given twice, nothing moves, no
+            torque was measured, their rates differ, or nothing is left to train on or hold out.
     """
     _check(recordings, simulation)
     features, bandwidth = settings.features_for(simulation.model.n), settings.bandwidth
@@ -80,10 +83,7 @@ def prepare(
     stride = max(1, round(recordings[0].rate / settings.rate)) if settings.rate else 1
     use = np.concatenate(_split(recordings, settings, stride, random))
     x, y = np.concatenate(inputs), np.concatenate(targets)
-    if not (use == TRAINING).any():
-        raise RecordingError(
-            "the recordings are too short to train on", path=recordings[0].source or None
-        )
+    _check_split(use, settings.held_out, recordings)
     scalings = InputScaling.of(x[use == TRAINING]), Scaling.of(y[use == TRAINING])
     return TrainingData(
         scalings[0].normalise(x).astype(np.float32),
@@ -98,16 +98,25 @@ def prepare(
 
 
 def _check(recordings: Sequence[Recording], simulation: Simulation) -> None:
-    if not recordings:
-        raise RecordingError("no recording to train on")
+    check_recordings(recordings, simulation.model)
     first = recordings[0]
     for recording in recordings:
-        recording.check_robot(simulation.model)
         if abs(recording.rate / first.rate - 1.0) > _SAME_RATE:
             raise RecordingError(
                 f"was recorded at {recording.rate:.4g} Hz, but {first.source or 'the first'} at "
                 f"{first.rate:.4g} Hz; train on recordings of one rate",
                 path=recording.source or None,
+            )
+
+
+def _check_split(use: NDArray[np.int8], held_out: float, recordings: Sequence[Recording]) -> None:
+    for wanted, purpose in ((TRAINING, "train on"), (HELD_OUT, "hold out")):
+        if not (use == wanted).any():
+            seconds = sum(recording.duration for recording in recordings)
+            raise RecordingError(
+                f"nothing is left to {purpose}: {held_out:g} of {seconds:.3g} s are to be held out "
+                "in whole blocks, without the ends of stretches; give more motion, or another part",
+                path=recordings[0].source or None,
             )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,17 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-def gain(data: TrainingData, folds: int, fit: Callable[[TrainingData, int], Network]) -> FloatArray:
+@dataclass(frozen=True)
+class CarryOver:
+    """What of a network's torque carries over, and what is off then."""
+
+    gain: FloatArray  # (n,) in [0, 1], without unit
+    rmse: FloatArray  # (n,) [N m], of g F_NN on stretches left out; NaN if none was
+
+
+def carry_over(
+    data: TrainingData, folds: int, fit: Callable[[TrainingData, int], Network]
+) -> CarryOver:
     """Find for each joint the part of the network's torque that motion not trained on confirms.
 
     The motion is cut into whole stretches. For each in turn, a network that learned from the others
@@ -28,20 +38,19 @@ def gain(data: TrainingData, folds: int, fit: Callable[[TrainingData, int], Netw
         g = <residual, F_NN> / <F_NN, F_NN>, within [0, 1],
 
     so that a network that learned the recordings by heart is switched off instead of doing harm.
-    Blocks of seconds would not tell: their neighbours, which are alike, were trained on.
+    Blocks of seconds would not tell: their neighbours, which are alike, were trained on, and they
+    choose which weights are kept. So the errors of these predictions are also what says how sure
+    the network is.
 
     Args:
         data: All rows.
         folds: Stretches; with 1, the gain is not looked for and is 1.
         fit: Trains a network on the data of a fold, which is counted from 1.
-
-    Returns:
-        Gains, (n,), without unit.
     """
     n = data.targets.shape[1]
     if folds == 1:
-        return np.ones(n)
-    product, square = np.zeros(n), np.zeros(n)
+        return CarryOver(np.ones(n), np.full(n, np.nan))
+    product, square, energy, count = np.zeros(n), np.zeros(n), np.zeros(n), 0
     for number, rows in enumerate(_folds(data, folds), start=1):
         rest, judged = _without(data, rows), rows & (data.use != LEFT_OUT)
         if not judged.any() or not (rest.use == TRAINING).any():
@@ -50,7 +59,11 @@ def gain(data: TrainingData, folds: int, fit: Callable[[TrainingData, int], Netw
         residual = data.output_scaling.restore(data.targets[judged].astype(np.float64))
         product += np.sum(residual * predicted, axis=0)
         square += np.sum(predicted**2, axis=0)
-    return np.clip(np.divide(product, square, out=np.zeros(n), where=square > 0), 0.0, 1.0)
+        energy += np.sum(residual**2, axis=0)
+        count += len(residual)
+    gain = np.clip(np.divide(product, square, out=np.zeros(n), where=square > 0), 0.0, 1.0)
+    error = np.maximum(energy - 2 * gain * product + gain**2 * square, 0.0)
+    return CarryOver(gain, np.sqrt(error / count) if count else np.full(n, np.nan))
 
 
 def _folds(data: TrainingData, folds: int) -> Iterator[NDArray[np.bool_]]:

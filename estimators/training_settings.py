@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Final
 
 from estimators.features import Features, feature_set
@@ -25,6 +26,7 @@ _ABOVE_ZERO: Final = (
     *("layers", "carried", "heads"),
 )
 _ZERO_OR_MORE: Final = ("seed", "hidden", "weight_decay", "rate")
+_HIGHEST_SEED: Final = 2**64 - 1  # that PyTorch takes
 _LSTM_LAYERS: Final = 2  # at most, as in the paper's comparison of topologies
 _PAPER_HIDDEN: Final = {"mlp7": 100, "lstm-2": 35, "lstm-fcl": 35, "transformer": 32}
 _PAPER_LAYERS: Final = {"transformer": 2}  # 1 for the others
@@ -74,13 +76,20 @@ class TrainingSettings:
                     f"no {kind} is called {getattr(self, name)!r}; known: {', '.join(known)}"
                 )
         for name in _ABOVE_ZERO:
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0")
+            if not 0 < getattr(self, name) < inf:
+                raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0 and finite")
         for name in _ZERO_OR_MORE:
-            if not getattr(self, name) >= 0:
-                raise ConfigError(f"{name} = {getattr(self, name)} has to be 0 or more")
+            if not 0 <= getattr(self, name) < inf:
+                raise ConfigError(f"{name} = {getattr(self, name)} has to be 0 or more, and finite")
         if not 0 < self.held_out < 1:
             raise ConfigError(f"held_out = {self.held_out} has to lie between 0 and 1")
+        if self.seed > _HIGHEST_SEED:
+            raise ConfigError(f"seed = {self.seed} has to be {_HIGHEST_SEED} or less")
+        if 0 < self.rate < self.bandwidth:
+            raise ConfigError(
+                f"rate = {self.rate:g} Hz has to be {self.bandwidth:g} Hz, the bandwidth, or more: "
+                "slower samples miss whole swings of the motion"
+            )
         self._check_layers()
         self.features_for(1)
 

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numba import njit
-from scipy.signal.windows import tukey
 
 from limo_driver.data_gate import LONGEST_STEP, LONGEST_STEP_PERIODS
 from limo_driver.differentiation import HIGHEST_BANDWIDTH, impulse_responses
@@ -36,6 +35,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 FEWEST_SAMPLES: Final = 3  # of delay; fewer cannot be exact to degree 5
+LONGEST_DELAY: Final = 5.0  # [s]; far beyond what the filter remembers at any usual bandwidth
+MOST_SAMPLES: Final = 25_000  # of delay, as many as that is at 5 kHz
 RATE_TOLERANCE: Final = 0.01  # of the stated rate, by which velocities would be wrong
 _LONG: Final = 0.75  # [1/bandwidth] of delay, from which degree 7 costs less noise than it gains
 _TAPER: Final = 0.5  # of each half that falls to zero; more would soften the filter itself
@@ -63,7 +64,8 @@ class CausalDifferentiator:
 
     Raises:
         ConfigError: A value is no positive number, the bandwidth is too high for the rate, or the
-            delay is shorter than `FEWEST_SAMPLES`.
+            delay is shorter than `FEWEST_SAMPLES`, or longer than `LONGEST_DELAY` or
+            `MOST_SAMPLES`.
     """
 
     def __init__(self, rate: float, bandwidth: float, delay: float) -> None:
@@ -78,6 +80,11 @@ class CausalDifferentiator:
             raise ConfigError(
                 f"a bandwidth of {bandwidth:g} Hz is too high for positions at {rate:g} Hz; "
                 f"at most {HIGHEST_BANDWIDTH * rate:.3g} Hz"
+            )
+        longest = min(LONGEST_DELAY, MOST_SAMPLES / rate)
+        if delay > longest:
+            raise ConfigError(
+                f"a delay of {delay:g} s is too long at {rate:g} Hz; at most {longest:.3g} s"
             )
         self.rate, self.bandwidth = rate, bandwidth
         self.samples = round(delay * rate)  # by which the motion is late
@@ -147,7 +154,7 @@ class CausalDifferentiator:
         if bad >= 0:
             raise RecordingError(
                 f"the sample at {time[bad]:.6g} s cannot follow the one before: its time has to "
-                "increase, and time and positions have to be finite",
+                "increase, and time and values have to be finite",
                 rows=[bad],
             )
         late = Motion.trusted(time - self.delay, values[0], values[1], values[2])
@@ -162,7 +169,8 @@ def _taps(rate: float, bandwidth: float, samples: int) -> FloatArray:
     """
     steps = np.arange(-samples, samples + 1)
     t = steps / samples  # in units of the delay, so that the moments are of one size
-    window = tukey(steps.size + 2, _TAPER)[1:-1]
+    edge = (np.abs(steps) / (samples + 1) - (1 - _TAPER)) / _TAPER  # 0 to 1 within the taper
+    window = 0.5 * (1 + np.cos(np.pi * np.clip(edge, 0, 1)))
     degree = 7 if samples > max(FEWEST_SAMPLES, _LONG * rate / bandwidth) else 5
     taps: list[FloatArray] = []
     for order, response in enumerate(impulse_responses(bandwidth, rate, samples)):
@@ -177,7 +185,7 @@ def _taps(rate: float, bandwidth: float, samples: int) -> FloatArray:
     return np.array(taps)
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _scan(
     line: FloatArray,
     last: float,

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from limo_driver.errors import RecordingError
 from limo_driver.held_values import held_position, held_torque
@@ -30,6 +29,7 @@ LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
 SHORTEST_PIECE = 0.2  # [s] between two gaps, in which a low-pass of 2.5 Hz can settle
 FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiated
 SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
+_BACKWARDS = 0.5  # share of steps back in time above which the rows are in reverse order
 _IMPOSSIBLE = {"position": 50.0, "velocity": 1e3, "torque": 1e3}  # rad, rad/s, N m
 _IMPOSSIBLE_TIME = 10.0  # of the recording's length, from its middle
 _IMPOSSIBLE_EXTRA = 1e6  # of any other quantity
@@ -103,6 +103,7 @@ def inspect(columns: Columns) -> Findings:
     gate = _Gate(columns)
     gate.leave_out("a value is missing or not finite", gate.not_finite())
     gate.leave_out("a value is impossible", gate.impossible())
+    gate.check_direction()
     gate.leave_out("the time repeats that of the row before", gate.repeated())
     gate.leave_out("a value is impossible", gate.impossible_time())
     fragments = gate.fragments()
@@ -190,6 +191,18 @@ class _Gate:
         measured = {"position": columns.position, "torque": columns.torque, **columns.extras}
         return measured if columns.velocity is None else measured | {"velocity": columns.velocity}
 
+    def check_direction(self) -> None:
+        """Refuse rows in the reverse order of time: no run of them would be left to be judged."""
+        back = np.flatnonzero(np.diff(self.time) < 0)
+        if back.size > _BACKWARDS * max(self.time.size - 1, 1):
+            first, second = self.rows[back[0]], self.rows[back[0] + 1]
+            raise RecordingError(
+                f"the time runs backwards in {back.size} of {self.time.size} rows, at row {second} "
+                f"from {self.columns.time[first]:.6g} s to {self.columns.time[second]:.6g} s; "
+                "expected rows in order of time",
+                rows=[int(second)],
+            )
+
     def repeated(self) -> Mask:
         return np.append(False, np.diff(self.time) == 0)[: self.rows.size]
 
@@ -244,6 +257,8 @@ class _Gate:
         return bad
 
     def _far_from_neighbours(self, values: FloatArray, floor: float) -> Mask:
+        from scipy.ndimage import median_filter  # slow to import, and a live stream needs it not
+
         half = _SPIKE_WINDOW // 2
         if np.abs(np.diff(values)).max(initial=0.0) * half < floor:  # no value can be farther
             return np.zeros(values.size, dtype=bool)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
-from scipy.spatial.transform import Rotation
 
 from limo_driver.types import FloatArray, readonly
 
@@ -36,7 +35,8 @@ class KinematicChain:
         fixed = _relative(home, parent)
         turned = _relative(model.joint_poses(np.ones(model.n)), parent)
         turn = np.einsum("jki,jkl->jil", fixed[:, :3, :3], turned[:, :3, :3])  # exp(axis 1 rad)
-        axis = Rotation.from_matrix(turn).as_rotvec()
+        after, before = turn[:, [2, 0, 1], [1, 2, 0]], turn[:, [1, 2, 0], [2, 0, 1]]
+        axis = after - before  # what is skew in a rotation, 2 sin(1 rad) axis
         return cls(
             parent=parent,
             rotation=readonly(np.ascontiguousarray(fixed[:, :3, :3])),

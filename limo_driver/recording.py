@@ -238,7 +238,15 @@ class Recording:
 
     def filtered_torque(self, bandwidth: float) -> FloatArray:
         """Filter the torque as `motion` filters the positions; (T, n) [N m]."""
-        return smooth(self.time, self.torque, bandwidth, self.segments)
+        return self.filtered(self.torque, bandwidth)
+
+    def filtered(self, values: FloatArray, bandwidth: float) -> FloatArray:
+        """Filter values of all samples, (T, k), such as a prediction to compare with the torque.
+
+        Raises:
+            RecordingError: The bandwidth is too high for the sampling rate.
+        """
+        return smooth(self.time, values, bandwidth, self.segments)
 
     def edges(self, bandwidth: float) -> NDArray[np.bool_]:
         """Mark samples so near to an end of a segment that their derivatives are unsure; (T,)."""

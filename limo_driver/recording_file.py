@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +16,7 @@ from limo_driver.data_gate import Columns
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from limo_driver.types import FloatArray
@@ -65,8 +66,14 @@ def read_columns(path: Path) -> Columns:
     )
 
 
-def write_columns(columns: Columns, path: Path) -> None:
-    """Write Parquet: time, position_j, torque_j and what else there is; 1-based joints."""
+def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None = None) -> None:
+    """Write Parquet: time, position_j, torque_j and what else there is; 1-based joints.
+
+    Args:
+        columns: What to write.
+        path: To be written.
+        about: More for the header, which names the robot, where that is known.
+    """
     import pyarrow.parquet as pq
 
     from limo_driver.recorder import METADATA_KEY
@@ -77,8 +84,9 @@ def write_columns(columns: Columns, path: Path) -> None:
     table: dict[str, FloatArray] = {"time": columns.time}
     for quantity, values in quantities.items():
         table |= {f"{quantity}_{j + 1}": values[:, j] for j in range(values.shape[1])}
-    header = {METADATA_KEY: json.dumps({"robot": columns.robot})} if columns.robot else None
-    written = pa.table(table).replace_schema_metadata(header)
+    header = ({"robot": columns.robot} if columns.robot else {}) | dict(about or {})
+    metadata = {METADATA_KEY: json.dumps(header)} if header else None
+    written = pa.table(table).replace_schema_metadata(metadata)
     pq.write_table(written, path, use_dictionary=False)
 
 

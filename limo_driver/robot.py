@@ -7,18 +7,16 @@ stale measurements, and the end of the session.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from limo_driver.closing import Closing
 from limo_driver.errors import ConnectionLostError, CycleTimeoutError
 from limo_driver.safety import START_TOLERANCE, SafetyContract
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:
-    from types import TracebackType
-    from typing import Self
-
     from limo_driver.types import FloatArray, JointCommand, RobotSpec
 
 
@@ -33,7 +31,7 @@ class Measurement:
     sequence: int  # counts the robot's cycles
 
 
-class Robot(ABC):
+class Robot(Closing):
     """An arm that is read and commanded once every cycle.
 
     ```python
@@ -123,6 +121,9 @@ class Robot(ABC):
             raise ConnectionLostError("the robot is closed; open it again")
         self._contract.resume()
 
+    def keep_time(self) -> None:  # a real arm cannot do otherwise
+        """Run no faster than real time from now on."""
+
     @property
     def standing(self) -> bool:
         """Whether the arm is told to rest: it holds, or takes no commands yet, without moving."""
@@ -139,17 +140,6 @@ class Robot(ABC):
             self._open = False
             self._contract.hold("the robot is closed")
             self._close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _save_session(self) -> object:
         """Return a copy of the books, for simulated robots that can go back."""
@@ -184,8 +174,8 @@ class Robot(ABC):
     def _close(self) -> None:
         """Let go of the robot; called once."""
 
-    def _check(self, command: JointCommand) -> None:  # noqa: B027  # most take every command
+    def _check(self, command: JointCommand) -> None:  # most take every command
         """Raise if the robot cannot carry out a command; nothing is sent then."""
 
-    def _begin(self) -> None:  # noqa: B027  # most backends have nothing to forget
+    def _begin(self) -> None:  # most backends have nothing to forget
         """Prepare for a new stream of commands, which starts from the measured pose."""

@@ -65,7 +65,12 @@ class ExcitationRequest:
     iterations: int = 250  # of each of the last two refinements; 0: a random motion
 
     def __post_init__(self) -> None:
-        require(0 < self.duration <= LONGEST, "duration", self.duration, f"s, up to {LONGEST:g}")
+        require(
+            0 < self.duration <= LONGEST,
+            "duration",
+            self.duration,
+            f"above 0 and up to {LONGEST:g} s",
+        )
         require(
             2 <= self.harmonics <= MOST_HARMONICS,  # noqa: PLR2004
             "number of harmonics", self.harmonics,

@@ -1,11 +1,14 @@
 """What tests of several parts share."""
 
+import sys
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from limo_driver.cli import main
 from limo_driver.physics import Simulation
 
 TWO_LINKS = """<robot name="two_links">
@@ -46,3 +49,19 @@ def commanded():
         return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments])
 
     return of
+
+
+@pytest.fixture
+def limo(monkeypatch, capsys):
+    """Make a function that runs the command line to its end, in this process."""
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    def run(*arguments):
+        given = ["limo", *map(str, arguments)]
+        monkeypatch.setattr(sys, "argv", given)
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return CompletedProcess(given, ended.value.code or 0, *capsys.readouterr())
+
+    return run

@@ -6,7 +6,8 @@ The variances are those that make the data most probable (MacKay's fixed point),
 that explains nothing is switched off and none has to be chosen by hand.
 
 Source: MacKay, "Bayesian interpolation", Neural Computation 1992; Tipping, "Sparse Bayesian
-learning and the relevance vector machine", JMLR 2001.
+learning and the relevance vector machine", JMLR 2001; Wu, "Jackknife, bootstrap and other
+resampling methods in regression analysis", Annals of Statistics 1986.
 """
 
 from __future__ import annotations
@@ -97,14 +98,36 @@ def most_probable_prior(evidence: Evidence, family: NDArray[np.int64]) -> Prior:
     return Prior(scale, alpha[family], noise)
 
 
+def _widened(found: Posterior, spread: FloatArray) -> Posterior:
+    """Add the covariance Dᵀ D of a spread D (F, K) to that of the weights."""
+    known = np.flatnonzero(found.root.any(axis=0))  # others are of columns that are zero
+    both = np.concatenate([found.root, spread])[:, known]
+    root = np.zeros(found.root.shape)
+    # factored from the last column on, which keeps the root a lower triangle
+    root[np.ix_(known, known)] = np.linalg.qr(both[:, ::-1]).R[::-1, ::-1]
+    return Posterior(found.weights, root)
+
+
+def _jackknife(without: Sequence[Posterior]) -> FloatArray:
+    """Return D (F, K) with Dᵀ D the covariance of the weights by the fits without each fold."""
+    weights = np.array([found.weights for found in without])
+    return np.sqrt((len(without) - 1) / len(without)) * (weights - weights.mean(axis=0))
+
+
 @dataclass(frozen=True)
 class Fit:
-    """Posterior of all rows, those without each fold, and the prior they share."""
+    """Posterior of all rows, those without each fold, and the prior they share.
 
-    posterior: Posterior
+    The posterior is that of a true model. What the columns cannot explain moves the weights by more
+    from one part of the motion to another, which the jackknife shows: its covariance is added, so
+    that little data, of few parts of the range, are not taken for more than they are.
+    """
+
+    posterior: Posterior  # with the covariance of the jackknife
     without: tuple[Posterior, ...]
     prior: Prior
     held_out: float  # mean square error on the folds left out [N² m²]
+    spread: FloatArray  # (F, K), D with the jackknife's covariance Dᵀ D
 
 
 def fit(everything: Evidence, folds: Sequence[Evidence], family: NDArray[np.int64]) -> Fit:
@@ -126,6 +149,7 @@ def fit(everything: Evidence, folds: Sequence[Evidence], family: NDArray[np.int6
             everything.error(fitted.weights) - rest.error(fitted.weights)
             for rest, fitted in zip(folds, without, strict=True)
         )
-        found = posterior(everything.worth(worth), prior)
-        candidates.append(Fit(found, without, prior, error / everything.rows))
+        spread = _jackknife(without)
+        found = _widened(posterior(everything.worth(worth), prior), spread)
+        candidates.append(Fit(found, without, prior, error / everything.rows, spread))
     return min(candidates, key=lambda candidate: candidate.held_out)

@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimators.base import Estimate
-from estimators.hybrid import TorqueParts
-from estimators.joint_physics.calibration import Calibration, calibrate, leverage_of
+from estimators.joint_physics.calibration import Calibration, calibrate
 from estimators.joint_physics.columns import Columns
 from estimators.joint_physics.evidence import fit
 from estimators.joint_physics.normal_equations import FOLDS, NormalEquations
+from estimators.joint_physics.prediction import Prediction
 from estimators.model_folder import provenance
-from limo_driver.errors import NotFittedError, ShapeError
+from estimators.residual_model import ResidualModel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Mapping, Sequence
     from typing import Self
 
-    from numpy.typing import NDArray
-
-    from estimators.joint_physics.columns import Rows
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
-    from limo_driver.types import FloatArray, JointSample, Motion
-
-_ROWS: Final = 1024  # whose columns are held at a time
+    from limo_driver.types import FloatArray, Motion
 
 
 @dataclass(frozen=True)
@@ -42,7 +37,11 @@ class FittedPhysics:
 
     @classmethod
     def of(
-        cls, sums: NormalEquations, columns: Columns, recordings: Sequence[Recording]
+        cls,
+        sums: NormalEquations,
+        columns: Columns,
+        simulation: Simulation,
+        recordings: Sequence[Recording],
     ) -> FittedPhysics:
         """Fit the weights, and calibrate their uncertainty on folds that were left out."""
         whole = [sums.evidence(j) for j in range(columns.n)]
@@ -55,19 +54,20 @@ class FittedPhysics:
             for j, everything in enumerate(whole)
         ]
         rmse = {
-            "simulation": [float(np.sqrt(own.energy / own.rows)) for own in whole],
+            "simulation": _rmse(simulation, recordings, columns.bandwidth).tolist(),
             "held_out": [float(np.sqrt(found.held_out)) for found in fits],
         }
         return cls(
             np.stack([found.posterior.weights for found in fits]),
             np.stack([found.posterior.root for found in fits]),
-            calibrate(sums.judged, fits),
+            calibrate(sums.judged, fits, sums.count),
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
         )
 
-    def torque(self, rows: Rows) -> FloatArray:
-        """Return what T rows add to the simulation, (T, n) [N m]."""
-        return np.matmul(rows.columns, self.weights[:, :, None])[:, :, 0].T
+    @cached_property
+    def prediction(self) -> Prediction:
+        """The same for compiled code."""
+        return Prediction.of(self.weights, self.root)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class JointPhysicsState:
     columns: FloatArray
 
 
-class JointPhysics:
+class JointPhysics(ResidualModel[FittedPhysics]):
     """Predict tau_j = tau_S,j + x_j · w_j, x_j the physics of joint j, and how sure that is.
 
     tau_S is the prediction of a simulation, normally an identified one. What it leaves is fitted by
@@ -91,40 +91,16 @@ class JointPhysics:
     """
 
     name = "joint-physics"
+    folder = "estimators.joint_physics.store"
 
     def __init__(self, simulation: Simulation, bandwidth: float = 10.0) -> None:
-        self.simulation = simulation
-        self.bandwidth = bandwidth
+        super().__init__(simulation)
         self.columns = Columns(simulation.body, bandwidth)
-        self.fitted_: FittedPhysics | None = None
-
-    @classmethod
-    def load(cls, folder: Path | str) -> JointPhysics:
-        """Read a model folder; runs no code from it.
-
-        Raises:
-            ModelStoreError: The folder is incomplete or does not fit together, by name.
-        """
-        from estimators.joint_physics.store import load
-
-        return load(folder)
-
-    def save(self, folder: Path | str) -> None:
-        """Write the model folder: weights, manifest and the simulation."""
-        from estimators.joint_physics.store import save
-
-        save(self, folder)
 
     @property
-    def fitted(self) -> FittedPhysics:
-        """What `fit` found.
-
-        Raises:
-            NotFittedError: Nothing was fitted or loaded.
-        """
-        if self.fitted_ is None:
-            raise NotFittedError(self.name)
-        return self.fitted_
+    def bandwidth(self) -> float:
+        """Bandwidth of the zero-phase filters on motion and torque [Hz]."""
+        return self.columns.bandwidth
 
     def fit(self, recordings: Sequence[Recording]) -> Self:
         """Fit the weights to what the simulation leaves of the filtered torque.
@@ -133,34 +109,10 @@ class JointPhysics:
             RecordingError: There is none, one is of another robot, or they are too short.
         """
         sums = NormalEquations.of(self.simulation, self.columns, recordings)
-        self.fitted_ = FittedPhysics.of(sums, self.columns, recordings)
+        self.fitted_ = FittedPhysics.of(sums, self.columns, self.simulation, recordings)
         return self
 
-    def predict(self, recording: Recording) -> FloatArray:
-        """Predict the torque of a recorded motion, (T, n) [N m]; its torque is not looked at.
-
-        Raises:
-            NotFittedError: Nothing was fitted or loaded.
-            ShapeError: The recording has another number of joints.
-        """
-        return self._over(recording, lambda torque, rows: (torque + self.fitted.torque(rows),))[0]
-
-    def parts(self, recording: Recording) -> TorqueParts:
-        """Predict as `predict` does, and keep the parts: simulation, and what is added to it."""
-        parts = self._over(recording, lambda torque, rows: (torque, self.fitted.torque(rows)))
-        return TorqueParts(*parts)
-
-    def estimate(self, recording: Recording) -> Estimate:
-        """Predict the torque of a recorded motion, its standard deviation, and where it is unsure.
-
-        Raises:
-            NotFittedError: Nothing was fitted or loaded.
-            ShapeError: The recording has another number of joints.
-        """
-        torque, std, outside = self._over(recording, self._estimate)
-        return Estimate(torque, std, outside)
-
-    def init(self) -> JointPhysicsState:
+    def init(self, rate: float | None = None) -> JointPhysicsState:  # noqa: ARG002  # any will do
         """Return the memory before the first sample.
 
         Raises:
@@ -169,62 +121,24 @@ class JointPhysics:
         _ = self.fitted
         return JointPhysicsState(self.simulation.init(), self.columns.init())
 
-    def step(
-        self, state: JointPhysicsState, sample: JointSample
-    ) -> tuple[FloatArray, JointPhysicsState]:
-        """Predict the torque of the next sample, (n,) [N m], and return the memory after it.
-
-        Raises:
-            NotFittedError: Nothing was fitted or loaded.
-            ShapeError: The sample has another number of joints.
-        """
-        fitted = self.fitted
-        torque, rows, after = self._advance(state, sample.motion())
-        return (torque + fitted.torque(rows))[0], after
-
-    def estimate_step(
-        self, state: JointPhysicsState, sample: JointSample
-    ) -> tuple[Estimate, JointPhysicsState]:
-        """Do as `step` does, with standard deviation and flag of each joint, (n,)."""
-        torque, rows, after = self._advance(state, sample.motion())
-        return Estimate(*(values[0] for values in self._estimate(torque, rows))), after
-
-    def _estimate(self, torque: FloatArray, rows: Rows) -> tuple[NDArray[Any], ...]:
-        fitted = self.fitted
-        leverage = np.stack(
-            [leverage_of(x, R) for x, R in zip(rows.columns, fitted.root, strict=True)], axis=1
-        )
-        std, outside = fitted.calibration.std(leverage), fitted.calibration.outside(leverage)
-        return torque + fitted.torque(rows), std, outside | ~rows.settled
-
-    def _over(
-        self,
-        recording: Recording,
-        values: Callable[[FloatArray, Rows], tuple[NDArray[Any], ...]],
-    ) -> tuple[NDArray[Any], ...]:
-        """Evaluate `values` of torque and columns over a recording, chunk by chunk."""
-        self._check_joints(recording.position.shape)
-        motion = recording.motion(self.bandwidth)
-        parts = [
-            values(*chunk) for rows in recording.segments for chunk in self._chunks(motion[rows])
-        ]
-        return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
-
-    def _chunks(self, motion: Motion) -> Iterator[tuple[FloatArray, Rows]]:
-        state = self.init()
-        for start in range(0, len(motion), _ROWS):
-            torque, rows, state = self._advance(state, motion[start : start + _ROWS])
-            yield torque, rows
-
     def _advance(
         self, state: JointPhysicsState, motion: Motion
-    ) -> tuple[FloatArray, Rows, JointPhysicsState]:
-        self._check_joints(motion.position.shape)
+    ) -> tuple[Estimate, JointPhysicsState]:
+        fitted = self.fitted
         torque, simulation = self.simulation.advance(state.simulation, motion)
         rows, columns = self.columns.advance(state.columns, motion, torque)
-        return torque, rows, JointPhysicsState(simulation, columns)
+        learned, leverage = fitted.prediction.of_columns(rows.columns)
+        outside = fitted.calibration.outside(leverage) | ~rows.settled
+        estimate = Estimate(torque, learned, fitted.calibration.std(leverage), outside)
+        return estimate, JointPhysicsState(simulation, columns)
 
-    def _check_joints(self, shape: tuple[int, ...]) -> None:
-        n = self.columns.n
-        if shape[-1] != n:
-            raise ShapeError("position", shape, f"(T, {n})")
+
+def _rmse(simulation: Simulation, recordings: Sequence[Recording], bandwidth: float) -> FloatArray:
+    """Return what the simulation alone is off, filtered as the measured torque is, (n,) [N m]."""
+    errors: list[FloatArray] = []
+    for recording in recordings:
+        motion = recording.motion(bandwidth)
+        torque = np.concatenate([simulation.predict(motion[rows]) for rows in recording.segments])
+        error = recording.filtered(recording.torque - torque, bandwidth)
+        errors.append(error[~recording.edges(bandwidth)])
+    return np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimators.joint_physics.columns import SETTLED
 from estimators.joint_physics.evidence import Evidence
+from estimators.recordings import check_recordings
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -60,12 +61,10 @@ class NormalEquations:
         """Sum over recordings what the simulation leaves of the filtered torque.
 
         Raises:
-            RecordingError: There is none, one is of another robot, or no row is left.
+            RecordingError: There is none, one is of another robot or given twice, nothing moves, no
+                torque was measured, or no row is left.
         """
-        if not recordings:
-            raise RecordingError("no recording to fit to")
-        for recording in recordings:
-            recording.check_robot(simulation.model)
+        check_recordings(recordings, simulation.model)
         n, K = columns.n, columns.count
         gram, product = np.zeros((FOLDS, n, K, K)), np.zeros((FOLDS, n, K))
         energy, count = np.zeros((FOLDS, n)), np.zeros((FOLDS, n))
@@ -81,7 +80,7 @@ class NormalEquations:
                     energy[f, j] += own @ own
                     count[f, j] += own.size
             kept.append(JudgedRows.of(found, y, fold, every))
-        _check_enough(count, recordings)
+        _check_enough(count, columns, recordings)
         return cls(gram, product, energy, count, JudgedRows.joined(kept))
 
 
@@ -113,15 +112,39 @@ class JudgedRows:
         )
 
 
-def _check_enough(count: FloatArray, recordings: Sequence[Recording]) -> None:
-    """Check that each joint has rows in every fold; count is (F, n)."""
-    lacking = np.flatnonzero((count == 0).any(axis=0))
-    if lacking.size:
+def _check_enough(count: FloatArray, columns: Columns, recordings: Sequence[Recording]) -> None:
+    """Check that each joint moves in every fold, and has as many rows as weights; count (F, n).
+
+    With fewer, priors alone decide on weights, and folds that are alike confirm each other.
+    """
+    still = np.flatnonzero((_turned(recordings) <= SETTLED).any(axis=0) | (count == 0).any(axis=0))
+    if still.size:
         raise RecordingError(
-            f"the recordings say too little of joint {lacking[0] + 1}: it has to turn by more than "
+            f"the recordings say too little of joint {still[0] + 1}: it has to turn by more than "
             f"{SETTLED:g} rad in each of {FOLDS} parts of the motion",
             path=recordings[0].source or None,
         )
+    rows = count.sum(axis=0)
+    j = int(rows.argmin())
+    if rows[j] < columns.count:
+        raise RecordingError(
+            f"the recordings say too little of joint {j + 1}: {rows[j]:.0f} rows after it has "
+            f"turned by {SETTLED:g} rad, expected at least {columns.count}, as many as its weights",
+            path=recordings[0].source or None,
+        )
+
+
+def _turned(recordings: Sequence[Recording]) -> FloatArray:
+    """Return the range that each joint turns in within each fold, the largest of all recordings.
+
+    (F, n) [rad]; 0 where a fold has no rows.
+    """
+    found = np.zeros((FOLDS, recordings[0].n))
+    for recording in recordings:
+        fold = fold_of(recording)
+        for f in np.unique(fold):
+            found[f] = np.maximum(found[f], np.ptp(recording.position[fold == f], axis=0))
+    return found
 
 
 def _stride(recording: Recording, columns: Columns) -> int:

@@ -9,13 +9,15 @@ import numpy as np
 
 from estimators.joint_physics.calibration import Calibration
 from estimators.joint_physics.model import FittedPhysics, JointPhysics
-from estimators.model_folder import MANIFEST, WEIGHTS, ModelFolder, write_folder
+from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-_REQUIRED: Final = frozenset(("families", "bandwidth"))
+    from limo_driver.types import FloatArray
+
+_POSITIVE: Final = ("noise", "factor", "farthest")  # of a `Calibration`
 _PACKAGES: Final = ("limo", "numpy", "numba", "safetensors", "pin")
 
 
@@ -43,32 +45,43 @@ def load(folder: Path | str) -> JointPhysics:
     Raises:
         ModelStoreError: A file is missing or does not fit the others; the message names it.
     """
-    opened = ModelFolder.open(folder, JointPhysics.name, _REQUIRED)
-    manifest = opened.manifest
-    try:
-        model = JointPhysics(opened.simulation, float(manifest["bandwidth"]))
-        given = [(entry["name"], entry["size"]) for entry in manifest["families"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelStoreError(
-            f"{opened.path / MANIFEST}: cannot be understood: {error!r}"
-        ) from None
+    opened = ModelFolder.open(folder, JointPhysics.name)
+    model = JointPhysics(opened.simulation, opened.bandwidth)
+    families = opened.manifest.list("families")
+    given = [(entry.text("name"), entry.number("size")) for entry in families]
     expected = [(family.name, family.size) for family in model.columns.families]
     if given != expected:
         raise ModelStoreError(
-            f"{opened.path / MANIFEST}: has the families {given}, but this version computes "
+            f"{opened.manifest.place}: has the families {given}, but this version computes "
             f"{expected}; train it again"
         )
-    tensors = opened.tensors()
     n, K = model.columns.n, model.columns.count
-    shapes = {"weights": (n, K), "root": (n, K, K), "noise": (n,), "factor": (n,), "farthest": (n,)}
-    for name, shape in shapes.items():
-        found = tensors.get(name, np.empty(0))
-        if found.shape != shape or not np.isfinite(found).all():
-            raise ModelStoreError(
-                f"{opened.path / WEIGHTS}: {name} has shape {found.shape}, expected {shape} of "
-                "finite numbers"
-            )
-    calibration = Calibration(*(tensors[name] for name in ("noise", "factor", "farthest")))
-    record = manifest.get("training", {})
-    model.fitted_ = FittedPhysics(tensors["weights"], tensors["root"], calibration, record)
+    found = _arrays(
+        opened,
+        {"weights": (n, K), "root": (n, K, K), "noise": (n,), "factor": (n,), "farthest": (n,)},
+    )
+    calibration = Calibration(*(found[name] for name in _POSITIVE))
+    record = opened.record("held_out")
+    model.fitted_ = FittedPhysics(found["weights"], found["root"], calibration, record)
     return model
+
+
+def _arrays(opened: ModelFolder, shapes: dict[str, tuple[int, ...]]) -> dict[str, FloatArray]:
+    """Return the tensors of these names and shapes."""
+    tensors, place = opened.tensors(), opened.path / WEIGHTS
+    found: dict[str, FloatArray] = {}
+    for name, shape in shapes.items():
+        if name not in tensors:
+            raise ModelStoreError(f"{place}: no {name} among {', '.join(sorted(tensors))}")
+        given = tensors[name]
+        if given.shape != shape or given.dtype != np.float64:
+            raise ModelStoreError(
+                f"{place}: {name} is {given.dtype} of shape {given.shape}, expected float64 of "
+                f"shape {shape}"
+            )
+        if not np.isfinite(given).all():
+            raise ModelStoreError(f"{place}: {name} is not finite")
+        if name in _POSITIVE and not (given > 0).all():
+            raise ModelStoreError(f"{place}: {name} goes down to {given.min():g}, expected above 0")
+        found[name] = given
+    return found

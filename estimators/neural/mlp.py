@@ -63,7 +63,7 @@ class Mlp(Network):
         return np.maximum(hidden, 0.0) @ w["output_weight"][g] + w["output_bias"][g]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _row(
     x: FloatArray,
     columns: NDArray[np.int64],

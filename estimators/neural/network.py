@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -29,27 +29,41 @@ class Network(ABC):
         weights: Arrays by name, with the part as first index.
 
     Raises:
-        ModelStoreError: A weight is missing, has another shape or is not finite.
+        ModelStoreError: The columns are no table of inputs; a weight is missing, has another shape
+            or is not finite.
     """
 
     kind: ClassVar[str]
     recurrent: ClassVar[bool]
 
     def __init__(self, columns: NDArray[np.int64], weights: Mapping[str, FloatArray]) -> None:
-        self.columns = np.ascontiguousarray(columns)
+        self.columns = self._checked(columns)
         self.weights: dict[str, FloatArray] = {}
         shapes = self.shapes(columns.shape[0], columns.shape[1], weights)
         for name, shape in shapes.items():
             if name not in weights:
                 raise ModelStoreError(f"{self.kind}: no weight {name!r} among {sorted(weights)}")
             array = np.ascontiguousarray(weights[name], dtype=np.float64)
-            if array.shape != shape:
+            if array.shape != shape or not array.size:
                 raise ModelStoreError(
                     f"{self.kind}: weight {name!r} has shape {array.shape}, expected {shape}"
                 )
             if not np.isfinite(array).all():
                 raise ModelStoreError(f"{self.kind}: weight {name!r} is not finite")
             self.weights[name] = array
+
+    def _checked(self, columns: NDArray[Any]) -> NDArray[np.int64]:
+        """Return columns that compiled code can be given, which checks no index."""
+        if columns.ndim != 2 or not columns.size or columns.dtype.kind not in "iu":  # noqa: PLR2004  # (G, f)
+            raise ModelStoreError(
+                f"{self.kind}: columns are {columns.dtype} of shape {columns.shape}, expected "
+                "integers of shape (parts, inputs of each)"
+            )
+        if columns.min() < 0:
+            raise ModelStoreError(
+                f"{self.kind}: columns go down to {columns.min()}, expected 0 or more"
+            )
+        return np.ascontiguousarray(columns, dtype=np.int64)
 
     @staticmethod
     @abstractmethod

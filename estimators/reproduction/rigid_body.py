@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from hashlib import sha256
 from typing import TYPE_CHECKING, Final
 
+import yaml
+
 from estimators.reproduction.data import DESCRIPTION, RECORDINGS
 from estimators.rigid_body import identify
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,3 +40,17 @@ def rigid_body(data: TableData, folder: Path) -> Path:
         identify(data.model, [data.excitation]).simulation.save(partial)
         partial.replace(path)
     return path
+
+
+def physics_digest(simulation: Path) -> str:
+    """Return the sha256 of what a sim.yaml says of inertias and joints, wherever its robot lies.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    try:
+        content = yaml.safe_load(simulation.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", path=simulation) from None
+    del content["robot"]  # a path relative to the file, which may have moved with its data
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -122,9 +122,14 @@ class TrialResult:
 
 @dataclass(frozen=True)
 class TrialStore:
-    """Folder of finished trials, each a file that is there whole or not at all."""
+    """Folder of finished trials, each a file that is there whole or not at all.
+
+    A trial on another rigid body is not finished. Files of the first versions do not say on which
+    they were done; these are taken, since the data that it is identified from are the same.
+    """
 
     folder: Path
+    rigid_body: str  # digest of its physics
 
     def load(self, trial: Trial) -> TrialResult | None:
         """Return what an equal trial gave, or None if none is finished.
@@ -140,6 +145,8 @@ class TrialStore:
             mse = {part: tuple(map(float, values["mse"][part])) for part in PARTS}
             if values["trial"] != trial.identity:
                 raise ValueError("it is of another trial than its name says")
+            if values.get("rigid_body", self.rigid_body) != self.rigid_body:
+                return None
             return TrialResult(
                 trial,
                 mse,
@@ -158,6 +165,7 @@ class TrialStore:
         """Write a finished trial."""
         values = {
             "trial": result.trial.identity,
+            "rigid_body": self.rigid_body,
             "mse": {part: list(result.mse[part]) for part in PARTS},
             "epochs": result.epochs,
             "seconds": result.seconds,

@@ -13,6 +13,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
+from estimators.reproduction.rigid_body import physics_digest
 from estimators.reproduction.trial import Trial, TrialStore
 from limo_driver.errors import LimoError
 
@@ -34,6 +35,14 @@ class Job:
     simulation: Path  # sim.yaml of the identified rigid body
     trials: Path  # where finished trials are kept
     device: str  # of `TrainingSettings`
+
+    def store(self) -> TrialStore:
+        """Return where trials on this rigid body are kept.
+
+        Raises:
+            ConfigError: The sim.yaml cannot be read.
+        """
+        return TrialStore(self.trials, physics_digest(self.simulation))
 
 
 @dataclass(frozen=True)
@@ -167,7 +176,7 @@ def _work(main: Connection[Any, Any], job: Job) -> None:
     from limo_driver.physics import Simulation
 
     bench = Bench(TableData.load(job.data), Simulation.load(job.simulation), job.device)
-    store = TrialStore(job.trials)
+    store = job.store()
     try:
         while True:
             main.send(_run(bench, store, main.recv(), main))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from estimators.reproduction.claims import CLAIMS, best, judge
 from estimators.reproduction.results import SCHEMA, SCORED, SPLIT_NAMES, SPLIT_WORDS
 from estimators.reproduction.rows import PARTS
-from estimators.reproduction.trial import SPLITS, write_whole
+from estimators.reproduction.trial import SPLITS, Protocol, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -138,6 +138,13 @@ def _claims(table: Table) -> str:
         "whole interval lies above 1, does not hold when it lies below, and is open in between. "
         "With one run there is no interval, and the sign of one run proves nothing.",
     ]
+    if (epochs := table.protocol.epochs) < Protocol.epochs:
+        lines += [
+            "",
+            f"**No judgement of the paper: the networks were trained for {epochs} epoch"
+            f"{'s' if epochs > 1 else ''}, the paper's for {Protocol.epochs}.** What is compared "
+            "here is how they begin to learn.",
+        ]
     for claim in CLAIMS:
         judged = list(judge(table, claim))
         told = [j for j in judged if j.factor is not None]

@@ -25,7 +25,7 @@ class BaseEstimate:
     combination: str  # e.g. "my_2 + mz_3 + 0.4200 m_4"
     unit: str
     value: float
-    deviation: float  # standard deviation, with errors correlated in time as they are
+    deviation: float  # standard deviation, see `fit_base`
     nominal: float  # of the robot description; friction and offsets have 0 there
 
 

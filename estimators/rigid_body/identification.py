@@ -130,7 +130,7 @@ def identify(
         bodies, tolerance, consistent, equations, fit.weight
     )
     known = tolerances_of(consistent.parameters, covariance, equations, terms)
-    estimates = _estimates(model.n, terms, consistent)
+    estimates = _estimates(model.n, terms, replace(consistent, covariance=covariance))
     rmse = equations.rmse(consistent.parameters)
     return Identification(
         model,

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.rigid_body.folds import FOLDS, jackknife
+
 if TYPE_CHECKING:
     from estimators.rigid_body.base_parameters import BaseParameters
     from estimators.rigid_body.normal_equations import NormalEquations
@@ -25,7 +27,7 @@ class BaseFit:
     """Base parameters fitted to recordings."""
 
     parameters: FloatArray  # (b,)
-    covariance: FloatArray  # (b, b), with errors correlated in time as they are
+    covariance: FloatArray  # (b, b), of errors as they last, and of fits without each fold
     effective: FloatArray  # (n,), independent rows that each joint's rows are worth
     rmse: FloatArray  # (n,) [N m], in sample
     weight: FloatArray  # (n,) [1/(N m)²], of each row of a joint beside a prior
@@ -37,7 +39,10 @@ class BaseFit:
 def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArray) -> BaseFit:
     """Fit base parameters, with the joints weighted as the equations say.
 
-    Combinations that the motion does not excite stay at their nominal value.
+    Combinations that the motion does not excite stay at their nominal value. The covariance is the
+    sum of two: that of errors that last as they do, worth no more rows than `_trusted` says, and
+    that of what a wrong model pulls the parameters to, as far as it changes with the motion, by the
+    jackknife. It holds part of the noise twice, which errs to the safe side.
 
     Args:
         equations: Sums over the recordings.
@@ -49,13 +54,15 @@ def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArr
     effective = equations.effective_rows(base.expand(solution.parameters))
     share = np.maximum(effective, 1e-300) / np.maximum(equations.count, 1)
     row_variance = found.rmse**2 / share
-    of_score, _ = equations.weighted(weight**2 * row_variance)
+    trusted = _trusted(effective, equations.thinned.use.sum(axis=0))
+    of_score, _ = equations.weighted(weight**2 * row_variance / trusted)
     spread = of_score[np.ix_(base.independent, base.independent)] + np.eye(base.rank) / _WIDEST**2
     scale = effective.sum() / float(weight * found.rmse**2 @ effective)
-    trusted = _trusted(effective, equations.thinned.use.sum(axis=0))
+    start = base.reduce(nominal)
+    without = [_solve(equations, base, start, weight, fold).parameters for fold in range(FOLDS)]
     return BaseFit(
         solution.parameters,
-        solution.inverse @ spread @ solution.inverse,
+        solution.inverse @ spread @ solution.inverse + jackknife(without),
         effective,
         found.rmse,
         weight * share * scale * trusted,
@@ -132,10 +139,17 @@ class _Solution:
 
 
 def _solve(
-    equations: NormalEquations, base: BaseParameters, start: FloatArray, weight: FloatArray
+    equations: NormalEquations,
+    base: BaseParameters,
+    start: FloatArray,
+    weight: FloatArray,
+    without: int | None = None,
 ) -> _Solution:
-    """Solve with a prior so wide that it decides only what the motion does not reveal."""
-    gram, product = equations.weighted(weight)
+    """Solve with a prior so wide that it decides only what the motion does not reveal.
+
+    With all rows, or without those of a fold.
+    """
+    gram, product = equations.weighted(weight, without)
     A = gram[np.ix_(base.independent, base.independent)]
     prior = np.full(base.rank, _WIDEST**-2)
     b = product[base.independent] - A @ start

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.base import Estimate
 from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.identification import nominal_parameters
 from estimators.rigid_body.least_squares import choose_sign_widths, fit_base
@@ -89,7 +90,22 @@ class RigidBodyModel:
         columns = self.terms_.columns(motion.velocity, motion.acceleration)
         return torque + np.einsum("tjk,kj->tj", columns, own.reshape(-1, n))
 
-    def init(self) -> None:
+    @property
+    def n(self) -> int:
+        """Number of joints.
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+        """
+        self._require_fitted()
+        return self.chain_.n
+
+    @property
+    def bandwidth(self) -> float:
+        """Bandwidth of the filters on motion and torque [Hz]."""
+        return self.rows.bandwidth
+
+    def init(self, rate: float | None = None) -> None:  # noqa: ARG002  # any will do
         """Return no memory: the model has none.
 
         Raises:
@@ -103,8 +119,16 @@ class RigidBodyModel:
         Raises:
             NotFittedError: `fit` has not been called.
         """
-        motion = sample.motion()
-        return self.torque(motion)[0], state
+        return self.torque(sample.motion())[0], state
+
+    def advance(self, state: None, motion: Motion) -> tuple[Estimate, None]:
+        """Estimate T samples, see `LiveEstimator`; how sure that is, nobody knows.
+
+        Raises:
+            NotFittedError: `fit` has not been called.
+            ShapeError: The motion has another number of joints.
+        """
+        return Estimate.unsure(self.torque(motion)), state
 
     def _require_fitted(self) -> None:
         if not hasattr(self, "parameters_"):

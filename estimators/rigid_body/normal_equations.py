@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.recordings import check_recordings
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.folds import FOLDS, fold_of
 from estimators.rigid_body.regressor import PER_LINK, Chain
@@ -34,7 +35,6 @@ BLOCK = 65536  # samples filtered at a time
 WEIGHTINGS = ("error", "torque")
 _MEMORY = 6.0  # [1/bandwidth] after which the filter has forgotten all but 5e-7
 _DENSE = 8  # rows summed per 1/bandwidth; filtered products hold nothing that more would show
-_STILL = 2e-3  # [rad], range of an arm that does not move
 MOVING = 0.02  # [rad/s], above which a joint counts as moving
 
 
@@ -60,7 +60,7 @@ class Rows:
 
     def __post_init__(self) -> None:
         if not 0 < self.bandwidth < np.inf:
-            raise ConfigError(f"bandwidth {self.bandwidth:g} Hz: has to be greater than 0")
+            raise ConfigError(f"bandwidth {self.bandwidth:g} Hz: has to be above 0 and finite")
         if self.weighting not in WEIGHTINGS:
             raise ConfigError(f"weighting {self.weighting!r} is not one of {', '.join(WEIGHTINGS)}")
 
@@ -157,9 +157,7 @@ def accumulate(
         RecordingError: There is no recording, one is of another robot or given twice, nothing
             moves, no torque was measured, or no row is left.
     """
-    for recording in recordings:
-        recording.check_robot(model)
-    _check_evidence(recordings)
+    check_recordings(recordings, model)
     sums = _Sums(model, terms)
     for recording in recordings:
         for done in sums.add(recording, rows):
@@ -171,40 +169,6 @@ def accumulate(
     thinned = ThinnedRows.joined(sums.thinned)
     return NormalEquations(
         gram, product, sums.energy, sums.count, thinned, sums.chain, rows.weighting
-    )
-
-
-def _check_evidence(recordings: Sequence[Recording]) -> None:
-    """Check that the recordings say anything, and none the same as another."""
-    if not recordings:
-        raise RecordingError("no recording to fit to")
-    if not any(np.any(recording.torque) for recording in recordings):
-        raise RecordingError("every torque is 0 N m; was it measured?", path=_sources(recordings))
-    moved = max((np.ptp(recording.position, axis=0).max() for recording in recordings), default=0)
-    if moved < _STILL:
-        raise RecordingError(
-            f"no joint moves (range {moved:.2g} rad); an arm at rest reveals neither inertia nor "
-            "friction",
-            path=_sources(recordings),
-        )
-    for second, recording in enumerate(recordings):
-        for first in recordings[:second]:
-            if _same(first, recording):
-                raise RecordingError(
-                    f"holds the same samples as {first.source or 'another recording'}, and would "
-                    "count as new evidence; give it once",
-                    path=recording.source or None,
-                )
-
-
-def _sources(recordings: Sequence[Recording]) -> str | None:
-    return ", ".join(recording.source for recording in recordings if recording.source) or None
-
-
-def _same(first: Recording, second: Recording) -> bool:
-    return all(
-        np.array_equal(getattr(first, name), getattr(second, name))
-        for name in ("time", "position", "torque")
     )
 
 

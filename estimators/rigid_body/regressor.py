@@ -91,7 +91,7 @@ def parameters_of(inertial: Inertial) -> FloatArray:
     return np.array([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def fill_regressor(
     rotation: FloatArray,
     translation: FloatArray,
@@ -116,59 +116,65 @@ def fill_regressor(
         w, dw = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         a = (-gravity[0], -gravity[1], -gravity[2])
         for i in range(n):
-            p = _vector(translation[i])
-            u = _vector(axis[i])
-            _rotation(rotation[i], u, position[t, i], R)
-            a = _to_child(R, _add(a, _add(_cross(dw, p), _cross(w, _cross(w, p)))))
-            w, dw = _to_child(R, w), _to_child(R, dw)
+            p = vector(translation[i])
+            u = vector(axis[i])
+            write_rotation(rotation[i], u, position[t, i], R)
+            a = to_child(R, add(a, add(cross(dw, p), cross(w, cross(w, p)))))
+            w, dw = to_child(R, w), to_child(R, dw)
             v = velocity[t, i]
-            dw = _add(dw, _add(_times(u, acceleration[t, i]), _times(_cross(w, u), v)))
-            w = _add(w, _times(u, v))
+            dw = add(dw, add(times(u, acceleration[t, i]), times(cross(w, u), v)))
+            w = add(w, times(u, v))
             for j in range(i):
-                _store(r[j], _to_child(R, _add(_vector(r[j]), p)))
-                _store(z[j], _to_child(R, _vector(z[j])))
-            _store(z[i], u)
+                store(r[j], to_child(R, add(vector(r[j]), p)))
+                store(z[j], to_child(R, vector(z[j])))
+            store(z[i], u)
             r[i] = zero
             for j in range(i + 1):
                 row = Y[j, t, PER_LINK * i : PER_LINK * (i + 1)]
-                _fill_row(_vector(z[j]), _vector(r[j]), w, dw, a, row)
+                _fill_row(vector(z[j]), vector(r[j]), w, dw, a, row)
 
 
 _Vector: TypeAlias = tuple[float, float, float]
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _vector(x: FloatArray) -> _Vector:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def vector(x: FloatArray) -> _Vector:
+    """Return the three numbers of x."""
     return x[0], x[1], x[2]
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _store(x: FloatArray, values: _Vector) -> None:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def store(x: FloatArray, values: _Vector) -> None:
+    """Write three numbers into x."""
     x[0], x[1], x[2] = values
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _add(x: _Vector, y: _Vector) -> _Vector:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def add(x: _Vector, y: _Vector) -> _Vector:
+    """Return x + y."""
     return x[0] + y[0], x[1] + y[1], x[2] + y[2]
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _times(x: _Vector, factor: float) -> _Vector:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def times(x: _Vector, factor: float) -> _Vector:
+    """Return x times a factor."""
     return x[0] * factor, x[1] * factor, x[2] * factor
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _dot(x: _Vector, y: _Vector) -> float:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def dot(x: _Vector, y: _Vector) -> float:
+    """Return x · y."""
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _cross(x: _Vector, y: _Vector) -> _Vector:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def cross(x: _Vector, y: _Vector) -> _Vector:
+    """Return x × y."""
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _to_child(R: FloatArray, x: _Vector) -> _Vector:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def to_child(R: FloatArray, x: _Vector) -> _Vector:
     """Express x in the child's frame."""
     return (
         R[0, 0] * x[0] + R[1, 0] * x[1] + R[2, 0] * x[2],
@@ -177,8 +183,8 @@ def _to_child(R: FloatArray, x: _Vector) -> _Vector:
     )
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
-def _rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray) -> None:
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def write_rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray) -> None:
     """Write fixed · Rot(axis, angle), child to parent, into R."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = axis
@@ -190,18 +196,18 @@ def _rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray) -> 
         R[row, 2] = f0 * (x * z * k + y * s) + f1 * (y * z * k - x * s) + f2 * (c + z * z * k)
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _fill_row(z: _Vector, r: _Vector, w: _Vector, dw: _Vector, a: _Vector, y: FloatArray) -> None:
     """Write what the ten parameters of a link add to the torque about axis z at distance r.
 
     Its mass at c accelerates by a + dw × c + w × (w × c); in z · (c × a) + (z × r) · (…) every
     factor of c is a triple product, and the inertia's moment is I dw + w × I w.
     """
-    arm = _cross(z, r)
-    turn = _cross(z, w)
-    swing = _dot(arm, w)
-    h = _add(_cross(a, z), _add(_cross(arm, dw), _add(_times(w, swing), _times(arm, -_dot(w, w)))))
-    y[0] = _dot(arm, a)
+    arm = cross(z, r)
+    turn = cross(z, w)
+    swing = dot(arm, w)
+    h = add(cross(a, z), add(cross(arm, dw), add(times(w, swing), times(arm, -dot(w, w)))))
+    y[0] = dot(arm, a)
     y[1], y[2], y[3] = h
     y[4] = z[0] * dw[0] + turn[0] * w[0]
     y[5] = z[0] * dw[1] + z[1] * dw[0] + turn[0] * w[1] + turn[1] * w[0]

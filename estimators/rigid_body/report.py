@@ -63,6 +63,9 @@ def base_table(found: Identification) -> Table:
     table = Table(
         title="Base parameters: what torque can reveal, one standard deviation",
         title_justify="left",
+        caption="± counts errors that last and other motion of the kind recorded; physics that is "
+        "not modelled can pull every recording alike, which no ± shows",
+        caption_justify="left",
     )
     for heading in ("parameter", "value", "nominal", "unit"):
         table.add_column(heading, justify="left" if heading in "parameter unit" else "right")

@@ -42,7 +42,7 @@ class JointTerms:
         chosen: The width of each joint, once chosen [rad/s].
 
     Raises:
-        ConfigError: A width that is not greater than 0.
+        ConfigError: A width that is not above 0, or not finite.
     """
 
     sign_widths: tuple[float, ...] = SIGN_WIDTHS
@@ -53,7 +53,9 @@ class JointTerms:
     def __post_init__(self) -> None:
         if not self.sign_widths or not all(0 < width < np.inf for width in self.sign_widths):
             listed = ", ".join(f"{width:g}" for width in self.sign_widths)
-            raise ConfigError(f"sign width {listed or '(none)'} rad/s: has to be greater than 0")
+            raise ConfigError(
+                f"sign width {listed or '(none)'} rad/s: has to be above 0 and finite"
+            )
 
     def with_choice(self, choice: tuple[int, ...]) -> JointTerms:
         """Return the terms with one of the widths, by its index, for each joint."""

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from estimators.evaluation import Evaluation
 
 
+FILES = ("evaluation.json", "torque.png", "loops.png")
+
+
 def command(
     recording: Annotated[Path, typer.Argument(help="Recording that was not trained on.")],
     model: Annotated[Path, typer.Option(help="Model folder of `limo train`.")],
@@ -26,8 +29,8 @@ def command(
 ) -> None:
     """Compare measured torque with rigid body and model: tables, and pictures with --out.
 
-    The measured torque goes through the zero-phase filter that was used in training. The noise
-    floor is what sensor noise, judged by the spectrum above, leaves after that filter. The second
+    Measured and predicted torque go through the zero-phase filter that was used in training. The
+    noise floor is what sensor noise, judged by the spectrum above, leaves after it. The second
     table says how many torques were within the interval that is meant to hold 95 %, and how much
     of the motion is unlike what was learned.
 
@@ -41,9 +44,12 @@ def command(
 
     from estimators.evaluation import evaluate
     from estimators.model_folder import check_simulation, load_model
+    from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
+    if out is not None:
+        require_folder(out, "the evaluation", FILES, [recording])
     trained = load_model(model)
     if sim is not None:
         check_simulation(trained, Simulation.load(sim))
@@ -53,6 +59,11 @@ def command(
     for item in (*measured.left_out, *measured.warnings):
         notes.print(f"{recording}: {item}", markup=False)
     evaluation = evaluate(trained, measured)
+    if evaluation.trained_on:
+        notes.print(
+            f"{recording}: the model was trained on it; these errors say nothing of other motion",
+            markup=False,
+        )
     values = json.dumps(evaluation.as_values())
     if out is not None:
         write(evaluation, out)
@@ -115,7 +126,7 @@ def table(evaluation: Evaluation) -> Table:
             *("unknown" if values[key][j] is None else f"{values[key][j]:.4f}" for key in keys),
             f"{values['mse_rigid_body'][j]:.3g}",
             f"{values['mse_hybrid'][j]:.3g}",
-            f"{values['mse_ratio'][j]:.1f}",
+            f"{values['mse_ratio'][j]:.3g}",
         )
     result.add_section()
     result.add_row(
@@ -123,7 +134,7 @@ def table(evaluation: Evaluation) -> Table:
         *[""] * 4,
         f"{values['mean_mse_rigid_body']:.3g}",
         f"{values['mean_mse_hybrid']:.3g}",
-        f"{values['mean_mse_ratio']:.1f}",
+        f"{values['mean_mse_ratio']:.3g}",
     )
     return result
 

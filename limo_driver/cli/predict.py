@@ -1,49 +1,81 @@
-"""`limo predict`: what a simulation says the recorded torque is."""
+"""`limo predict`: what a simulation or a model says the recorded torque is."""
 
 from __future__ import annotations
 
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from estimators.base import Estimate, LiveEstimator
+    from estimators.residual_model import ResidualModel
+    from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
+
+BANDWIDTH = 10.0  # [Hz], with a simulation
 
 
 def command(
     recording: Annotated[Path, typer.Argument(help="Recording: Parquet, CSV or limo's own log.")],
-    sim: Annotated[Path, typer.Option(help="The simulation, a sim.yaml.")],
     out: Annotated[Path, typer.Option(help="Where to write the torques (Parquet).")],
+    sim: Annotated[Path | None, typer.Option(help="The simulation, a sim.yaml.")] = None,
+    model: Annotated[Path | None, typer.Option(help="Or a model folder of `limo train`.")] = None,
     bandwidth: Annotated[
-        float, typer.Option(help="Bandwidth of the zero-phase differentiator [Hz].")
-    ] = 10.0,
+        float | None,
+        typer.Option(
+            help=f"Bandwidth of the differentiator, Hz; {BANDWIDTH:g}. A model has its own."
+        ),
+    ] = None,
+    delay: Annotated[
+        float | None,
+        typer.Option(
+            help="Predict what a live stream would have said this late, s; from the past alone."
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the rows used and left out as JSON.")
     ] = False,
 ) -> None:
     """Predict the noise-free torque of a recorded motion: columns time, torque_1 … torque_n.
 
-    One row for each row of the recording; rows that cannot be used are NaN and named.
+    A model adds std_1 … std_n, the standard deviation of its error, and outside_1 … outside_n, true
+    where the motion is unlike what it learned from. With --delay, time is that of the torque, which
+    is that much before the position that came with it. One row for each row of the recording; rows
+    that cannot be used are empty and named.
 
-    [bold]Example[/bold]
+    [bold]Examples[/bold]
 
         limo predict run.parquet --sim sim.yaml --out torque.parquet
+
+        limo predict run.parquet --model model/ --delay 0.1 --out torque.parquet
     """
     import json
 
     from rich.console import Console
 
+    from estimators.simulation_only import SimulationOnly
     from limo_driver.outputs import require_file
-    from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
-    require_file(out, [recording, sim])
-    simulation, measured = Simulation.load(sim), Recording.load(recording)
-    measured.check_robot(simulation.model)
-    torque = simulation.predict_recording(measured, bandwidth)
-    write_torque(measured, torque, out)
+    require_file(out, [path for path in (recording, sim) if path is not None])
+    physics, learned = _load(sim, model, bandwidth)
+    measured = Recording.load(recording)
+    measured.check_robot(physics.model)
+    width = BANDWIDTH if bandwidth is None else bandwidth
+    time, columns = measured.time, {}
+    if delay is not None:
+        time, columns = _late(measured, learned or SimulationOnly(physics, width), delay)
+    elif learned is not None:
+        columns = _columns(learned.estimate(measured))
+    else:
+        columns = {"torque": physics.predict_recording(measured, width)}
+    write(measured, time, columns, out)
     if as_json:
         left_out = {item.reason: item.rows for item in measured.left_out}
         rows = {"used": len(measured), "left_out": left_out}
@@ -52,25 +84,92 @@ def command(
         )
         return
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
-    for warning in measured.warnings:
-        notes.print(f"{recording}: {warning}", markup=False)
-    for item in measured.left_out:
+    for item in (*measured.warnings, *measured.left_out):
         notes.print(f"{recording}: {item}", markup=False)
 
 
-def write_torque(recording: Recording, torque: FloatArray, path: Path) -> None:
-    """Write one row for each row of the recorded file; NaN where a row was left out."""
+def _load(
+    sim: Path | None, model: Path | None, bandwidth: float | None
+) -> tuple[Simulation, ResidualModel[Any] | None]:
+    """Return the simulation, and the model that adds to it, if one was given.
+
+    Raises:
+        ConfigError: Both or none were given, or a bandwidth to a model.
+    """
+    from limo_driver.errors import ConfigError
+    from limo_driver.physics import Simulation
+
+    if (sim is None) == (model is None):
+        given = "neither" if sim is None else "both"
+        raise ConfigError(f"{given} of --sim and --model given, expected one of them")
+    if sim is not None:
+        return Simulation.load(sim), None
+    if bandwidth is not None:
+        raise ConfigError("--bandwidth is of --sim; a model has the bandwidth it was trained with")
+    from estimators.model_folder import load_model
+
+    assert model is not None  # noqa: S101  # one of them is there
+    learned = load_model(model)
+    return learned.simulation, learned
+
+
+def _late(
+    recording: Recording, estimator: LiveEstimator, delay: float
+) -> tuple[FloatArray, dict[str, NDArray[Any]]]:
+    """Return the times (T,) [s] and columns of what a stream says along a recording."""
+    import numpy as np
+
+    from estimators.stream import Stream
+
+    stream = Stream(estimator, recording.rate, delay)
+    late, _ = stream.advance(stream.init(), recording.time, recording.position)
+    return np.asarray(late.time), _columns(late)
+
+
+def _columns(estimate: Estimate) -> dict[str, NDArray[Any]]:
+    """Return torque, and std and outside where they are known, (T, n) each."""
+    import numpy as np
+
+    if np.isnan(estimate.std).all():
+        return {"torque": estimate.torque}
+    return {"torque": estimate.torque, "std": estimate.std, "outside": estimate.outside}
+
+
+def write(
+    recording: Recording, time: FloatArray, columns: Mapping[str, NDArray[Any]], path: Path
+) -> None:
+    """Write one row for each row of the recorded file, empty where a row was left out.
+
+    Args:
+        recording: T samples of n joints.
+        time: Of what is written, (T,) [s].
+        columns: (T, n) each, by the name that stands before the number of the joint.
+        path: To be written (Parquet).
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
     import numpy as np
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     from limo_driver.errors import ConfigError
 
-    time = np.full(recording.rows_total, np.nan)
-    values = np.full((recording.rows_total, recording.n), np.nan)
-    time[recording.rows], values[recording.rows] = recording.time, torque
-    columns = {"time": time} | {f"torque_{j + 1}": values[:, j] for j in range(recording.n)}
+    left_out = np.ones(recording.rows_total, dtype=bool)
+    left_out[recording.rows] = False
+
+    def spread(values: NDArray[Any]) -> NDArray[Any]:
+        whole = np.zeros(recording.rows_total, values.dtype)
+        whole[recording.rows] = values
+        return whole
+
+    arrays = {"time": time} | {
+        f"{name}_{j + 1}": values[:, j]
+        for name, values in columns.items()
+        for j in range(recording.n)
+    }
+    table = {name: pa.array(spread(values), mask=left_out) for name, values in arrays.items()}
     try:
-        pq.write_table(pa.table(columns), path, use_dictionary=False)
+        pq.write_table(pa.table(table), path, use_dictionary=False)
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror or error}", path=path) from None

@@ -103,12 +103,17 @@ def command(  # one argument for each option
 
     from estimators.hybrid import HybridModel
     from estimators.joint_physics import JointPhysics
+    from estimators.neural import NETWORKS
     from estimators.training import usual_settings
+    from limo_driver.errors import ConfigError
 
     if model == JointPhysics.name:
         _refuse_network_options(context)
         _train_physics(recordings, sim, out, bandwidth, as_json=as_json)
         return
+    if model not in NETWORKS:
+        known = ", ".join((JointPhysics.name, *NETWORKS))
+        raise ConfigError(f"no model is called {model!r}; known: {known}")
     usual = usual_settings(features)
     settings = replace(
         usual,
@@ -192,16 +197,21 @@ def _print(
 
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
-        caption="gain: the part of the network's torque that motion not trained on confirms",
+        caption="held-out: blocks that choose which weights are kept; left out: stretches foretold "
+        "by networks that did not see them, which the standard deviation and the gain come from; "
+        "gain: the part of the network's torque that they confirm",
     )
     table.add_column("joint", justify="right")
     for where in ("training", "held-out"):
         table.add_column(f"rigid body, {where}", justify="right")
         table.add_column(f"hybrid, {where}", justify="right")
-    table.add_column("gain", justify="right")
     columns = [
         rmse[where][name] for where in ("training", "held_out") for name in ("rigid_body", "hybrid")
     ]
+    if "left_out" in rmse:
+        table.add_column("hybrid, left out", justify="right")
+        columns.append(rmse["left_out"]["hybrid"])
+    table.add_column("gain", justify="right")
     for j, values in enumerate(zip(*columns, strict=True)):
         table.add_row(str(j + 1), *(f"{value:.4f}" for value in values), f"{gain[j]:.2f}")
     console.print(table)

@@ -9,6 +9,7 @@ import numpy as np
 from limo_driver.physics.effect import BodyEffect, SensorEffect
 from limo_driver.physics.friction import Frictions, VelocityFriction
 from limo_driver.physics.hysteresis import MAXWELL_SLIP, MaxwellSlips, PreslidingHysteresis
+from limo_driver.physics.sensing import TorqueOffset
 from limo_driver.physics.transmission import JointElasticity, wind_up
 
 if TYPE_CHECKING:
@@ -42,7 +43,11 @@ class EffectGroups:
         for item in elastic:
             self._compliances[:, item.joint - 1] += 1.0 / item.stiffness, item.cubic
         self.is_elastic = bool(elastic)
-        together = (BodyEffect, VelocityFriction, JointElasticity, SensorEffect)
+        self._offsets = np.zeros(n)  # [N m]
+        for item in effects:
+            if isinstance(item, TorqueOffset):
+                self._offsets[item.joint - 1] += item.offset
+        together = (BodyEffect, VelocityFriction, JointElasticity, SensorEffect, TorqueOffset)
         self.single = tuple(
             (i, item)
             for i, item in numbered
@@ -51,6 +56,7 @@ class EffectGroups:
 
     def add_torques(self, torque: FloatArray, motion: Motion, memories: list[State]) -> None:
         """Add what acts together to `torque` (T, n) [N m] and put its new memories in the list."""
+        torque += self._offsets
         self._frictions.add(torque, motion.velocity)
         if places := self._slip_places:
             after = self._slips.add(torque, motion, [memories[i] for i in places])

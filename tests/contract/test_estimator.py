@@ -14,6 +14,7 @@ from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.neural import NETWORKS
 from estimators.rigid_body import RigidBodyModel
+from estimators.stream import Stream
 from estimators.training import TrainingSettings
 from limo_driver.errors import NotFittedError, RecordingError, ShapeError
 from limo_driver.model import RobotModel
@@ -24,6 +25,8 @@ from limo_driver.types import JointSample, Motion
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from estimators.stream import LiveEstimate
 
 RATE = 200.0
 BANDWIDTH = 10.0
@@ -74,8 +77,13 @@ def recording() -> Recording:
 
 
 @pytest.fixture(scope="module", params=ESTIMATORS)
-def estimator(request: pytest.FixtureRequest, recording: Recording) -> InverseDynamics:
-    return ESTIMATORS[request.param]("iiwa14").fit([recording])
+def kind(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def estimator(kind: str, recording: Recording) -> InverseDynamics:
+    return ESTIMATORS[kind]("iiwa14").fit([recording])
 
 
 @pytest.fixture(scope="module")
@@ -101,14 +109,14 @@ def test_predicts_nothing_before_fit(name: str, recording: Recording) -> None:
         ESTIMATORS[name]("iiwa14").init()
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
-def test_fitting_again_forgets_what_was_fitted_before(name: str, recording: Recording) -> None:
+def test_fitting_again_forgets_what_was_fitted_before(
+    kind: str, estimator: InverseDynamics, recording: Recording
+) -> None:
     other = recorded("iiwa14", seed=1)
-    estimator = ESTIMATORS[name]("iiwa14")
-    assert estimator.fit([other]) is estimator
-    again = estimator.fit([recording]).predict(recording)
-    fresh = ESTIMATORS[name]("iiwa14").fit([recording]).predict(recording)
-    np.testing.assert_array_equal(again, fresh)
+    again = ESTIMATORS[kind]("iiwa14")
+    assert again.fit([other]) is again
+    again.fit([recording])
+    np.testing.assert_array_equal(again.predict(recording), estimator.predict(recording))
 
 
 @pytest.mark.parametrize("joints", [1, 2])
@@ -146,12 +154,42 @@ def test_scanning_step_equals_predict(estimator: InverseDynamics, recording: Rec
     motion = recording.motion(BANDWIDTH)
     assert len(recording.segments) == 2
     for rows in recording.segments:
-        # A hybrid is told how fast it will be called; others have no rate.
-        fast = isinstance(estimator, HybridModel)
-        state = estimator.init(RATE) if fast else estimator.init()
+        state, scanned = estimator.init(RATE), []
         for t in range(rows.start, rows.stop):
             torque, state = estimator.step(state, motion.sample(t))
-            np.testing.assert_allclose(torque, predicted[t], atol=1e-6)
+            scanned.append(torque)
+        np.testing.assert_allclose(scanned, predicted[rows], atol=1e-6)
+
+
+def test_scanning_a_stream_equals_its_batch(
+    estimator: InverseDynamics, recording: Recording
+) -> None:
+    check_stream(estimator, recording)
+
+
+def test_a_bare_simulation_streams_as_well(recording: Recording) -> None:
+    late = check_stream(nominal("iiwa14"), recording)
+    assert np.isnan(late.std).all()
+    assert not late.learned.any()
+    assert not late.outside.any()
+
+
+def check_stream(model: InverseDynamics | Simulation, recording: Recording) -> LiveEstimate:
+    """Step over the gap of the recording, and from where some of it was taken as a batch."""
+    stream, rows = Stream(model, RATE, 0.05), slice(700, 1000)
+    signals = recording.time[rows], recording.position[rows], recording.torque[rows]
+    whole, _ = stream.advance(stream.init(), *signals)
+    taken = 60
+    _, state = stream.advance(stream.init(), *(values[:taken] for values in signals))
+    for t in range(taken, len(signals[0])):
+        one, state = stream.step(state, *(values[t] for values in signals))
+        for name in ("time", "simulation", "learned", "torque", "std", "outside", "measured"):
+            expected = getattr(whole, name)[t]
+            np.testing.assert_allclose(getattr(one, name), expected, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(whole.torque, whole.simulation + whole.learned)
+    np.testing.assert_allclose(whole.time, signals[0] - stream.delay)
+    assert whole.outside.shape == whole.std.shape == signals[1].shape
+    return whole
 
 
 def test_step_leaves_the_state_it_was_given(

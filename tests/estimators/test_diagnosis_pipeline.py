@@ -127,15 +127,19 @@ def test_what_looks_like_a_push_only_beside_missing_effects_is_none(given, monke
     assert diagnose(given, [record(given, 0)]).verdict.verdict == "consistent"
 
 
-def test_it_keeps_blas_to_one_thread_and_gives_the_others_back(given):
-    def threads(*_):
+def test_it_tells_its_progress_keeps_blas_to_one_thread_and_gives_the_others_back(given):
+    def threads():
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
     with threadpool_limits(2, user_api="blas"):
-        inside = []
-        diagnose(given, [record(given, 0)], progress=lambda *_: inside.append(threads()))
-        assert all(number == {1} for number in inside)
+        told = []
+        diagnose(given, [record(given, 0)], progress=lambda _, done: told.append((done, threads())))
         assert threads() == {2}
+    assert all(number == {1} for _, number in told)
+    done = [item[0] for item in told]
+    assert done == sorted(done)
+    assert done[0] == 0.0
+    assert done[-1] == 1.0
 
 
 def test_a_low_bandwidth_makes_no_hysteresis_of_reversals(given):
@@ -312,15 +316,6 @@ def test_a_value_at_its_limit_is_not_blamed_for_what_nothing_explains(given):
     assert names(found) == {(UNKNOWN, "missing", (1,))}
     dry = next(item for item in found.shifts if item.name == "tau_c of joint 1 (coulomb friction)")
     assert dry.sigmas == pytest.approx(3.0)
-
-
-def test_progress_is_told_from_begin_to_end(given):
-    told = []
-    diagnose(given, [record(given, 0)], progress=lambda stage, done: told.append((stage, done)))
-    done = [item[1] for item in told]
-    assert done == sorted(done)
-    assert done[0] == 0.0
-    assert done[-1] == 1.0
 
 
 def test_a_recording_of_another_robot_is_refused(given):

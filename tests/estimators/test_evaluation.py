@@ -1,27 +1,30 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from io import StringIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from wandering import wander
 
 from estimators.evaluation import Evaluation, evaluate, noise_floor
 from estimators.hybrid import HybridModel
+from estimators.joint_physics import JointPhysics
 from estimators.pictures import loop_figure, png, torque_figure
 from estimators.training import TrainingSettings
 from limo_driver.errors import RecordingError
 from limo_driver.recording import Recording
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+    from subprocess import CompletedProcess
 
     from limo_driver.physics import Simulation
+
+    Limo = Callable[..., CompletedProcess[str]]
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +42,32 @@ def test_errors_are_against_the_filtered_torque(
     evaluation: Evaluation, model: HybridModel, test_recording: Recording
 ) -> None:
     inside = ~test_recording.edges(10.0)
-    residual = test_recording.filtered_torque(10.0) - model.predict(test_recording)
+    residual = test_recording.torque - model.predict(test_recording)
+    residual = test_recording.filtered(residual, 10.0)
     np.testing.assert_allclose(evaluation.hybrid.mse, np.mean(residual[inside] ** 2, axis=0))
     assert evaluation.mean_mse_ratio == pytest.approx(
         evaluation.rigid_body.mse.mean() / evaluation.hybrid.mse.mean()
     )
+
+
+def test_a_simulation_that_is_the_arm_leaves_nothing_but_noise(rigid: Simulation) -> None:
+    motion = wander(
+        np.arange(4000) / 100.0,
+        np.array([0.4, -0.8]),
+        np.random.default_rng(0),
+        (0.1, 0.6),
+        (0.05, 0.15),
+    )
+    noise = 0.02 * np.random.default_rng(1).standard_normal(motion.position.shape)
+    recording = Recording.from_arrays(motion.time, motion.position, rigid.predict(motion) + noise)
+    own = Recording.from_arrays(motion.time, motion.position, noise).filtered_torque(10.0)
+    model = JointPhysics(rigid).fit([recording])
+    found = evaluate(model, recording)
+    np.testing.assert_allclose(found.rigid_body.rmse, np.std(own[found.scored], axis=0), rtol=0.25)
+    np.testing.assert_allclose(
+        model.fitted.record["rmse"]["simulation"], found.rigid_body.rmse, rtol=1e-9
+    )
+    np.testing.assert_allclose(found.noise_floor, np.std(own, axis=0), rtol=0.2)
 
 
 def test_noise_floor_is_the_noise_that_the_filter_leaves() -> None:
@@ -99,17 +123,6 @@ def test_pictures_have_a_panel_for_each_joint(evaluation: Evaluation) -> None:
         assert png(figure).startswith(b"\x89PNG")
 
 
-def limo(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    code = "from limo_driver.cli import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"COLUMNS": "120"},
-    )
-
-
 @pytest.fixture(scope="module")
 def files(
     tmp_path_factory: pytest.TempPathFactory,
@@ -124,13 +137,13 @@ def files(
     return folder
 
 
-def test_from_recordings_to_pictures(files: Path) -> None:
+def test_from_recordings_to_pictures(files: Path, limo: Limo) -> None:
     trained = limo(
         *("train", files / "train.parquet", "--sim", files / "sim.yaml", "--out", files / "model"),
         *("--features", "drive", "--epochs", "2", "--json"),
     )
     assert trained.returncode == 0, trained.stderr
-    assert set(json.loads(trained.stdout)["rmse"]) == {"training", "held_out"}
+    assert set(json.loads(trained.stdout)["rmse"]) == {"training", "held_out", "left_out"}
     evaluated = limo(
         *("evaluate", files / "test.parquet", "--model", files / "model"),
         *("--sim", files / "sim.yaml", "--out", files / "out"),
@@ -143,16 +156,35 @@ def test_from_recordings_to_pictures(files: Path) -> None:
     assert (files / "out" / "loops.png").stat().st_size > 10_000
 
 
+def test_it_is_said_that_a_model_was_trained_on_the_recording(
+    rigid: Simulation, files: Path, limo: Limo
+) -> None:
+    seen, unseen = (Recording.load(files / name) for name in ("train.parquet", "test.parquet"))
+    settings = TrainingSettings(features="drive", epochs=1, rate=50.0, folds=1)
+    model = HybridModel(rigid, settings).fit([seen])
+    assert evaluate(model, seen).as_values()["trained_on"] is True
+    assert evaluate(model, unseen).as_values()["trained_on"] is False
+    model.save(files / "seen")
+    told = limo("evaluate", files / "train.parquet", "--model", files / "seen")
+    assert "train.parquet: the model was trained on it" in told.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("train", "nothing.parquet", "--sim", "sim.yaml", "--out", "m"), "nothing.parquet"),
         (("train", "train.parquet", "--sim", "no.yaml", "--out", "m"), "no.yaml"),
-        (("train", "train.parquet", "--sim", "sim.yaml", "--out", "m", "--model", "x"), "mlp7"),
+        (
+            ("train", "train.parquet", "--sim", "sim.yaml", "--out", "m", "--model", "x"),
+            "joint-physics, mlp7",
+        ),
+        (("evaluate", "test.parquet", "--model", "nowhere", "--out", "sim.yaml"), "is a file"),
         (("evaluate", "test.parquet", "--model", "nowhere"), "no such model folder"),
     ],
 )
-def test_bad_input_is_one_line(files: Path, arguments: tuple[str, ...], message: str) -> None:
+def test_bad_input_is_one_line(
+    files: Path, limo: Limo, arguments: tuple[str, ...], message: str
+) -> None:
     done = limo(*(files / a if "." in a or a in {"m", "nowhere"} else a for a in arguments))
     assert done.returncode == 2
     assert message in done.stderr

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
+from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import check_simulation
 from estimators.neural import NETWORKS
 from estimators.training import TrainingSettings
@@ -65,11 +66,11 @@ def test_every_network_is_stored_and_streams(
 
 
 def test_hybrid_is_the_sum_of_its_parts(model: HybridModel, test_recording: Recording) -> None:
-    parts = model.parts(test_recording)
+    found = model.estimate(test_recording)
     np.testing.assert_allclose(
-        parts.rigid_body, model.simulation.predict(test_recording.motion(10.0)), atol=1e-12
+        found.simulation, model.simulation.predict(test_recording.motion(10.0)), atol=1e-12
     )
-    np.testing.assert_allclose(model.predict(test_recording), parts.rigid_body + parts.network)
+    np.testing.assert_allclose(model.predict(test_recording), found.simulation + found.learned)
 
 
 def test_a_manifest_says_what_the_network_sees(folder: Path) -> None:
@@ -106,7 +107,8 @@ def test_the_gain_scales_the_network_of_its_joint(
     scaled = HybridModel(model.simulation)
     scaled.fitted_ = replace(model.fitted, gain=model.fitted.gain * [0.5, 0.0])
     np.testing.assert_allclose(
-        scaled.parts(test_recording).network, model.parts(test_recording).network * [0.5, 0.0]
+        scaled.estimate(test_recording).learned,
+        model.estimate(test_recording).learned * [0.5, 0.0],
     )
 
 
@@ -121,8 +123,8 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
 
 
 def edit(folder: Path, **changes: object) -> None:
-    path = folder / "manifest.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    entries = dict(read_manifest(folder).values) | changes
+    (folder / "manifest.json").write_text(as_manifest(entries))
 
 
 @pytest.mark.parametrize(
@@ -134,9 +136,9 @@ def edit(folder: Path, **changes: object) -> None:
         ({"inputs": []}, "inputs: number 1 is nothing"),
         ({"outputs": [{"name": "x", "unit": "N m", "mean": 0, "std": 1}]}, "number 1 is"),
         ({"weights": {"sha256": "0"}}, "sha256 differs"),
-        ({"simulation": "sim.yaml"}, "names no file and sha256"),
-        ({"features": {}}, "cannot be understood"),
-        ({"rate": None}, "cannot be understood"),
+        ({"simulation": "sim.yaml"}, "simulation is 'sim.yaml', expected an object"),
+        ({"features": {}}, "features: lacks own_joint"),
+        ({"rate": None}, "rate is None, expected a number in 0.5 to 5500"),
     ],
 )
 def test_a_manifest_that_does_not_fit_is_refused(
@@ -172,7 +174,9 @@ def test_another_sampling_rate(model: HybridModel, test_recording: Recording) ->
         model.predict(test_recording[::2])
 
 
-def test_another_simulation_is_named(model: HybridModel, rigid: Simulation) -> None:
+def test_another_simulation_is_named(
+    model: HybridModel, rigid: Simulation, arm: Path, tmp_path: Path
+) -> None:
     check_simulation(model, rigid)
     heavier = CoulombFriction(joint=2, tau_c=2.0)
     with pytest.raises(
@@ -183,6 +187,10 @@ def test_another_simulation_is_named(model: HybridModel, rigid: Simulation) -> N
         check_simulation(model, replace(rigid, effects=rigid.effects[:1]))
     with pytest.raises(ModelStoreError, match="of iiwa14"):
         check_simulation(model, Simulation("iiwa14"))
+    longer = tmp_path / "two_joints.urdf"
+    longer.write_text(arm.read_text().replace('xyz="0.3 0 0"', 'xyz="0.4 0 0"'))
+    with pytest.raises(ModelStoreError, match="where its joints are"):
+        check_simulation(model, replace(rigid, robot=str(longer)))
 
 
 def test_a_simulation_read_back_from_its_file_is_the_same(model: HybridModel, folder: Path) -> None:

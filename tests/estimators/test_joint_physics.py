@@ -10,8 +10,10 @@ import pytest
 
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
+from estimators.joint_physics.calibration import leverage_of
 from estimators.joint_physics.columns import SETTLED, Columns
 from estimators.joint_physics.evidence import Evidence, fit, most_probable_prior
+from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import load_model
 from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
 from limo_driver.physics import CoulombFriction, Simulation
@@ -21,6 +23,8 @@ from limo_driver.types import JointSample, Motion
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    Limo = Callable[..., subprocess.CompletedProcess[str]]
 
 BANDWIDTH = 10.0
 
@@ -44,11 +48,11 @@ def errors(torque: np.ndarray, recording: Recording) -> np.ndarray:
 def test_learns_the_hysteresis_of_other_motion(
     model: JointPhysics, test_recording: Recording
 ) -> None:
-    parts = model.parts(test_recording)
-    before = np.mean(errors(parts.rigid_body, test_recording) ** 2, axis=0)
+    found = model.estimate(test_recording)
+    before = np.mean(errors(found.simulation, test_recording) ** 2, axis=0)
     after = np.mean(errors(model.predict(test_recording), test_recording) ** 2, axis=0)
     assert (after < 0.02 * before).all()
-    np.testing.assert_allclose(parts.hybrid, model.predict(test_recording), atol=1e-12)
+    np.testing.assert_allclose(found.torque, model.predict(test_recording), atol=1e-12)
 
 
 def test_the_interval_holds_what_it_says_on_motion_held_out(
@@ -89,17 +93,16 @@ def test_motion_unlike_that_of_training_is_outside_and_less_sure(
 def test_a_joint_that_has_not_turned_yet_is_outside(model: JointPhysics) -> None:
     still = np.array([0.4, -0.8])
     state, zero = model.init(), np.zeros(2)
-    estimate, state = model.estimate_step(state, JointSample(0.0, still, zero, zero))
+    estimate, state = model.advance(state, JointSample(0.0, still, zero, zero).motion())
     assert estimate.outside.all()
     for i in range(1, 40):
         q = still + np.array([0.001 * i, 0.0])
-        estimate, state = model.estimate_step(
-            state, JointSample(0.01 * i, q, np.array([0.1, 0.0]), zero)
-        )
-        assert estimate.outside[1]
+        moved = JointSample(0.01 * i, q, np.array([0.1, 0.0]), zero)
+        estimate, state = model.advance(state, moved.motion())
+        assert estimate.outside[0, 1]
     assert SETTLED < 0.001 * 39
-    assert not estimate.outside[0]
-    assert estimate.torque.shape == estimate.std.shape == (2,)
+    assert not estimate.outside[0, 0]
+    assert estimate.torque.shape == estimate.std.shape == (1, 2)
 
 
 def test_stepping_estimates_what_a_recording_does(
@@ -109,10 +112,49 @@ def test_stepping_estimates_what_a_recording_does(
     whole, motion = model.estimate(recording), recording.motion(BANDWIDTH)
     state = model.init()
     for t in range(len(recording)):
-        estimate, state = model.estimate_step(state, motion.sample(t))
-        np.testing.assert_allclose(estimate.torque, whole.torque[t], atol=1e-6)
-        np.testing.assert_allclose(estimate.std, whole.std[t], rtol=1e-6)
-        np.testing.assert_array_equal(estimate.outside, whole.outside[t])
+        estimate, state = model.advance(state, motion[t : t + 1])
+        np.testing.assert_allclose(estimate.torque[0], whole.torque[t], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(estimate.std[0], whole.std[t], rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(estimate.outside[0], whole.outside[t])
+
+
+def test_packed_weights_predict_what_whole_matrices_do(
+    model: JointPhysics, test_recording: Recording
+) -> None:
+    fitted, motion = model.fitted, test_recording.motion(BANDWIDTH)[:200]
+    torque = model.simulation.predict(motion)
+    X = model.columns.advance(model.columns.init(), motion, torque)[0].columns
+    learned, leverage = fitted.prediction.of_columns(X)
+    for j, x in enumerate(X):
+        np.testing.assert_allclose(learned[:, j], x @ fitted.weights[j], rtol=0, atol=1e-9)
+        expected = leverage_of(x, fitted.root[j])
+        np.testing.assert_allclose(leverage[:, j], expected, rtol=1e-9, atol=1e-12)
+    # the second joint does not move the first link
+    assert fitted.prediction.sizes[1] < fitted.prediction.sizes[0] < model.columns.count + 1
+
+
+def test_parts_of_the_motion_that_disagree_widen_the_covariance() -> None:
+    random = np.random.default_rng(2)
+    x = random.standard_normal((500, 3))
+    x[:, 2] = 0.0  # the data say nothing of it
+    slope = np.repeat([0.8, 0.9, 1.0, 1.1, 1.2], 100)  # of the first column, drifting over parts
+    y = slope * x[:, 0] + 0.5 * x[:, 1] + 0.01 * random.standard_normal(500)
+
+    def sums(rows: np.ndarray) -> Evidence:
+        own, target = x[rows], y[rows]
+        return Evidence(own.T @ own, own.T @ target, float(target @ target), float(rows.sum()))
+
+    part = np.arange(500) // 100
+    found = fit(sums(part >= 0), [sums(part != f) for f in range(5)], np.array([0, 1, 1]))
+    weights = np.array([without.weights for without in found.without])
+    jackknife = 0.8 * (weights - weights.mean(axis=0)).T @ (weights - weights.mean(axis=0))
+    root = found.posterior.root
+    np.testing.assert_array_equal(root, np.tril(root))
+    added = root.T @ root - jackknife
+    assert np.linalg.eigvalsh(added[:2, :2]).min() > 0  # what the posterior alone says
+    assert jackknife[0, 0] > 10 * jackknife[1, 1]
+    assert not root[2].any()
+    assert not root[:, 2].any()
 
 
 def test_rows_in_between_are_remembered(rigid: Simulation, test_recording: Recording) -> None:
@@ -195,6 +237,42 @@ def test_too_short_a_recording_is_refused(rigid: Simulation, training_recording:
         JointPhysics(rigid).fit([training_recording[:15]])
 
 
+def test_fewer_rows_than_weights_are_refused(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    brisk = Recording.from_arrays(
+        training_recording.time[:250],
+        training_recording.position[:2500:10],
+        training_recording.torque[:2500:10],
+    )
+    with pytest.raises(RecordingError, match=r"joint \d: 1\d\d rows .* at least 154, as many as"):
+        JointPhysics(rigid).fit([brisk])
+
+
+def test_folds_of_a_short_recording_do_not_narrow_the_interval(
+    rigid: Simulation, record: Callable[[int, float], Recording], test_recording: Recording
+) -> None:
+    for seed in range(40, 43):
+        short = JointPhysics(rigid).fit([record(seed, 8.0)])
+        assert (short.fitted.calibration.factor >= 1.0).all()
+        found = short.estimate(test_recording)
+        known = ~found.outside[~test_recording.edges(BANDWIDTH)]
+        std = found.std[~test_recording.edges(BANDWIDTH)]
+        within = np.abs(errors(found.torque, test_recording)) <= 1.96 * std
+        assert within[known].mean() > 0.9
+
+
+def test_a_joint_that_rests_in_a_part_of_the_motion_is_named(
+    rigid: Simulation, training_recording: Recording
+) -> None:
+    position = training_recording.position.copy()
+    position[-1500:, 1] = position[-1500, 1]
+    time = training_recording.time
+    recording = Recording.from_arrays(time, position, training_recording.torque)
+    with pytest.raises(RecordingError, match=r"too little of joint 2: .* each of 5 parts"):
+        JointPhysics(rigid).fit([recording])
+
+
 def test_nothing_to_fit_to(rigid: Simulation) -> None:
     with pytest.raises(RecordingError, match="no recording"):
         JointPhysics(rigid).fit([])
@@ -244,16 +322,16 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
         ({"estimator": "oracle"}, "'oracle' is unknown; known: hybrid, joint-physics"),
         ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
         ({"families": []}, "train it again"),
-        ({"families": None}, "cannot be understood"),
-        ({"bandwidth": None}, "cannot be understood"),
+        ({"families": None}, "families is None, expected a list of objects"),
+        ({"bandwidth": None}, "bandwidth is None, expected a number above 0"),
         ({"weights": {"sha256": "0"}}, "sha256 differs"),
     ],
 )
 def test_a_manifest_that_does_not_fit_is_refused(
     folder: Path, changes: dict[str, object], message: str
 ) -> None:
-    path = folder / "manifest.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    entries = dict(read_manifest(folder).values) | changes
+    (folder / "manifest.json").write_text(as_manifest(entries))
     with pytest.raises(ModelStoreError, match=message):
         load_model(folder)
 
@@ -270,18 +348,8 @@ def test_a_folder_of_another_estimator_is_refused(folder: Path) -> None:
         HybridModel.load(folder)
 
 
-def limo(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    code = "from limo_driver.cli import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 def test_the_commands_train_and_evaluate_it(
-    rigid: Simulation, training_recording: Recording, tmp_path: Path
+    rigid: Simulation, training_recording: Recording, tmp_path: Path, limo: Limo
 ) -> None:
     sim, run = tmp_path / "sim.yaml", tmp_path / "run.parquet"
     rigid.save(sim)

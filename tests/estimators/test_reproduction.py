@@ -16,12 +16,12 @@ from table_data import RATE, robot, write_data
 from estimators.reproduction import rows as r
 from estimators.reproduction.bench import Bench, Motion
 from estimators.reproduction.data import TableData
-from estimators.reproduction.rigid_body import rigid_body
+from estimators.reproduction.rigid_body import physics_digest, rigid_body
 from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, Row, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES, Protocol, Trial, TrialStore
 from estimators.reproduction.workers import Advanced, Failed, Finished, Job, run_trials
 from limo_driver.errors import ConfigError, LimoError, RecordingError
-from limo_driver.physics import Simulation
+from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recording import Recording
 
 if TYPE_CHECKING:
@@ -243,13 +243,42 @@ def test_the_split_by_scaffold_tests_on_whole_scaffolds(bench: Bench, data: Tabl
 
 
 def test_a_finished_trial_is_read_back(bench: Bench, data: TableData, tmp_path: Path) -> None:
-    store, trial = TrialStore(tmp_path), trial_of(data, r.MLP_FULL)
+    store, trial = TrialStore(tmp_path, "one"), trial_of(data, r.MLP_FULL)
     assert store.load(trial) is None
     result = bench.run(trial)
     store.save(result)
     assert store.load(trial) == result
     assert set(result.packages) >= {"limo", "numpy", "torch"}
     assert [path.name for path in tmp_path.iterdir()] == [trial.file_name]
+
+
+def test_a_trial_on_another_rigid_body_is_not_finished(
+    bench: Bench, data: TableData, tmp_path: Path
+) -> None:
+    trial = trial_of(data, r.RBD)
+    store, another = TrialStore(tmp_path, "one"), TrialStore(tmp_path, "another")
+    result = bench.run(trial)
+    store.save(result)
+    assert another.load(trial) is None
+    path = tmp_path / trial.file_name
+    values = json.loads(path.read_text())
+    del values["rigid_body"]  # as the first versions wrote it
+    path.write_text(json.dumps(values))
+    assert another.load(trial) == result
+
+
+def test_a_rigid_body_is_told_by_its_physics_wherever_its_robot_lies(
+    arm: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "deeper").mkdir()
+    one, moved = tmp_path / "sim.yaml", tmp_path / "deeper" / "sim.yaml"
+    friction = CoulombFriction(joint=1, tau_c=1.0)
+    for path in (one, moved):
+        Simulation(str(arm), (friction,)).save(path)
+    assert one.read_bytes() != moved.read_bytes()
+    assert physics_digest(one) == physics_digest(moved)
+    Simulation(str(arm), (replace(friction, tau_c=1.1),)).save(moved)
+    assert physics_digest(one) != physics_digest(moved)
 
 
 def test_other_data_or_settings_are_another_trial(data: TableData) -> None:
@@ -270,7 +299,7 @@ def test_a_damaged_trial_is_refused_by_name(data: TableData, tmp_path: Path, tex
     trial = trial_of(data, r.RBD)
     (tmp_path / trial.file_name).write_text(text)
     with pytest.raises(ConfigError, match=f"{trial.file_name}: cannot be read as a finished"):
-        TrialStore(tmp_path).load(trial)
+        TrialStore(tmp_path, "one").load(trial)
 
 
 # Processes
@@ -283,9 +312,16 @@ def job(folder: Path, tmp_path: Path) -> Job:
     return Job(folder, sim, tmp_path, "cpu")
 
 
-def test_worker_processes_finish_trials(job: Job, data: TableData) -> None:
+def test_worker_processes_finish_trials_and_say_why_one_cannot_be(
+    job: Job, data: TableData
+) -> None:
     trials = [trial_of(data, row) for row in (r.RBD, r.MLP_FULL, r.FCL100)]
-    events = list(run_trials(job, trials, 2))
+    hopeless = trial_of(data, r.FCL500_FULL, SCAFFOLDS)
+    hopeless = replace(hopeless, settings=replace(hopeless.settings, sequence_length=5000))
+    events = list(run_trials(job, [hopeless, *trials], 2))
+    (failed,) = (event for event in events if isinstance(event, Failed))
+    assert failed.trial == hopeless
+    assert "a sequence needs 5000" in failed.reason
     done = [event.trial.file_name for event in events if isinstance(event, Finished)]
     assert sorted(done) == sorted(trial.file_name for trial in trials)
     assert {e.trial.row.name: e.epoch for e in events if isinstance(e, Advanced)} == {
@@ -293,7 +329,7 @@ def test_worker_processes_finish_trials(job: Job, data: TableData) -> None:
         "LSTM-FCL 100": 1,
     }
     for trial in trials:
-        assert TrialStore(job.trials).load(trial) is not None
+        assert job.store().load(trial) is not None
     assert not multiprocessing.active_children()
 
 
@@ -318,14 +354,6 @@ def test_a_worker_that_dies_fails_its_trial_only(job: Job, data: TableData) -> N
     assert [event.trial.row.name for event in finished] == ["RBD"]
 
 
-def test_a_trial_that_cannot_be_trained_says_why(job: Job, data: TableData) -> None:
-    trial = trial_of(data, r.FCL500_FULL, SCAFFOLDS)
-    long = replace(trial, settings=replace(trial.settings, sequence_length=5000))
-    (failed,) = run_trials(job, [long], 1)
-    assert isinstance(failed, Failed)
-    assert "a sequence needs 5000" in failed.reason
-
-
 def test_workers_are_stopped_when_nobody_listens(job: Job, data: TableData) -> None:
     trial = trial_of(data, r.MLP_FULL)
     endless = replace(trial, settings=replace(trial.settings, epochs=10_000))
@@ -333,11 +361,11 @@ def test_workers_are_stopped_when_nobody_listens(job: Job, data: TableData) -> N
     assert isinstance(next(events), Advanced)
     events.close()  # type: ignore[attr-defined]
     assert not multiprocessing.active_children()
-    assert TrialStore(job.trials).load(endless) is None
+    assert job.store().load(endless) is None
 
 
 def test_sequences_longer_than_the_motion_are_refused(bench: Bench, data: TableData) -> None:
     trial = trial_of(data, r.FCL500_FULL)
     long = replace(trial, settings=replace(trial.settings, sequence_length=5000))
-    with pytest.raises(RecordingError, match="too short"):
+    with pytest.raises(RecordingError, match="nothing is left to train on"):
         bench.run(long)

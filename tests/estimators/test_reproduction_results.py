@@ -21,7 +21,8 @@ from estimators.reproduction.claims import CLAIMS, best, judge
 from estimators.reproduction.data import TableData
 from estimators.reproduction.picture import draw
 from estimators.reproduction.results import Table
-from estimators.reproduction.rows import PARTS, ROWS, paper_table
+from estimators.reproduction.rigid_body import physics_digest, rigid_body
+from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, paper_table
 from estimators.reproduction.trial import (
     SCAFFOLDS,
     SEQUENCES,
@@ -34,9 +35,14 @@ from estimators.reproduction.writing import write
 from limo_driver.cli import main
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    Limo = Callable[..., subprocess.CompletedProcess[str]]
+
 PROTOCOL = Protocol(runs=3, epochs=1)
+ONCE = Protocol(runs=1, epochs=1)
+LEFT = (r.RBD, r.LSTM2_FULL, r.FCL500_HYBRID, TOPOLOGIES[2, 15], r.MLP_FULL, r.TRANSFORMER)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +99,7 @@ def test_one_run_has_no_spread_and_none_has_no_mean(data: TableData) -> None:
 def test_only_finished_trials_of_these_data_and_settings_are_gathered(
     data: TableData, tmp_path: Path
 ) -> None:
-    store = TrialStore(tmp_path)
+    store = TrialStore(tmp_path, "one")
     trial = PROTOCOL.trials(data.digests)[0]
     store.save(result(trial, 1.0))
     assert Table.gather(data, PROTOCOL, store).results[0].trial.row == r.RBD
@@ -180,12 +186,18 @@ def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: 
     assert {item["verdict"] for item in values["claims"]} == {"-"}
     claims = (tmp_path / "claims.md").read_text()
     assert all(claim.title in claims for claim in CLAIMS)
+    assert (
+        "No judgement of the paper: the networks were trained for 1 epoch, the paper's for 100."
+        in (claims)
+    )
+    write(Table(data, Protocol(), ()), tmp_path)
+    assert "No judgement" not in (tmp_path / "claims.md").read_text()
 
 
 # The command
 
 
-def limo(*arguments: object) -> list[str]:
+def command_line(*arguments: object) -> list[str]:
     # what a shell runs in the background is born with SIGINT ignored, and so are its children
     listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{listen}; from limo_driver.cli import main; main()"
@@ -220,32 +232,50 @@ def finished(out: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in (out / "trials").glob("*.json")}
 
 
-def test_a_killed_command_goes_on_where_it_was(folder: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def nearly_done(data: TableData, tmp_path: Path) -> Path:
+    """Return an output folder that lacks one trial of each kind of network and of topology."""
     out = tmp_path / "out"
-    command = limo(
+    for name in ("trials", "prepared"):
+        (out / name).mkdir(parents=True)
+    store = TrialStore(out / "trials", physics_digest(rigid_body(data, out / "prepared")))
+    for trial in ONCE.trials(data.digests):
+        if trial.split != SEQUENCES or trial.row not in LEFT:
+            store.save(result(trial, 1.0))
+    assert len(finished(out)) == 33 - len(LEFT)
+    return out
+
+
+def test_a_killed_command_goes_on_where_it_was(folder: Path, nearly_done: Path, limo: Limo) -> None:
+    out = nearly_done
+    arguments = (
         "reproduce", "table1", "--data", folder, "--out", out, "--device", "cpu",
-        "--runs", 1, "--epochs", 1, "--jobs", 1,
+        "--runs", ONCE.runs, "--epochs", ONCE.epochs, "--jobs", 1,
     )  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
-        while not len(finished(out)) > 2:
+    given, table = finished(out), out / "table1.md"
+    with subprocess.Popen(
+        command_line(*arguments), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as first:
+        while not (len(finished(out)) > len(given) + 1 and table.exists()):
             assert first.poll() is None
             time.sleep(0.05)
         first.send_signal(signal.SIGKILL)
     before = finished(out)
-    assert "LSTM-FCL 500 | 0, 1 left | - (" in (out / "table1.md").read_text()
-    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "Transformer 500 with tau_rbd,r | 0, 1 left | - (" in table.read_text()
+    again = limo(*arguments)
     assert again.returncode == 0, again.stderr
     after = finished(out)
     assert len(after) == 33
     assert {name: after[name] for name in before} == before
+    assert given.items() <= before.items()
     assert not list((out / "trials").glob(".*.partial"))
-    assert "; 33 of 33 trials done" in (out / "table1.md").read_text()
-    assert "| - " not in (out / "table1.md").read_text()
+    assert "; 33 of 33 trials done" in table.read_text()
+    assert "| - " not in table.read_text()
 
 
 def test_ctrl_c_stops_at_once_and_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    command = limo(
+    command = command_line(
         "reproduce", "table1", "--data", folder, "--out", out, "--device", "cpu",
         "--runs", 1, "--epochs", 100_000, "--jobs", 1,
     )  # fmt: skip

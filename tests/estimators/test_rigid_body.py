@@ -9,6 +9,7 @@ import pytest
 from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
 from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.consistent import inertial_of, pseudo_inertia, thickened
+from estimators.rigid_body.newton_euler import inverse_dynamics, link_parameters
 from estimators.rigid_body.normal_equations import accumulate
 from estimators.rigid_body.regressor import Chain, parameters_of
 from limo_driver.errors import ConfigError, NotFittedError, RecordingError, ShapeError
@@ -290,6 +291,17 @@ def test_deviations_hold_when_errors_last(iiwa):
     assert np.all(found.fit.effective < 2 * 10.0 * recording.duration / 3)
 
 
+def test_base_parameters_are_less_sure_where_the_model_is_wrong(iiwa):
+    """Other recordings of an arm with hysteresis give other values: by as much as is said."""
+    slip = [PreslidingHysteresis(joint=j, stiffness=(40.0,), width=(0.05,)) for j in range(1, 8)]
+    simulation = Simulation("iiwa14", tuple(slip))
+    fits = [identify(iiwa, [record(simulation, 3000, seed)], PAPER).fit for seed in range(4)]
+    deviation = np.sqrt(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))
+    values = np.array([fit.parameters for fit in fits])
+    scatter = values.std(axis=0, ddof=1) / deviation
+    assert 0.2 < np.sqrt(np.mean(scatter**2)) < 1.6
+
+
 def test_what_the_motion_does_not_reveal_stays_at_the_description(iiwa):
     found = identify(iiwa, [record(Simulation("iiwa14", FRICTION))], PAPER)
     first = found.links[0]  # of link 1 only the inertia about the joint shows in torque
@@ -379,6 +391,17 @@ def test_bad_requests_are_refused(iiwa):
     with pytest.raises(RecordingError, match="has 6 joints"):
         identify(iiwa, [six])
     t = np.arange(100) / RATE
-    rest = Recording(t, np.tile(0.01 * t[:, None], 7), np.ones((100, 7)))
+    rest = Recording(t, np.tile(0.01 * t[:, None], 7), np.tile(t[:, None], 7))
     with pytest.raises(RecordingError, match="no row is left"):
         identify(iiwa, [rest], PAPER, Rows(moving_only=True))
+
+
+def test_newton_and_euler_agree_with_pinocchio(iiwa: RobotModel) -> None:
+    random, chain = np.random.default_rng(5), Chain.of(iiwa)
+    parameters, torque = link_parameters(iiwa), np.empty(7)
+    arm = (chain.rotation, chain.translation, chain.axis, chain.gravity, parameters)
+    for _ in range(20):
+        q, v, a = random.uniform(-2.5, 2.5, (3, 7))
+        inverse_dynamics(*arm, q, v, a, torque)
+        expected = iiwa.inverse_dynamics(q[None], v[None], a[None])[0]
+        np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-11)

@@ -103,11 +103,11 @@ def test_every_base_parameter_has_a_name_and_an_uncertainty(recording, identify)
         (("--bandwidth", "70"), "a bandwidth of 70 Hz does not suit"),
         (("--weighting", "mood"), "weighting 'mood'"),
         *(
-            (("--bandwidth", value), f"bandwidth {value} Hz: has to be greater than 0")
+            (("--bandwidth", value), f"bandwidth {value} Hz: has to be above 0 and finite")
             for value in ("0", "-3", "nan", "inf")
         ),
         *(
-            (("--sign-width", value), f"sign width {value} rad/s: has to be greater than 0")
+            (("--sign-width", value), f"sign width {value} rad/s: has to be above 0 and finite")
             for value in ("0", "-0.01", "nan")
         ),
         *(

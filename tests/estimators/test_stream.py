@@ -56,10 +56,12 @@ def model(request: pytest.FixtureRequest) -> HybridModel:
 def test_scanning_equals_predict_and_a_gap_starts_anew(model: HybridModel, rate: float) -> None:
     recording, stream = record(rate, 2.4, seed=1), Stream(model, rate, 0.05)
     assert len(recording.segments) == 2
-    predicted, state = stream.predict(recording), stream.init()
-    for t, (time, position) in enumerate(zip(recording.time, recording.position, strict=True)):
-        torque, state = stream.step(state, time, position)
-        np.testing.assert_allclose(torque, predicted[t], rtol=0, atol=1e-6)
+    predicted, state, scanned = stream.predict(recording), stream.init(), []
+    for time, position in zip(recording.time, recording.position, strict=True):
+        late, state = stream.step(state, time, position)
+        assert late.measured is None
+        scanned.append(late.torque)
+    np.testing.assert_allclose(scanned, predicted, rtol=0, atol=1e-9)
     second = recording[recording.segments[1]]
     np.testing.assert_allclose(
         predicted[recording.segments[1]], stream.predict(second), rtol=0, atol=1e-9
@@ -88,7 +90,7 @@ def test_a_step_leaves_its_state(model: HybridModel) -> None:
         _, state = stream.step(state, time, position)
     first, _ = stream.step(state, recording.time[30], recording.position[30])
     again, _ = stream.step(state, recording.time[30], recording.position[30])
-    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(first.torque, again.torque)
 
 
 def test_what_does_not_fit_is_refused(model: HybridModel) -> None:
@@ -99,10 +101,44 @@ def test_what_does_not_fit_is_refused(model: HybridModel) -> None:
     with pytest.raises(RecordingError, match="sampled at 250 Hz, expected 200 Hz"):
         Stream(model, 200.0).predict(record(250.0, 1.0))
     stream = Stream(model, 200.0)
-    with pytest.raises(ShapeError, match=r"expected \(1, 7\)"):
+    with pytest.raises(ShapeError, match=r"position .*expected \(7,\)"):
         stream.step(stream.init(), 0.0, np.zeros(6))
+    with pytest.raises(ShapeError, match=r"torque .*expected \(7,\)"):
+        stream.step(stream.init(), 0.0, np.zeros(7), np.zeros(6))
+    with pytest.raises(ShapeError, match=r"position .*expected \(2, 7\)"):
+        stream.advance(stream.init(), np.arange(2.0), np.zeros((3, 7)))
+    with pytest.raises(ShapeError, match="T at least 1"):
+        stream.advance(stream.init(), np.zeros(0), np.zeros((0, 7)))
     with pytest.raises(RecordingError, match="have to be finite"):
         stream.step(stream.init(), 0.0, np.full(7, np.nan))
+
+
+def test_torque_comes_with_every_position_or_with_none(model: HybridModel) -> None:
+    stream = Stream(model, 200.0)
+    _, state = stream.step(stream.init(), 0.0, POSE, np.zeros(7))
+    with pytest.raises(
+        RecordingError, match=r"0\.005 s comes without torque, those before came with"
+    ):
+        stream.step(state, 0.005, POSE)
+    _, state = stream.step(stream.init(), 0.0, POSE)
+    with pytest.raises(RecordingError, match="comes with torque, those before came without"):
+        stream.step(state, 0.005, POSE, np.zeros(7))
+    with pytest.raises(RecordingError, match="values have to be finite"):
+        stream.step(stream.init(), 0.0, POSE, np.full(7, np.nan))
+
+
+def test_measured_torque_is_as_late_and_as_smooth_as_the_estimate() -> None:
+    recording, stream = record(500.0, 8.0, seed=4)[:2000], Stream(TRUE, 500.0, 0.1)
+    rough = 0.5 * np.random.default_rng(0).standard_normal(recording.torque.shape)
+    late, _ = stream.advance(
+        stream.init(), recording.time, recording.position, recording.torque + rough
+    )
+    assert late.measured is not None
+    settled = slice(2 * round(stream.delay * 500.0), None)
+    external = (late.measured - late.torque)[settled]
+    # 10 Hz of 250 Hz are left of the noise
+    assert 0.02 < external.std() < 0.15
+    assert abs(external.mean()) < 0.01
 
 
 def test_a_memory_needs_a_rate_that_it_can_reach(model: HybridModel) -> None:

@@ -11,7 +11,7 @@ from estimators.hybrid import HybridModel
 from estimators.neural import NETWORKS, Mlp, Network
 from estimators.training import Epoch, TrainingSettings, paper_settings, train, usual_settings
 from estimators.training_data import TrainingData, prepare
-from estimators.training_gain import gain
+from estimators.training_gain import carry_over
 from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation
@@ -28,11 +28,11 @@ QUICK = TrainingSettings(features="own-joint", epochs=2, rate=100.0, hidden=8)
 
 def mse(model: HybridModel, recording: Recording) -> tuple[float, float]:
     """Return MSE of rigid body and hybrid [(N m)²]."""
-    parts, bandwidth = model.parts(recording), model.fitted.bandwidth
+    found, bandwidth = model.estimate(recording), model.fitted.bandwidth
     inside = ~recording.edges(bandwidth)
     measured = recording.filtered_torque(bandwidth)
     return tuple(
-        float(np.mean((measured - p)[inside] ** 2)) for p in (parts.rigid_body, parts.hybrid)
+        float(np.mean((measured - p)[inside] ** 2)) for p in (found.simulation, found.torque)
     )
 
 
@@ -141,7 +141,7 @@ def test_epochs_are_reported_and_recorded(rigid: Simulation, training_recording:
     assert [item["held_out_loss"] for item in fitted.record["epochs"]] == [
         epoch.held_out_loss for epoch in seen[:2]
     ]
-    assert set(fitted.record["rmse"]) == {"training", "held_out"}
+    assert set(fitted.record["rmse"]) == {"training", "held_out", "left_out"}
 
 
 def test_a_network_that_carries_over_is_trusted(
@@ -164,11 +164,15 @@ def test_a_network_that_learns_by_heart_is_switched_off(
         rigid.predict(motion) + 0.3 * np.tanh(motion.velocity / 0.05) * [1.0, 0.0] + unexplained,
     )
     settings = TrainingSettings(features="drive", epochs=5, rate=50.0, learning_rate=3e-3, folds=2)
-    found = train(rigid, [contradicting], settings).gain
-    assert found[0] > 0.9
-    assert found[1] == 0.0
-    trusting = replace(settings, epochs=1, folds=1)
-    np.testing.assert_array_equal(train(rigid, [contradicting], trusting).gain, 1.0)
+    found = train(rigid, [contradicting], settings)
+    assert found.gain[0] > 0.9
+    assert found.gain[1] == 0.0
+    # switched off, it leaves all of what contradicts itself, however well blocks were learned
+    np.testing.assert_array_equal(found.error, found.record["rmse"]["left_out"]["hybrid"])
+    assert found.error[1] == pytest.approx(2.0, rel=0.15)
+    trusting = train(rigid, [contradicting], replace(settings, epochs=1, folds=1))
+    np.testing.assert_array_equal(trusting.gain, 1.0)
+    np.testing.assert_array_equal(trusting.error, trusting.record["rmse"]["held_out"]["hybrid"])
 
 
 def test_whole_recordings_judge_where_there_are_enough(
@@ -190,7 +194,10 @@ def test_whole_recordings_judge_where_there_are_enough(
         columns = feature_set("own-joint", 2).columns
         return Mlp(columns, {name: np.zeros(shape) for name, shape in zero.items()})
 
-    gain(data, 2, fit)
+    found = carry_over(data, 2, fit)
+    used = data.output_scaling.restore(data.targets[data.use != LEFT_OUT].astype(np.float64))
+    left = np.std(used, axis=0)  # it gives the mean, and no more
+    np.testing.assert_allclose(found.rmse, left, rtol=1e-3)
     for rest, out in zip(seen, (slice(0, 2000), slice(2000, 6000)), strict=True):
         kept = np.delete(np.arange(6000), out)
         assert (rest.use[out] == LEFT_OUT).all()
@@ -207,17 +214,17 @@ def test_a_network_that_stands_alone_gives_the_whole_torque(
     )
     model = HybridModel(rigid, settings).fit([training_recording])
     assert model.fitted.features.quantities == ("position", "velocity", "acceleration")
-    parts = model.parts(test_recording)
-    assert not parts.rigid_body.any()
+    found = model.estimate(test_recording)
+    assert not found.simulation.any()
     nothing, network = mse(model, test_recording)
     assert nothing / network > 4
     model.save(tmp_path / "model")
     loaded = HybridModel.load(tmp_path / "model")
-    np.testing.assert_array_equal(loaded.predict(test_recording), parts.network)
+    np.testing.assert_array_equal(loaded.predict(test_recording), found.learned)
     state, motion = loaded.init(100.0), test_recording.motion(10.0)
     for t in range(50):
         torque, state = loaded.step(state, motion.sample(t))
-        np.testing.assert_allclose(torque, parts.network[t], atol=1e-6)
+        np.testing.assert_allclose(torque, found.learned[t], atol=1e-6)
 
 
 def test_the_last_weights_are_kept_where_asked(
@@ -308,6 +315,10 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
         ({"folds": 0}, "folds = 0"),
         ({"held_out": 1.0}, "held_out = 1.0"),
         ({"learning_rate": float("nan")}, "learning_rate = nan"),
+        ({"weight_decay": float("inf")}, "weight_decay = inf has to be 0 or more, and finite"),
+        ({"rate": float("inf")}, "rate = inf"),
+        ({"rate": 0.001}, "rate = 0.001 Hz has to be 10 Hz, the bandwidth, or more"),
+        ({"seed": 10**20}, "seed = 100000000000000000000 has to be 18446744073709551615 or less"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(setting: dict[str, object], message: str) -> None:

@@ -134,6 +134,8 @@ def test_memory_is_never_changed_in_place():
         (np.nan, 10.0, 0.1, r"rate = nan Hz has to be above 0"),
         (1000.0, 0.0, 0.1, r"bandwidth = 0 Hz has to be above 0"),
         (1000.0, 10.0, np.inf, r"delay = inf s"),
+        (100.0, 10.0, 1e6, r"a delay of 1e\+06 s is too long at 100 Hz; at most 5 s"),
+        (1e6, 10.0, 0.1, r"a delay of 0.1 s is too long at 1e\+06 Hz; at most 0.025 s"),
     ],
 )
 def test_what_cannot_be_is_refused(rate, bandwidth, delay, message):
@@ -148,7 +150,7 @@ def test_bad_samples_are_refused():
         with pytest.raises(RecordingError, match="its time has to increase"):
             late.step(memory, time, np.zeros(2))
     for memory_before in (memory, late.init(2)):
-        with pytest.raises(RecordingError, match="time and positions have to be finite"):
+        with pytest.raises(RecordingError, match="time and values have to be finite"):
             late.step(memory_before, 1.01, np.array([0.0, np.nan]))
     with pytest.raises(ShapeError, match=r"position has shape \(1, 3\), expected \(1, 2\)"):
         late.step(memory, 1.01, np.zeros(3))

@@ -158,7 +158,8 @@ def test_json_is_the_verdict_and_nothing_else(tmp_path, recording, diagnose):
 def test_without_ambiguity_there_is_no_next_motion_nor_an_old_one(
     tmp_path, recording, diagnose, found
 ):
-    diagnose(recording)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "next_motion.parquet").write_text("of an earlier diagnosis")
     found["equivalent"] = ()
     status, _, notes = diagnose(recording)
     assert status == 0, notes

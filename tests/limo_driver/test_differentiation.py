@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfilt_zi, sosfiltfilt, sosfreqz
 
-from limo_driver.differentiation import ORDER, smooth
+from limo_driver.differentiation import ORDER, _filter, smooth
 
 RATE, BANDWIDTH = 100.0, 5.0  # [Hz]
 
@@ -19,6 +19,16 @@ def test_away_from_the_ends_it_is_scipys_filter_of_each_column(columns):
     sections = butter(ORDER, BANDWIDTH, fs=RATE, output="sos")
     expected = sosfiltfilt(sections, signal, axis=0, padlen=0)
     np.testing.assert_allclose(found[500:-500], expected[500:-500], atol=1e-5)
+
+
+@pytest.mark.parametrize(("bandwidth", "rate"), [(10.0, 1000.0), (1.0, 1000.0), (20.0, 50.0)])
+def test_the_filter_is_scipys_and_starts_in_its_steady_state(bandwidth, rate):
+    sections, steady = _filter(bandwidth, 1.0 / rate)
+    expected = butter(ORDER, bandwidth, fs=rate, output="sos")
+    frequencies = np.linspace(0.0, 3.0, 100)
+    found, reference = (sosfreqz(s, frequencies)[1] for s in (sections, expected))
+    np.testing.assert_allclose(found, reference, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(steady, sosfilt_zi(sections), rtol=1e-9)
 
 
 def test_a_column_does_not_depend_on_those_beside_it_nor_is_what_was_given_changed():

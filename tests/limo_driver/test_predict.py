@@ -10,6 +10,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from estimators.hybrid import HybridModel
+from estimators.stream import Stream
+from estimators.training import TrainingSettings
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.recording import Recording
@@ -34,8 +37,8 @@ def predict(tmp_path, monkeypatch, capsys):
     """Run `limo predict` in this process; returns exit status, stdout and stderr."""
     SIMULATION.save(tmp_path / "sim.yaml")
 
-    def run(path, *more):
-        files = ("--sim", tmp_path / "sim.yaml", "--out", tmp_path / "torque.parquet")
+    def run(path, *more, by=("--sim", tmp_path / "sim.yaml")):
+        files = (*by, "--out", tmp_path / "torque.parquet")
         monkeypatch.setattr(sys, "argv", ["limo", "predict", *map(str, (path, *files, *more))])
         with pytest.raises(SystemExit) as ended:
             main()
@@ -91,6 +94,71 @@ def test_a_bandwidth_too_low_for_the_recording_is_refused(recording, predict):
     status, _, notes = predict(recording, "--bandwidth", "1e-4")
     assert status == 2
     assert "too low for a recording of 3.99 s; give at least 0.125 Hz" in notes
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """A model folder, trained in a moment on what the simulation does not know."""
+    t = np.arange(3000) / RATE
+    position = 0.3 * np.sin(2 * np.pi * np.linspace(0.2, 0.5, 7) * t[:, None])
+    recording = Recording.from_arrays(
+        t,
+        position,
+        SIMULATION.predict_recording(Recording.from_arrays(t, position, np.ones_like(position))),
+    )
+    folder = tmp_path_factory.mktemp("model")
+    settings = TrainingSettings(epochs=1, folds=1, hidden=4)
+    HybridModel(SIMULATION.without_effects(), settings).fit([recording]).save(folder)
+    return folder
+
+
+def column(path, name):
+    table = pq.read_table(path)
+    return np.stack([table[f"{name}_{j}"].to_numpy() for j in range(1, 8)], 1)
+
+
+def test_a_model_says_how_sure_it_is(tmp_path, recording, predict, model):
+    status, _, notes = predict(recording, by=("--model", model))
+    assert status == 0, notes
+    out, measured = tmp_path / "torque.parquet", Recording.load(recording)
+    expected = HybridModel.load(model).estimate(measured)
+    for name in ("torque", "std"):
+        written = column(out, name)
+        np.testing.assert_array_equal(written[measured.rows], getattr(expected, name))
+        assert np.isnan(written[40]).all()
+    outside = pq.read_table(out)["outside_1"]
+    assert outside.null_count == 1
+    assert outside.take(measured.rows).to_pylist() == expected.outside[:, 0].tolist()
+
+
+def test_with_a_delay_it_is_what_a_stream_says(tmp_path, recording, predict, model):
+    measured = Recording.load(recording)
+    for by, estimator in (
+        (("--sim", tmp_path / "sim.yaml"), SIMULATION),
+        (("--model", model), HybridModel.load(model)),
+    ):
+        status, _, notes = predict(recording, "--delay", "0.1", by=by)
+        assert status == 0, notes
+        table = pq.read_table(tmp_path / "torque.parquet")
+        time = table["time"].to_numpy()[measured.rows]
+        np.testing.assert_allclose(time, measured.time - 0.1, atol=1e-12)
+        written = column(tmp_path / "torque.parquet", "torque")[measured.rows]
+        stream = Stream(estimator, measured.rate, 0.1)
+        np.testing.assert_array_equal(written, stream.predict(measured))
+        assert ("std_1" in table.column_names) == (by[0] == "--model")
+
+
+def test_it_is_said_what_predicts(tmp_path, recording, predict, model):
+    sim = tmp_path / "sim.yaml"
+    for by, message in (
+        ((), "neither of --sim and --model given"),
+        (("--sim", sim, "--model", model), "both of --sim and --model given"),
+        (("--model", model, "--bandwidth", "5"), "--bandwidth is of --sim"),
+        (("--sim", sim, "--delay", "9"), "a delay of 9 s is too long"),
+    ):
+        status, _, notes = predict(recording, by=by)
+        assert (status, notes.count("\n")) == (2, 1)
+        assert message in notes
 
 
 def test_at_reversals_it_is_nearer_to_the_arm_than_a_velocity_within_the_bandwidth():

@@ -158,6 +158,7 @@ def refuse(change, message, tmp_path, T=400):
         (lambda c: {k: v for k, v in c.items() if "position" not in k}, "lacks position_1, pos"),
         (lambda c: c | {"time": c["time"] * 1e3}, "sampled at 0.1 Hz.*is the time in seconds"),
         (lambda c: c | {"time": c["time"] % 2.0}, "runs backwards at row 200"),
+        (lambda c: c | {"time": c["time"][::-1]}, "runs backwards in 399 of 400 rows, at row 1"),
         (lambda c: c | {"position_2": np.degrees(c["position_2"])}, "degrees"),
         (lambda c: c | {"torque_1": c["torque_1"] * 1e3}, "torque_1 is beyond ±1000.*N mm"),
         (lambda c: c | {"torque_1": np.full(400, np.nan)}, "has 0 usable rows of 400"),

@@ -13,10 +13,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from estimators.reproduction.results import Table
-    from estimators.reproduction.trial import Trial, TrialStore
+    from estimators.reproduction.trial import Protocol, Trial, TrialStore
     from estimators.reproduction.workers import Job
 
 OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
+DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
 FILES = ("table1.md", "table1.csv", "table1.json", "table1.png", "claims.md")
 INTERRUPTED = 130
 FAILED = 1
@@ -26,8 +27,8 @@ def command(
     data: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of excitation, limo and validation recordings and data.json; "
-            "OUT/data if not given, which is simulated if it is not there."
+            help="Folder of excitation, limo and validation recordings and data.json; OUT/data if "
+            "not given, OUT/data_quick with --quick, which is simulated if it is not there."
         ),
     ] = None,
     out: Annotated[
@@ -72,14 +73,8 @@ def command(
 
     from rich.console import Console
 
-    from estimators.reproduction.data import TableData
-    from estimators.reproduction.picture import PICTURE, draw
-    from estimators.reproduction.results import Table
-    from estimators.reproduction.rigid_body import rigid_body
-    from estimators.reproduction.trial import Protocol, TrialStore
-    from estimators.reproduction.workers import Job
-    from estimators.reproduction.writing import write
-    from limo_driver.outputs import require_folder
+    from estimators.reproduction.trial import Protocol
+    from limo_driver.outputs import only_writer, require_folder
 
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
@@ -88,15 +83,33 @@ def command(
     processes = _processes(jobs, device)
     out = out or (QUICK_OUT if quick else OUT)
     require_folder(out, "the table")
-    folder = data or out / "data"
-    if data is None and not folder.exists():
-        _make_data(folder, quick=quick, notes=notes)
+    with only_writer(out):
+        folder = data or out / (QUICK_DATA if quick else DATA)
+        if data is None and not folder.exists():
+            _make_data(folder, quick=quick, notes=notes)
+        status = _compute(folder, out, protocol, device, processes, notes)
+    if status:
+        raise typer.Exit(status)
+
+
+def _compute(
+    folder: Path, out: Path, protocol: Protocol, device: str, processes: int, notes: Console
+) -> int:
+    """Run the trials that are not finished yet, write the table, and return the exit status."""
+    from estimators.reproduction.data import TableData
+    from estimators.reproduction.picture import PICTURE, draw
+    from estimators.reproduction.results import Table
+    from estimators.reproduction.rigid_body import rigid_body
+    from estimators.reproduction.workers import Job
+    from estimators.reproduction.writing import write
+    from limo_driver.outputs import require_folder
+
     read = TableData.load(folder)
     for name in ("trials", "prepared"):
         require_folder(out / name, "the table")
     with notes.status("identifying the rigid body"):
         job = Job(folder, rigid_body(read, out / "prepared"), out / "trials", device)
-    store = TrialStore(out / "trials")
+    store = job.store()
 
     def update() -> Table:
         table = Table.gather(read, protocol, store)
@@ -107,8 +120,7 @@ def command(
     table = update()
     draw(table, out / PICTURE)
     _print(table, out)
-    if status:
-        raise typer.Exit(status)
+    return status
 
 
 def _processes(jobs: int | None, device: str) -> int:
