@@ -1,0 +1,235 @@
+"""What burdens the service: training beside it, hours of stream, and more arms.
+
+    python benchmarks/service_load.py training --model model/ --data train.parquet --minutes 2
+    python benchmarks/service_load.py memory --model model/ --minutes 120
+    python benchmarks/service_load.py arms --model model/ --arms 1,2,4,8 --minutes 1
+
+`training` measures round trips at 1 kHz alone and then while a niced process fits joint-physics to
+a recording, over and over, as retraining does. `memory` measures the resident memory of `limo
+serve` and gives its slope with an interval. `arms` serves more and more arms from one process, each
+at 1 kHz, until the 99th percentile doubles; their drivers share one process, which is burdened as
+well, so the service alone would bear more.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import t as student
+from service_processes import (
+    Answers,
+    Driver,
+    Motion,
+    configurations,
+    describe_machine,
+    running,
+    serve,
+    two_versions,
+    wait_for,
+)
+
+from limo_driver.streaming import Keys, open_session
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+TRAINING_BAR, MEMORY_BAR, ARMS_BAR = 2.0, 5.0, 2.0  # ratio of p99, MB, ratio of p99
+START, SETTLE = 180.0, 20.0  # [s] for the first estimate, and until everything is compiled
+NICE = 10  # of what trains
+BLOCKS = 20  # of memory samples, whose means hardly depend on each other
+LEVEL = 0.95
+MEGABYTE = 1e6
+
+
+def main() -> None:
+    """Measure one of the burdens."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("burden", choices=("training", "memory", "arms", "fit"))
+    parser.add_argument("--model", type=Path, required=True, help="model folder of limo train")
+    parser.add_argument("--data", type=Path, help="recording to train on")
+    parser.add_argument("--minutes", type=float, default=2.0, help="of each measurement")
+    parser.add_argument("--arms", default="1,2,4", help="how many, one after the other")
+    given = parser.parse_args()
+    if given.burden in {"training", "fit"} and given.data is None:
+        parser.error("training needs --data")
+    if given.burden == "fit":
+        fit(given.model, given.data)
+    elif given.burden == "training":
+        beside_training(given.model, given.data, given.minutes)
+    elif given.burden == "memory":
+        over_time(given.model, given.minutes)
+    else:
+        with_more_arms(given.model, [int(count) for count in given.arms.split(",")], given.minutes)
+    print(describe_machine())
+
+
+class Served:
+    """A running service and the drivers of its arms.
+
+    Args:
+        model: Model folder.
+        arms: How many.
+        log: Whether the service logs, as it does in use.
+    """
+
+    def __init__(self, model: Path, arms: int = 1, *, log: bool = True) -> None:
+        self._motion, self._arms, self._log = Motion(model), arms, log
+        self._model, self._open = model, ExitStack()
+        self.answers: list[Answers] = []
+        self.drivers: list[Driver] = []
+        self.process: subprocess.Popen[bytes]
+
+    def __enter__(self) -> Served:
+        folder = Path(self._open.enter_context(tempfile.TemporaryDirectory()))
+        store = two_versions(folder / "models", self._model, self._motion)
+        names = [f"bench{k}" for k in range(self._arms)]
+        given = [part for name in names for part in ("--arm", f"{name}={store.root}")]
+        given += ["--log", str(folder / "logs")] if self._log else []
+        here, there = configurations(folder)
+        session = self._open.enter_context(open_session(config=here))
+        (self.process,) = self._open.enter_context(running(serve(there, *given)))
+        self.answers = [Answers(session, Keys(name).estimate) for name in names]
+        self.drivers = [
+            self._open.enter_context(Driver(session, self._motion, name)) for name in names
+        ]
+        for answers in self.answers:
+            wait_for(lambda a=answers: bool(a.sequences), START, "estimate")
+        time.sleep(SETTLE)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def measure(self, minutes: float) -> np.ndarray:
+        """Return the round trips of some minutes [ms], of all arms; NaN is an answer lost."""
+        begun = [len(driver.sent) for driver in self.drivers]
+        time.sleep(60.0 * minutes)
+        ended = [len(driver.sent) for driver in self.drivers]
+        time.sleep(1.0)
+        return np.concatenate(
+            [
+                answers.round_trips(driver.sent[:stop], start)
+                for answers, driver, start, stop in zip(
+                    self.answers, self.drivers, begun, ended, strict=True
+                )
+            ]
+        )
+
+
+def beside_training(model: Path, data: Path, minutes: float) -> None:
+    """Measure alone, beside training, and alone again."""
+    with Served(model) as served:
+        alone = served.measure(minutes)
+        with training(model, data):
+            burdened = served.measure(minutes)
+        again = served.measure(minutes)
+    print(f"round trip [ms]             p50      p99      max   ({minutes:g} min each)")
+    before, beside = show("alone", alone), show("beside training", burdened)
+    after = show("alone again", again)
+    print(f"p99 beside training to p99 alone: {beside / before:.2f}   bar {TRAINING_BAR:g}")
+    print(f"p99 alone again to p99 alone: {after / before:.2f} (what chance does)")
+
+
+@contextmanager
+def training(model: Path, data: Path) -> Generator[None]:
+    """Fit joint-physics in a process of its own, at low priority, until the block ends."""
+    given = ["--model", str(model), "--data", str(data)]
+    process = subprocess.Popen(
+        [sys.executable, __file__, "fit", *given], start_new_session=True
+    )  # in a session of its own, whose weight is its own, too
+    try:
+        yield
+    finally:
+        if process.poll() is not None:
+            print(f"the fit ended by itself, with status {process.returncode}")
+        process.kill()
+        process.wait()
+
+
+def fit(model: Path, data: Path) -> None:
+    """Fit over and over, and give way to everything else."""
+    from estimators.joint_physics import JointPhysics
+    from estimators.model_folder import load_model
+    from limo_driver.recording import Recording
+
+    os.nice(NICE)
+    Path("/proc/self/autogroup").write_text(str(NICE))
+    simulation, recording = load_model(model).simulation, Recording.load(data)
+    while True:
+        JointPhysics(simulation).fit([recording])
+
+
+def over_time(model: Path, minutes: float) -> None:
+    """Measure the resident memory of the service once a second."""
+    with Served(model) as served:
+        resident = []
+        ends = time.monotonic() + 60.0 * minutes
+        while time.monotonic() < ends:
+            resident.append(memory(served.process.pid))
+            time.sleep(1.0)
+        answered = sum(len(answers.sequences) for answers in served.answers)
+    values = np.array(resident)
+    slope, half = trend(values)
+    print(f"memory of the service over {minutes:g} min, {answered} estimates [MB]")
+    print(f"  first, last, most      {values[0]:.1f}, {values[-1]:.1f}, {values.max():.1f}")
+    edge = max(1, values.size // 10)
+    drift = values[-edge:].mean() - values[:edge].mean()
+    print(f"  last tenth - first     {drift:+.2f}   bar {MEMORY_BAR:g}")
+    print(f"  slope                  {slope:+.2f} ± {half:.2f} MB/h (95 %)")
+
+
+def memory(process: int) -> float:
+    """Return the resident memory of a process [MB]."""
+    for line in Path(f"/proc/{process}/status").read_text().splitlines():
+        if line.startswith("VmRSS:"):
+            return 1024.0 * float(line.split()[1]) / MEGABYTE
+    sys.exit(f"process {process} ended")
+
+
+def trend(values: np.ndarray) -> tuple[float, float]:
+    """Return the slope of values a second apart [1/h] and half its interval, from block means."""
+    blocks = np.array_split(values, BLOCKS)
+    y = np.array([block.mean() for block in blocks])
+    x = np.arange(BLOCKS) * values.size / BLOCKS / 3600.0  # [h]
+    x -= x.mean()
+    slope = (x @ y) / (x @ x)
+    error = y - y.mean() - slope * x
+    variance = (error @ error) / (BLOCKS - 2) / (x @ x)
+    return slope, student.ppf(0.5 + LEVEL / 2, BLOCKS - 2) * np.sqrt(variance)
+
+
+def with_more_arms(model: Path, counts: list[int], minutes: float) -> None:
+    """Serve more and more arms from one process."""
+    print(f"round trip [ms]             p50      p99      max   ({minutes:g} min each)")
+    single = np.nan
+    for count in counts:
+        with Served(model, count) as served:
+            p99 = show(f"{count} arms", served.measure(minutes))
+            rate = sum(len(driver.sent) for driver in served.drivers)
+        single = p99 if np.isnan(single) else single
+        print(f"  p99 to that of the first: {p99 / single:.2f}   ({rate} states sent in all)")
+        if p99 > ARMS_BAR * single:
+            print(f"p99 has more than doubled at {count} arms")
+            return
+    print(f"p99 has not doubled at {counts[-1]} arms")
+
+
+def show(name: str, took: np.ndarray) -> float:
+    """Print percentiles and what was lost; return the 99th [ms]."""
+    p50, p99, most = np.nanpercentile(took, (50, 99, 100))
+    lost = np.isnan(took).sum()
+    print(f"  {name:24}{p50:9.3f}{p99:9.3f}{most:9.1f}   {took.size} sent, {lost} lost")
+    return float(p99)
+
+
+if __name__ == "__main__":
+    main()
