@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from limo_driver.registry import ROBOTS, find
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand, same_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Generator, Mapping
     from pathlib import Path
 
     from limo_driver.physics import Simulation
@@ -171,8 +172,17 @@ def open_for(
     simulation: Simulation | None,
     robot: str | None,
     seed: int,
+    link: Mapping[str, Any] | None = None,
 ) -> Robot:
     """Open a robot for a trajectory; a simulated one stands where the trajectory starts.
+
+    Args:
+        backend: Registered name.
+        trajectory: What the robot will be asked to do.
+        simulation: Of a simulated robot.
+        robot: Built-in name or URDF, where the backend can be of several.
+        seed: Of a simulated robot's noise.
+        link: How to reach a real robot: arguments of the backend; those that are None are left out.
 
     Raises:
         BackendNotFoundError: Names the known backends.
@@ -180,10 +190,15 @@ def open_for(
             have.
     """
     opener: type[Robot] = find(ROBOTS, backend)
+    given = {name: value for name, value in (link or {}).items() if value is not None}
     if not opener.simulated:
-        if simulation is not None or robot is not None:
-            raise ConfigError(f"backend {backend!r} is no simulation; it takes no --sim or --robot")
-        return _checked(opener(), trajectory)  # type: ignore[call-arg]  # each backend's own
+        given |= {} if robot is None else {"robot": robot}
+        given |= {} if simulation is None else {"sim": simulation}
+    known = signature(opener).parameters
+    if unknown := [f"--{name}" for name in given if name not in known]:
+        raise ConfigError(f"backend {backend!r} takes no {' or '.join(unknown)}")
+    if not opener.simulated:
+        return _checked(opener(**given), trajectory)
     arm = _arm_of(simulation, robot, trajectory)
     _check_robot(arm.model.n, arm.model.name, trajectory)
     options: dict[str, Any] = {

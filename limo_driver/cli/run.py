@@ -30,6 +30,13 @@ def command(
     robot: Annotated[
         str | None, typer.Option(help="Built-in name or URDF; else the trajectory's robot.")
     ] = None,
+    host: Annotated[
+        str | None, typer.Option(help="Address of a real arm's controller; else whoever speaks.")
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="UDP port of a real arm.")] = None,
+    arm_config: Annotated[
+        Path | None, typer.Option("--config", help="What is to be known of a real arm (YAML).")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of a simulated arm's sensor noise.")] = 0,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory \\[s].")
@@ -88,7 +95,14 @@ def command(
     simulation = None if sim is None else Simulation.load(sim)
     with ExitStack() as open_:
         arm = open_.enter_context(
-            open_for(backend, motion, simulation=simulation, robot=robot, seed=seed)
+            open_for(
+                backend,
+                motion,
+                simulation=simulation,
+                robot=robot,
+                seed=seed,
+                link={"host": host, "port": port, "config": arm_config},
+            )
         )
         every = 1 if rate is None else _cycles_per_row(rate, arm.spec.period)
         provenance = {
