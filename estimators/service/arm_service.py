@@ -40,6 +40,10 @@ class Outlet(Protocol):
     def estimate(self, payload: bytes, attachment: bytes, stamp_ns: int) -> None:
         """Publish a torque estimate."""
 
+    @property
+    def external_wanted(self) -> bool:
+        """Whether anyone listens to external torques; estimates hold them, too."""
+
     def external(self, payload: bytes, attachment: bytes) -> None:
         """Publish an external torque, -Jᵀ F of the wrench that the environment exerts."""
 
@@ -143,14 +147,11 @@ class ArmService:
                 self.counts["stale"] += 1
                 return True
             try:
-                self._outlet.state(payload, state.stamp_ns, about.sequence)
-                self._answer(state, about)
+                self._answer(state, about, began)
             except LimoError:  # not even physics could; begin anew with the next state
                 self.counts["unanswered"] += 1
                 self._last = np.nan
-                return True
-        self.latency.add(time.perf_counter() - began)
-        self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
+            self._outlet.state(payload, state.stamp_ns, about.sequence)
         return True
 
     def swap(self, model: LiveModel) -> LiveModel:
@@ -203,7 +204,8 @@ class ArmService:
             return False
         return True
 
-    def _answer(self, state: JointStateMessage, about: Attachment) -> None:
+    def _answer(self, state: JointStateMessage, about: Attachment, began: float) -> None:
+        """Publish the estimate for a state, taken at `began` [s], and then what follows from it."""
         if self._origin is None:
             self._origin = state.stamp_ns
         now = _NANOSECONDS * (state.stamp_ns - self._origin)
@@ -219,10 +221,12 @@ class ArmService:
         self.history.append(now, state.position, torque)
         answer = self._flagged(self._step(now, state.position, torque), state.position)
         reset = now < self._settled
+        self._publish(state, about, answer, reset=reset)
+        self.latency.add(time.perf_counter() - began)
+        self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         for contact in self.watchdog.step(now, answer.external) if not reset else ():
             self._tell(contact, now)
         self._note(answer, reset=reset)
-        self._publish(state, about, answer, reset=reset)
 
     def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> Answer:
         try:
@@ -347,16 +351,18 @@ class ArmService:
             attachment,
             stamp,
         )
-        nothing = state.position[:0]
-        self._outlet.external(
-            self._states.encode(stamp, nothing, nothing, answer.external), attachment
-        )
+        if self._outlet.external_wanted:
+            nothing = state.position[:0]
+            self._outlet.external(
+                self._states.encode(stamp, nothing, nothing, answer.external), attachment
+            )
 
 
 def _possible(state: JointStateMessage) -> bool:
     """Say whether an arm could be there; values that are not finite are nowhere."""
     return bool(
-        (np.abs(state.position) < _FARTHEST).all() and (np.abs(state.torque) < _STRONGEST).all()
+        np.abs(state.position).max() < _FARTHEST
+        and (not state.torque.size or np.abs(state.torque).max() < _STRONGEST)
     )
 
 

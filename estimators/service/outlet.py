@@ -42,6 +42,8 @@ class NetworkOutlet:
         self._external = declare_stream(session, keys.external)
         self._event = declare_history(session, keys.event)
         self._status = declare_history(session, keys.status("service"), kept=1)
+        self.external_wanted = False
+        self._matching = self._external.declare_matching_listener(self._match)
         self.recent: deque[Event] = deque(maxlen=_RECENT)
         self.published = 0
 
@@ -58,6 +60,9 @@ class NetworkOutlet:
     def state(self, payload: bytes, stamp_ns: int, sequence: int) -> None:
         """Log a joint state as it came."""
         self.log(self._keys.joints, JOINT_STATE, payload, stamp_ns, sequence)
+
+    def _match(self, status: zenoh.MatchingStatus) -> None:
+        self.external_wanted = bool(status.matching)
 
     def event(self, kind: str, text: str, level: Level = Level.INFO, **facts: object) -> None:
         """Publish, log and tell what happened."""
@@ -81,5 +86,6 @@ class NetworkOutlet:
 
     def close(self) -> None:
         """Take the keys off the network."""
+        self._matching.undeclare()
         for publisher in (self._estimate, self._external, self._event, self._status):
             publisher.undeclare()

@@ -53,6 +53,8 @@ class Kept:
         self.attachments.append(Attachment.decode(attachment))
         assert self.estimates[-1].stamp_ns == stamp_ns
 
+    external_wanted = True
+
     def external(self, payload: bytes, _attachment: bytes) -> None:
         self.externals.append(decode_joint_state(payload).torque)
 

@@ -50,6 +50,8 @@ class Answers:
     def estimate(self, payload: bytes, attachment: bytes, _stamp_ns: int) -> None:
         self.estimates[Attachment.decode(attachment).sequence] = decode_torque_estimate(payload)
 
+    external_wanted = True
+
     def external(self, *_: object) -> None:
         """Is in the estimate."""
 
