@@ -85,21 +85,20 @@ class SimulatedRobot(Robot):
         self._cycle, self._losing, self._began = saved.cycle, saved.losing, None
 
     def _receive(self, timeout: float | None) -> Measurement | None:  # noqa: ARG002  # in time
-        if self._keeps_time:
-            self._wait()
+        if self._keeps_time and self._began is not None:
+            self._wait(self._began)
         measured = self._cycle_once()
+        if self._began is None:  # time runs from here: the first cycle may compile for a second
+            self._began = time.monotonic() - self._cycle * self.spec.period
         self._cycle += 1
         if self._losing:
             self._losing -= 1
             return None
         return measured
 
-    def _wait(self) -> None:
+    def _wait(self, began: float) -> None:
         """Sleep until this cycle is due."""
-        now, since = time.monotonic(), self._cycle * self.spec.period
-        if self._began is None:
-            self._began = now - since
-        due = self._began + since
+        now, due = time.monotonic(), began + self._cycle * self.spec.period
         if due > now:
             time.sleep(due - now)
         self.lateness.add(max(time.monotonic() - due, 0.0))

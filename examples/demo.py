@@ -18,6 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
 
+import stream_and_push
+
 from limo_driver.physics import Payload, QuadraticDrag, Simulation
 
 HERE = Path(os.path.relpath(Path(__file__).parent))
@@ -136,6 +138,22 @@ def table(evaluation: dict) -> str:
     )
 
 
+def live(out: Path) -> str:
+    """Stream the second motion to a service while the arm is pushed; return the figure as HTML."""
+    found = stream_and_push.stream(out / "model", out / "test.traj.parquet", out)
+    print(f"\n{stream_and_push.summary(found)}")
+    stream_and_push.picture(found, out / "live.png")
+    began, ended = stream_and_push.PUSH.windows[0]
+    told = {event.facts["joint"] for _, event in stream_and_push.contacts(found)}
+    return picture(
+        out / "live.png",
+        f"The same model on a stream of 1 kHz, in a process of its own; someone leans on the arm "
+        f"for {ended - began:g} s. Torque as measured and as the motion alone needs it, and "
+        f"the difference on all joints. Joints that told of contact: {', '.join(map(str, sorted(told))) or 'none'}. From a "
+        f"state taken to its estimate out: {1e3 * found.status['latency']['p50']:.2f} ms (p50).",
+    )
+
+
 def diagnosis(verdict: dict) -> str:
     """Return what was concealed and what was found as an HTML list."""
     concealed = ", ".join(effect.name.replace("_", " ") for effect in CONCEALED)
@@ -152,7 +170,7 @@ def diagnosis(verdict: dict) -> str:
     )
 
 
-def page(steps: list[Step], out: Path) -> str:
+def page(steps: list[Step], streamed: str, out: Path) -> str:
     """Return the demo's page."""
     evaluation = json.loads((out / "evaluation" / "evaluation.json").read_text())
     bandwidth = evaluation["bandwidth"]
@@ -181,6 +199,7 @@ def page(steps: list[Step], out: Path) -> str:
             "Locally isotropic motion: reaching from pose to pose, exploring each with small "
             "random sinusoids on every joint.",
         ),
+        live=streamed,
         diagnosis=diagnosis(json.loads((out / "diagnosis" / "verdict.json").read_text())),
         commands="\n".join(
             f"<li>{html.escape(s.purpose)} <span>({s.seconds:.0f} s)</span>"
@@ -200,8 +219,13 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     conceal(options.out / "concealed.yaml")
     steps = [run(purpose, command) for purpose, command in commands(options.out, options.scaffolds)]
+    start = time.perf_counter()
+    streamed = live(options.out)
+    commands_of_live = "limo serve ... & limo run --stream ...  # examples/stream_and_push.py"
+    purpose = "Stream the second motion to a service of that model, and push the arm meanwhile"
+    steps.append(Step(purpose, commands_of_live, time.perf_counter() - start))
     index = options.out / "index.html"
-    index.write_text(page(steps, options.out))
+    index.write_text(page(steps, streamed, options.out))
     print(f"\n{sum(step.seconds for step in steps):.0f} s in all; open {index}")
 
 
