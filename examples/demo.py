@@ -144,13 +144,13 @@ def live(out: Path) -> str:
     print(f"\n{stream_and_push.summary(found)}")
     stream_and_push.picture(found, out / "live.png")
     began, ended = stream_and_push.PUSH.windows[0]
-    told = {event.facts["joint"] for _, event in stream_and_push.contacts(found)}
+    told = sorted({event.facts["joint"] for _, event in stream_and_push.contacts(found)})
     return picture(
         out / "live.png",
         f"The same model on a stream of 1 kHz, in a process of its own; someone leans on the arm "
         f"for {ended - began:g} s. Torque as measured and as the motion alone needs it, and "
-        f"the difference on all joints. Joints that told of contact: {', '.join(map(str, sorted(told))) or 'none'}. From a "
-        f"state taken to its estimate out: {1e3 * found.status['latency']['p50']:.2f} ms (p50).",
+        f"the difference on all joints. Contact was told on joints {told}. From a state "
+        f"taken to its estimate out: {1e3 * found.status['latency']['p50']:.2f} ms (p50).",
     )
 
 
