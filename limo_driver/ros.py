@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError, WireFormatError
@@ -112,6 +112,14 @@ class RosPublisher(Closing):
         self._publisher.undeclare()
 
 
+class RosState(NamedTuple):
+    """A joint state as a driver of the arm would have published it."""
+
+    payload: bytes
+    about: Attachment
+    source: str  # the publisher's identity
+
+
 class RosReader:
     """Turns what a ROS 2 node published into what a driver of this arm would have.
 
@@ -123,7 +131,7 @@ class RosReader:
     def __init__(self, joint_names: Sequence[str], arm: str) -> None:
         self._codec = JointStateCodec(joint_names, frame_id=arm)
 
-    def read(self, payload: bytes, attachment: bytes) -> tuple[bytes, Attachment]:
+    def read(self, payload: bytes, attachment: bytes) -> RosState:
         """Return the joint state in the order of the arm, without joints that it does not have.
 
         Raises:
@@ -133,7 +141,7 @@ class RosReader:
         state = self._codec.decode(payload)
         if state.names != self._codec.names:
             payload = self._in_order(state, len(payload))
-        return payload, Attachment(about.sequence, about.stamp_ns)
+        return RosState(payload, Attachment(about.sequence, about.stamp_ns), about.gid.hex())
 
     def _in_order(self, state: JointStateMessage, end: int) -> bytes:
         place = {name: j for j, name in enumerate(state.names)}

@@ -46,9 +46,9 @@ class Calibration:
     factor: FloatArray  # (n,), c
     farthest: FloatArray  # (n,) [N² m²], leverage from which on motion is outside
 
-    def std(self, leverage: FloatArray) -> FloatArray:
-        """Return standard deviations (T, n) [N m]."""
-        return np.sqrt(self.factor * (self.noise + leverage))
+    def std(self, leverage: FloatArray, unknown: FloatArray) -> FloatArray:
+        """Return standard deviations [N m] of leverages, and of variances by memory, (T, n)."""
+        return np.sqrt(self.factor * (self.noise + leverage) + unknown)
 
     def outside(self, leverage: FloatArray) -> NDArray[np.bool_]:
         """Return which motion is outside what was judged, (T, n)."""

@@ -41,12 +41,12 @@ def scan(
     step_time: float,
     every: int,
     X: FloatArray,
-    turned: FloatArray,
+    about: FloatArray,
 ) -> None:
     """Advance `memory` (n, ...) in place over T samples and write one row for so many.
 
-    X (n, rows, K) gets the columns, `turned` (rows, n) [rad] the range that each joint has turned
-    in so far. `base` are the columns of the links' regressor that are kept.
+    X (n, rows, K) gets the columns, `about` (2, rows, n) the range that each joint has turned in so
+    far [rad] and its load [N m]. `base` are the columns of the links' regressor that are kept.
     """
     T, n = position.shape
     rotation, translation, axis, gravity, parameters = arm
@@ -67,7 +67,8 @@ def scan(
             for k in range(base.size):
                 x[k] = Y[j, 0, base[k]]
             _fill(j, q, v, step_time, a, memory[j], load, slope, torque[t], x[base.size :])
-            turned[row, j] = memory[j, HIGHEST] - memory[j, LOWEST]
+            about[0, row, j] = memory[j, HIGHEST] - memory[j, LOWEST]
+            about[1, row, j] = load[j]
 
 
 @njit(cache=True, nogil=True)

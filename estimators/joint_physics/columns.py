@@ -81,11 +81,16 @@ class Rows:
     """
 
     columns: FloatArray  # (n, T, K)
-    settled: NDArray[np.bool_]  # (T, n)
+    about: FloatArray  # (2, T, n), range turned in so far [rad] and load [N m]
+
+    @property
+    def settled(self) -> NDArray[np.bool_]:
+        """Which joints are settled, (T, n)."""
+        return self.about[0] > SETTLED
 
     def of(self, samples: NDArray[np.bool_]) -> Rows:
         """Return those of some samples, by a mask (T,)."""
-        return Rows(self.columns[:, samples], self.settled[samples])
+        return Rows(self.columns[:, samples], self.about[:, samples])
 
 
 @dataclass(frozen=True)
@@ -134,6 +139,12 @@ class Columns:
         """Number K of columns of a joint."""
         return self.family.size
 
+    def of_family(self, name: str) -> slice:
+        """Return where the columns of a family are."""
+        names = [family.name for family in self.families]
+        rows = np.flatnonzero(self.family == names.index(name))
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+
     @cached_property
     def _arm(self) -> Arm:
         """What the compiled scan has to know of the rigid body."""
@@ -174,7 +185,7 @@ class Columns:
         """
         after = memory.copy()
         rows = -(-len(motion) // every)
-        X, turned = np.empty((self.n, rows, self.count)), np.empty((rows, self.n))
+        X, about = np.empty((self.n, rows, self.count)), np.empty((2, rows, self.n))
         scan(
             after,
             np.ascontiguousarray(motion.position),
@@ -186,6 +197,6 @@ class Columns:
             _STEP_TIME / self.bandwidth,
             every,
             X,
-            turned,
+            about,
         )
-        return Rows(X, turned > SETTLED), after
+        return Rows(X, about), after

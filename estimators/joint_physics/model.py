@@ -12,6 +12,7 @@ from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate
 from estimators.joint_physics.columns import Columns
 from estimators.joint_physics.evidence import fit
+from estimators.joint_physics.memory import UnknownMemory, moments_of
 from estimators.joint_physics.normal_equations import FOLDS, NormalEquations
 from estimators.joint_physics.prediction import Prediction
 from estimators.model_folder import provenance
@@ -33,6 +34,7 @@ class FittedPhysics:
     weights: FloatArray  # (n, K)
     root: FloatArray  # (n, K, K), R with covariance Rᵀ R of the weights
     calibration: Calibration
+    unknown: UnknownMemory  # what nobody knows of the torque before the joints turned
     record: Mapping[str, Any] = field(default_factory=dict)  # data and errors, as JSON
 
     @classmethod
@@ -57,10 +59,13 @@ class FittedPhysics:
             "simulation": _rmse(simulation, recordings, columns.bandwidth).tolist(),
             "held_out": [float(np.sqrt(found.held_out)) for found in fits],
         }
+        weights = np.stack([found.posterior.weights for found in fits])
+        moments = moments_of(sums.gram.sum(axis=0), sums.count.sum(axis=0), columns)
         return cls(
-            np.stack([found.posterior.weights for found in fits]),
+            weights,
             np.stack([found.posterior.root for found in fits]),
             calibrate(sums.judged, fits, sums.count),
+            UnknownMemory.of(columns, weights, moments, simulation),
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
         )
 
@@ -129,7 +134,9 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         rows, columns = self.columns.advance(state.columns, motion, torque)
         learned, leverage = fitted.prediction.of_columns(rows.columns)
         outside = fitted.calibration.outside(leverage) | ~rows.settled
-        estimate = Estimate(torque, learned, fitted.calibration.std(leverage), outside)
+        unknown = fitted.unknown.variance(rows.columns, rows.about)
+        std = fitted.calibration.std(leverage, unknown)
+        estimate = Estimate(torque, learned, std, outside)
         return estimate, JointPhysicsState(simulation, columns)
 
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.joint_physics.calibration import Calibration
+from estimators.joint_physics.column_scan import WIDTHS
+from estimators.joint_physics.memory import UnknownMemory, any_moments
 from estimators.joint_physics.model import FittedPhysics, JointPhysics
 from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from limo_driver.errors import ModelStoreError
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _POSITIVE: Final = ("noise", "factor", "farthest")  # of a `Calibration`
+_ROUNDING: Final = 1e-9
 _PACKAGES: Final = ("limo", "numpy", "numba", "safetensors", "pin")
 
 
@@ -36,6 +39,7 @@ def save(model: JointPhysics, folder: Path | str) -> None:
         "training": dict(fitted.record),
     }
     tensors = {"weights": fitted.weights, "root": fitted.root, **asdict(fitted.calibration)}
+    tensors["moments"] = fitted.unknown.moments
     write_folder(folder, entries, tensors, model.simulation, _PACKAGES)
 
 
@@ -56,19 +60,35 @@ def load(folder: Path | str) -> JointPhysics:
             f"{expected}; train it again"
         )
     n, K = model.columns.n, model.columns.count
-    found = _arrays(
-        opened,
-        {"weights": (n, K), "root": (n, K, K), "noise": (n,), "factor": (n,), "farthest": (n,)},
-    )
+    shapes = {"weights": (n, K), "root": (n, K, K), "noise": (n,), "factor": (n,), "farthest": (n,)}
+    tensors, place = opened.tensors(), opened.path / WEIGHTS
+    found = _arrays(tensors, place, shapes)
     calibration = Calibration(*(found[name] for name in _POSITIVE))
     record = opened.record("held_out")
-    model.fitted_ = FittedPhysics(found["weights"], found["root"], calibration, record)
+    moments = _moments(tensors, place, n)
+    unknown = UnknownMemory.of(model.columns, found["weights"], moments, opened.simulation)
+    model.fitted_ = FittedPhysics(found["weights"], found["root"], calibration, unknown, record)
     return model
 
 
-def _arrays(opened: ModelFolder, shapes: dict[str, tuple[int, ...]]) -> dict[str, FloatArray]:
+def _moments(tensors: dict[str, FloatArray], place: Path, n: int) -> FloatArray:
+    """Return the moments of the stops; those of any motion for a folder from before they were kept.
+
+    Raises:
+        ModelStoreError: They are no moments.
+    """
+    if "moments" not in tensors:
+        return any_moments(n)
+    moments = _arrays(tensors, place, {"moments": (n, WIDTHS.size, WIDTHS.size)})["moments"]
+    if np.linalg.eigvalsh(moments).min() < -_ROUNDING:
+        raise ModelStoreError(f"{place}: moments are not positive, as those of states are")
+    return moments
+
+
+def _arrays(
+    tensors: dict[str, FloatArray], place: Path, shapes: dict[str, tuple[int, ...]]
+) -> dict[str, FloatArray]:
     """Return the tensors of these names and shapes."""
-    tensors, place = opened.tensors(), opened.path / WEIGHTS
     found: dict[str, FloatArray] = {}
     for name, shape in shapes.items():
         if name not in tensors:

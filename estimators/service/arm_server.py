@@ -1,4 +1,4 @@
-"""One arm on the network: its rate found, its models loaded, its states answered."""
+"""One arm on the network: its states answered, its models changed, its condition told."""
 
 from __future__ import annotations
 
@@ -12,34 +12,29 @@ import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
-from estimators.service.arm_service import ArmService, ServedArm, Window
-from estimators.service.live_model import LiveModel
+from estimators.service.arm_service import ArmService, Window
 from estimators.service.log_watch import LogWatch
+from estimators.service.opening import Opening
 from estimators.service.outlet import NetworkOutlet
 from estimators.service.queries import ModelQueries
-from estimators.service.rate import RateFinder
 from estimators.service.source import FollowedSource, Silence
 from estimators.service.vetting import Demand
-from estimators.service.watchdog import ContactWatchdog
-from estimators.stream import Stream
-from limo_driver.causal_differentiation import RATE_TOLERANCE
 from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
-from limo_driver.messages import Attachment, Level, RosAttachment, decode_joint_state
+from limo_driver.messages import Attachment, Level, decode_joint_state
 from limo_driver.ros import RosReader
 from limo_driver.streaming import Keys, claim
-from limo_driver.types import readonly
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from estimators.service.keeper import Keeper
+    from estimators.service.live_model import LiveModel
     from estimators.service.models import ServedModels
     from estimators.service.settings import ServiceSettings
     from limo_driver.mcap_log import McapLog
     from limo_driver.messages import Event
     from limo_driver.ros import RosTopic
 
-PHYSICS: Final = "physics"  # version of estimates without a learned part
 _WAITING_FOR_STATES, _PREPARING, _SERVING = "waiting for joint states", "preparing", "serving"
 _PAUSE: Final = 10.0  # [s] before another try to serve states that could not be served
 _WAITING: Final = 32  # states; older ones are lost rather than answered late
@@ -76,14 +71,14 @@ class ArmServer:
         settings.contact(self._physics.model.n)  # refuses those of an arm with other joints
         self._token = claim(session, self.keys, "service")
         self.outlet = NetworkOutlet(session, self.keys, log, tell)
+        self._opening = Opening(arm, models, settings, self.outlet)
         self._logging = None if log is None else LogWatch(log, self.outlet)
         self.service: ArmService | None = None
-        self._rate = RateFinder()
         self._next_try = 0.0  # [s], of opening the service
         self._refused: Counter[str] = Counter(malformed=0)  # before the service began
         self._told = False  # why something was refused
         self._failures = 0  # of this program
-        self._opening: threading.Thread | None = None
+        self._opener: threading.Thread | None = None
         self._state = _WAITING_FOR_STATES
         self._source, self._silence = FollowedSource(), Silence()
         self.keeper: Keeper | None = None  # retrains the champion, where there is one
@@ -198,7 +193,7 @@ class ArmServer:
         Raises:
             LimoError: It cannot be read, or no joint states came yet.
         """
-        return self._loaded(version, self._running().arm)
+        return self._opening.loaded(version, self._running().arm)
 
     def close(self) -> None:
         """Stop answering and take the arm's keys off the network."""
@@ -210,8 +205,8 @@ class ArmServer:
             self.keeper.close()
         self._subscriber.undeclare()
         self._thread.join()
-        if self._opening is not None:
-            self._opening.join()
+        if self._opener is not None:
+            self._opener.join()
         self._token.undeclare()
         self.outlet.close()
 
@@ -271,11 +266,10 @@ class ArmServer:
         attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
         if self._ros is not None:
             try:
-                payload, about = self._ros.read(payload, attachment)
+                payload, about, source = self._ros.read(payload, attachment)
             except WireFormatError as error:
                 self._refuse(error)
                 return
-            source = RosAttachment.decode(attachment).gid.hex()
             attachment = about.encode()
         if self._source.is_foreign(source):
             self._counts["foreign"] += 1
@@ -333,29 +327,19 @@ class ArmServer:
             self._refuse(WireFormatError(f"joint states of {', '.join(state.names)}", len(payload)))
             return
         self._follow(source)
-        rate = self._served_rate(about.sequence, state.stamp_ns)
+        first = self.service is None
+        rate = self._opening.rate(about.sequence, state.stamp_ns, first=first)
         if rate is None:
             return
         self._state = _PREPARING
-        self._opening = threading.Thread(
+        self._opener = threading.Thread(
             target=self._open, args=(rate,), name=f"limo-open-{self.keys.arm}"
         )
-        self._opening.start()
-
-    def _served_rate(self, sequence: int, stamp: int) -> float | None:
-        """Return the rate to serve; a stated one is believed until states came at another."""
-        stated = self.settings.rate
-        if stated is not None and self.service is None:
-            return stated
-        found = self._rate.take(sequence, stamp)
-        if stated is None or found is None:
-            return found
-        return stated if abs(found / stated - 1.0) <= RATE_TOLERANCE else None
+        self._opener.start()
 
     def _open(self, rate: float) -> None:
         try:
-            service = self._service_of_physics(rate)
-            service.model = self._first_model(service)
+            service = self._opening.service(rate)
         except Exception as error:  # noqa: BLE001  # states go on coming, and may be served later
             known = isinstance(error, LimoError)
             why, facts = (str(error), {}) if known else (repr(error), {"trace": format_exc()})
@@ -367,54 +351,6 @@ class ArmServer:
         with self._changing:
             self.service, self._state = service, _SERVING
         self.outlet.event("serving", f"{version} serves at {rate:g} Hz", rate=rate, version=version)
-
-    def _first_model(self, service: ArmService) -> LiveModel:
-        """Return the champion, or else a champion before it, or else the physics."""
-        try:
-            candidates = self.models.candidates
-        except LimoError as error:
-            self.outlet.event("refused", f"no champion is known: {error}", Level.ERROR)
-            return service.model
-        for candidate in candidates:
-            try:
-                return self._loaded(candidate, service.arm)
-            except LimoError as error:
-                self.outlet.event("refused", f"champion {candidate}: {error}", Level.ERROR)
-        return service.model
-
-    def _loaded(self, version: str, arm: ServedArm) -> LiveModel:
-        stream = Stream(self.models.load(version), arm.rate, self.settings.delay)
-        warm_up(stream)
-        return LiveModel(version, stream, arm.bound)
-
-    def _service_of_physics(self, rate: float) -> ArmService:
-        simulation, settings = self._physics, self.settings
-        bound = settings.bounds(simulation.model.limits)
-        arm = ServedArm(
-            self.keys.arm, tuple(simulation.model.joint_names), rate, settings.history, bound
-        )
-        stream = Stream(simulation, rate, settings.delay)
-        warm_up(stream)
-        return ArmService(
-            arm,
-            LiveModel(PHYSICS, stream, bound, physics_only=True),
-            ContactWatchdog(*settings.contact(simulation.model.n)),
-            self.outlet,
-        )
-
-
-def warm_up(stream: Stream) -> None:
-    """Answer a few states at rest, so that the first real one finds everything compiled.
-
-    With torque and without, of arrays that are read-only, as those off the wire are.
-    """
-    still = readonly(np.zeros(stream.model.n))
-    for torque in (still, None):
-        state = stream.init()
-        for k in range(3):
-            _, state = stream.step(state, k / stream.rate, still, torque)
-        rows = None if torque is None else torque[None]
-        stream.advance(state, np.array([3 / stream.rate]), still[None], rows)
 
 
 def _condition(service: ArmService, window: Window) -> dict[str, Any]:

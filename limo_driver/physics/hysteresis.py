@@ -34,6 +34,7 @@ class Law:
 
 
 MAXWELL_SLIP = "maxwell_slip"
+_FORGETTING = 2.3  # presliding distances, twice of which leave exp(-4.6) of a deflection
 LAWS: dict[str, Law] = {
     MAXWELL_SLIP: Law(hysteresis_laws.maxwell_slip, ("stiffness", "width")),
     "lugre": Law(
@@ -140,6 +141,20 @@ class PreslidingHysteresis(TorqueEffect):
     def initial_stiffness(self) -> float:
         """The steepest slope of torque over position [N m/rad]; 0 for relays, which jump."""
         return float(sum(self.stiffness)) if self.stiffness else self.sigma_0 or 0.0
+
+    def stops(self) -> tuple[tuple[float, float], ...]:
+        """Return heights [N m] and widths [rad] of stops that remember the beginning as long.
+
+        Bristles forget exponentially, a hundredth being left after twice such a width; a relay
+        once the joint has turned from one threshold to the other.
+        """
+        if self.width:
+            pairs = zip(self.stiffness, self.width, strict=True)
+            return tuple((stiffness * width, width) for stiffness, width in pairs)
+        if self.sigma_0 and self.tau_c:
+            return ((self.tau_c, _FORGETTING * self.tau_c / self.sigma_0),)
+        relays = zip(self.weight, self.up, self.down, strict=True)
+        return tuple((w, 0.5 * (up - down)) for w, up, down in relays if w > 0 and up > down)
 
     def initial_state(self) -> State:
         """Return relaxed memory and no previous position."""

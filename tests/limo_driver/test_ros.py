@@ -139,10 +139,12 @@ class TestReading:
         return RosReader(["a", "b"], "arm").read(payload, attachment)
 
     def test_sequence_and_stamp_come_from_the_attachment(self):
-        assert self.read(["a", "b"], [1.0, 2.0])[1] == Attachment(42, 1234)
+        found = self.read(["a", "b"], [1.0, 2.0])
+        assert found.about == Attachment(42, 1234)
+        assert found.source == GID.hex()
 
     def test_joints_are_put_in_the_order_of_the_arm_and_others_ignored(self):
-        payload, _ = self.read(["b", "gripper", "a"], [2.0, 9.0, 1.0], [20.0, 90.0, 10.0])
+        payload, _, _ = self.read(["b", "gripper", "a"], [2.0, 9.0, 1.0], [20.0, 90.0, 10.0])
         state = decode_joint_state(payload)
         assert state.names == ("a", "b")
         assert state.stamp_ns == 5

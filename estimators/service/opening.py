@@ -1,0 +1,119 @@
+"""What it takes before an arm is answered: the rate of its states, and a model that is warm."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.service.arm_service import ArmService, ServedArm
+from estimators.service.live_model import LiveModel
+from estimators.service.rate import RateFinder
+from estimators.service.watchdog import ContactWatchdog
+from estimators.stream import Stream
+from limo_driver.causal_differentiation import RATE_TOLERANCE
+from limo_driver.errors import LimoError
+from limo_driver.messages import Level
+from limo_driver.types import readonly
+
+if TYPE_CHECKING:
+    from estimators.service.arm_service import Outlet
+    from estimators.service.models import ServedModels
+    from estimators.service.settings import ServiceSettings
+
+PHYSICS: Final = "physics"  # version of estimates without a learned part
+
+
+class Opening:
+    """Opens the service of one arm, as often as its states come at another rate.
+
+    Args:
+        arm: Its name in keys.
+        models: What can serve.
+        settings: How.
+        outlet: Of the arm; told which models are refused.
+    """
+
+    def __init__(
+        self, arm: str, models: ServedModels, settings: ServiceSettings, outlet: Outlet
+    ) -> None:
+        self._arm, self._models, self._settings, self._outlet = arm, models, settings, outlet
+        self._finder = RateFinder()
+
+    def rate(self, sequence: int, stamp: int, *, first: bool) -> float | None:
+        """Take a state, and return the rate to serve [Hz] once it is known.
+
+        A stated one is believed until states came at another.
+
+        Args:
+            sequence: Number of the state.
+            stamp: When it was measured [ns].
+            first: Whether nothing was served yet.
+        """
+        stated = self._settings.rate
+        if stated is not None and first:
+            return stated
+        found = self._finder.take(sequence, stamp)
+        if stated is None or found is None:
+            return found
+        return stated if abs(found / stated - 1.0) <= RATE_TOLERANCE else None
+
+    def service(self, rate: float) -> ArmService:
+        """Return the service at a rate [Hz], with the champion or what stands in for it.
+
+        Raises:
+            LimoError: Not even the physics can be served at that rate.
+        """
+        simulation, settings = self._models.physics, self._settings
+        bound = settings.bounds(simulation.model.limits)
+        arm = ServedArm(
+            self._arm, tuple(simulation.model.joint_names), rate, settings.history, bound
+        )
+        stream = Stream(simulation, rate, settings.delay)
+        warm_up(stream)
+        service = ArmService(
+            arm,
+            LiveModel(PHYSICS, stream, bound, physics_only=True),
+            ContactWatchdog(*settings.contact(simulation.model.n)),
+            self._outlet,
+        )
+        service.model = self._first_model(service)
+        return service
+
+    def loaded(self, version: str, arm: ServedArm) -> LiveModel:
+        """Load a version for an arm, with everything compiled that its first answer needs.
+
+        Raises:
+            LimoError: It cannot be read, or not be streamed at the arm's rate.
+        """
+        stream = Stream(self._models.load(version), arm.rate, self._settings.delay)
+        warm_up(stream)
+        return LiveModel(version, stream, arm.bound)
+
+    def _first_model(self, service: ArmService) -> LiveModel:
+        """Return the champion, or else a champion before it, or else the physics."""
+        try:
+            candidates = self._models.candidates
+        except LimoError as error:
+            self._outlet.event("refused", f"no champion is known: {error}", Level.ERROR)
+            return service.model
+        for candidate in candidates:
+            try:
+                return self.loaded(candidate, service.arm)
+            except LimoError as error:
+                self._outlet.event("refused", f"champion {candidate}: {error}", Level.ERROR)
+        return service.model
+
+
+def warm_up(stream: Stream) -> None:
+    """Answer a few states at rest, so that the first real one finds everything compiled.
+
+    With torque and without, of arrays that are read-only, as those off the wire are.
+    """
+    still = readonly(np.zeros(stream.model.n))
+    for torque in (still, None):
+        state = stream.init()
+        for k in range(3):
+            _, state = stream.step(state, k / stream.rate, still, torque)
+        rows = None if torque is None else torque[None]
+        stream.advance(state, np.array([3 / stream.rate]), still[None], rows)
