@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +16,7 @@ from zenoh.handlers import RingChannel
 
 from estimators.service.arm_service import ArmService, Window
 from estimators.service.log_watch import LogWatch
-from estimators.service.opening import Opening
+from estimators.service.opening import Opening, rehearse
 from estimators.service.outlet import NetworkOutlet
 from estimators.service.queries import ModelQueries
 from estimators.service.source import FollowedSource, Silence
@@ -69,7 +71,9 @@ class ArmServer:
         self.keys, self.models, self.settings = Keys(arm), models, settings
         self._physics = models.physics
         settings.contact(self._physics.model.n)  # refuses those of an arm with other joints
-        self._token = claim(session, self.keys, "service")
+        with ThreadPoolExecutor(1) as meanwhile:  # the claim waits for links
+            meanwhile.submit(rehearse, models, settings)
+            self._token = claim(session, self.keys, "service")
         self.outlet = NetworkOutlet(session, self.keys, log, tell)
         self._opening = Opening(arm, models, settings, self.outlet)
         self._logging = None if log is None else LogWatch(log, self.outlet)
@@ -348,6 +352,7 @@ class ArmServer:
             self._state = f"refused: {error}"
             return
         version = service.model.version
+        gc.freeze()  # collecting through what was just loaded would hold the stream
         with self._changing:
             self.service, self._state = service, _SERVING
         self.outlet.event("serving", f"{version} serves at {rate:g} Hz", rate=rate, version=version)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from estimators.service.settings import ServiceSettings
 
 PHYSICS: Final = "physics"  # version of estimates without a learned part
+_USUAL_RATE: Final = 1000.0  # [Hz]
 
 
 class Opening:
@@ -103,6 +105,13 @@ class Opening:
             except LimoError as error:
                 self._outlet.event("refused", f"champion {candidate}: {error}", Level.ERROR)
         return service.model
+
+
+def rehearse(models: ServedModels, settings: ServiceSettings) -> None:
+    """Load what will likely serve, so that all is imported and compiled when joint states come."""
+    with suppress(LimoError):  # which is told when it is to serve
+        for model in (models.physics, *map(models.load, models.candidates[:1])):
+            warm_up(Stream(model, settings.rate or _USUAL_RATE, settings.delay))
 
 
 def warm_up(stream: Stream) -> None:
