@@ -183,7 +183,8 @@ class Bench:
         """Note how long the service took to come back, and whether the champion serves."""
         seen = self.observer
         wait_for(lambda: not np.isnan(seen.first), PATIENCE, "estimate after a kill")
-        self.back.append(np.diff([began, seen.alive, seen.serving, seen.first]).tolist())
+        phases = np.diff([began, seen.alive, seen.serving, seen.first])  # an event may be overtaken
+        self.back.append([*phases.tolist(), seen.first - began])
         if seen.model != str(self.store.aliases.champion):
             self.faults.append(f"{seen.model} serves, champion is {self.store.aliases.champion}")
 
@@ -281,8 +282,7 @@ def report(bench: Bench, killed: Counter[str]) -> None:
         what = "rows of the recording" if victim == "driver" else "messages of the log"
         show(f"{what} lost with the {victim} [s]", lost, f"bar {LOST_BAR:g}")
     print("service back with the champion [s], from its start:")
-    phases = np.array(bench.back).reshape(-1, len(PHASES) - 1)
-    columns = [*phases.T, phases.sum(axis=1)]
+    columns = np.array(bench.back).reshape(-1, len(PHASES)).T
     for phase, values in zip(PHASES, columns, strict=True):
         show(f"  {phase}", values.tolist(), f"bar {BACK_BAR:g}" if phase == PHASES[-1] else "")
     versions = bench.check_store(replay=True)
@@ -295,7 +295,7 @@ def report(bench: Bench, killed: Counter[str]) -> None:
 def show(name: str, values: list[float], bar: str) -> None:
     """Print median and largest of some values."""
     if values:
-        middle, most = np.median(values), max(values)
+        middle, most = np.nanmedian(values), np.nanmax(values)
         print(f"{name:47}median {middle:6.2f}   most {most:6.2f}   {bar}")
 
 
