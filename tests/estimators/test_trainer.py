@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimators.joint_physics import JointPhysics
-from estimators.service.logged_motion import newest_motion
+from estimators.service.logged_motion import Span, newest_motion
 from estimators.service.settings import RetrainingSettings
 from estimators.service.store import ModelStore
 from estimators.service.trainer import train
@@ -61,7 +61,7 @@ def store(rigid: Simulation, training_recording: Recording, tmp_path: Path) -> M
 class TestMotion:
     def test_is_the_newest(self, test_recording, tmp_path) -> None:
         write_log(tmp_path, test_recording)
-        motion = newest_motion(tmp_path, "arm", NAMES, 10.0)
+        motion = newest_motion(tmp_path, "arm", NAMES, Span(10.0))
         assert motion.recording.duration == pytest.approx(10.0, abs=0.02)
         np.testing.assert_array_equal(motion.recording.torque[-1], test_recording.torque[-1])
         assert motion.origin["end_ns"] == at(test_recording.time[-1])
@@ -69,7 +69,7 @@ class TestMotion:
     def test_is_without_what_was_in_contact(self, test_recording, tmp_path) -> None:
         events = [("contact", 5.0), ("contact_end", 7.0), ("contact", 25.0)]
         write_log(tmp_path, test_recording, *events)
-        motion = newest_motion(tmp_path, "arm", NAMES, 60.0, margin=1.0)
+        motion = newest_motion(tmp_path, "arm", NAMES, Span(60.0), margin=1.0)
         stamps = np.round(motion.recording.time, 3)
         left_out = set(np.round(test_recording.time, 3)) - set(stamps)
         assert min(left_out) == 4.0
@@ -79,18 +79,18 @@ class TestMotion:
 
     def test_a_service_that_began_anew_ended_the_contacts(self, test_recording, tmp_path) -> None:
         write_log(tmp_path, test_recording, ("contact", 5.0), ("serving", 9.0))
-        motion = newest_motion(tmp_path, "arm", NAMES, 60.0, margin=1.0)
+        motion = newest_motion(tmp_path, "arm", NAMES, Span(60.0), margin=1.0)
         assert motion.contact == pytest.approx(6.0, abs=0.1)
         assert motion.recording.time[-1] == pytest.approx(test_recording.time[-1])
 
     def test_says_what_is_missing(self, test_recording, tmp_path) -> None:
         with pytest.raises(RecordingError, match="holds no logs of arm"):
-            newest_motion(tmp_path / "nothing", "arm", NAMES, 10.0)
+            newest_motion(tmp_path / "nothing", "arm", NAMES, Span(10.0))
         write_log(tmp_path, test_recording, ("contact", 0.0))
         with pytest.raises(RecordingError, match="all in contact"):
-            newest_motion(tmp_path, "arm", NAMES, 10.0)
+            newest_motion(tmp_path, "arm", NAMES, Span(10.0))
         with pytest.raises(RecordingError, match="of other joints"):
-            newest_motion(tmp_path, "arm", ("a", "b"), 10.0)
+            newest_motion(tmp_path, "arm", ("a", "b"), Span(10.0))
 
 
 class TestTraining:
@@ -98,7 +98,7 @@ class TestTraining:
         self, store, training_recording, tmp_path
     ) -> None:
         write_log(tmp_path / "logs", training_recording)
-        found = train(store, newest_motion(tmp_path / "logs", "arm", NAMES, 60.0), 0.1)
+        found = train(store, newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0)), 0.1)
         version = store.open(2)
         assert (found["version"], version.record["parent"]) == (2, 1)
         against = version.record["record"]["metrics"]["against_champion"]
@@ -109,7 +109,7 @@ class TestTraining:
 
     def test_of_little_motion_is_refused(self, store, training_recording, tmp_path) -> None:
         write_log(tmp_path / "logs", training_recording[:1500])
-        motion = newest_motion(tmp_path / "logs", "arm", NAMES, 60.0)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
         with pytest.raises(RecordingError, match="only 15 s of motion"):
             train(store, motion, 0.1)
 
@@ -117,7 +117,7 @@ class TestTraining:
 class TestProcess:
     def start(self, store: ModelStore, tmp_path: Path, limit: float) -> TrainingProcess:
         settings = replace(SETTINGS, training_limit=limit)
-        return TrainingProcess(store, tmp_path / "logs", "arm", settings, 0.1, 1.0)
+        return TrainingProcess(store, tmp_path / "logs", "arm", settings, Span(60.0), 0.1, 1.0)
 
     def test_that_is_killed_leaves_the_store_as_it_was(
         self, store, training_recording, tmp_path
