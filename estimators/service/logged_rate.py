@@ -61,9 +61,12 @@ class LoggedRates:
     def twice(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which stamps (T,) [ns] lie where the clock ran twice, since it was set back."""
         logged, found = np.array(self._stamps, dtype=np.int64), np.zeros(stamps.shape, dtype=bool)
-        reached = np.maximum.accumulate(logged)
-        for k in np.flatnonzero(np.diff(logged) < -_SILENCE) + 1:
-            found |= (stamps >= logged[k]) & (stamps <= reached[k - 1])
+        back = np.flatnonzero(np.diff(logged) < 0) + 1
+        runs = [(int(part[0]), int(part[-1])) for part in np.split(logged, back) if part.size]
+        reached = -1  # by the runs that began earlier
+        for first, last in sorted(runs):
+            found |= (stamps >= first) & (stamps <= min(last, reached))
+            reached = max(reached, last)
         return found
 
     @property

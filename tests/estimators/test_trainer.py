@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+)
 
+from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
+from estimators.service import store as store_module
+from estimators.service.learning import learned
 from estimators.service.logged_motion import Span, newest_motion
 from estimators.service.settings import RetrainingSettings
+from estimators.service.signature import check_signing
 from estimators.service.store import ModelStore
 from estimators.service.trainer import train
 from estimators.service.training_process import TrainingProcess
-from limo_driver.errors import LimoError, RecordingError
+from estimators.training import TrainingSettings
+from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.mcap_log import LogLimits, McapLog
 from limo_driver.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level
 
@@ -114,6 +128,89 @@ class TestTraining:
             train(store, motion, 0.1)
 
 
+class TestKinds:
+    @pytest.fixture
+    def hybrid(
+        self, rigid: Simulation, training_recording: Recording, tmp_path: Path
+    ) -> ModelStore:
+        settings = TrainingSettings(
+            model="mlp7", features="drive", epochs=1, hidden=4, folds=1, rate=50.0, batch=200
+        )
+        store = ModelStore(tmp_path / "hybrids")
+        HybridModel(rigid, settings).fit([training_recording]).save(tmp_path / "hybrid")
+        store.add(tmp_path / "hybrid", golden=training_recording)
+        store.promote(1, "the first")
+        return store
+
+    def test_a_challenger_is_of_the_kind_of_the_champion(
+        self, hybrid, training_recording, tmp_path
+    ) -> None:
+        write_log(tmp_path / "logs", training_recording)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
+        train(hybrid, motion, 0.1)
+        first, second = (hybrid.open(number).load() for number in (1, 2))
+        assert second.name == "hybrid"
+        settings = [model.fitted.record["settings"] for model in (first, second)]
+        assert settings[0] | {"device": "cpu"} == settings[1]
+
+    def test_or_of_another_one_if_that_is_wanted(
+        self, hybrid, training_recording, tmp_path
+    ) -> None:
+        write_log(tmp_path / "logs", training_recording)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
+        train(hybrid, motion, 0.1, "joint-physics")
+        assert hybrid.open(2).estimator == "joint-physics"
+        with pytest.raises(ConfigError, match=r"no kind of challenger is 'x'; known: same, joint"):
+            train(hybrid, motion, 0.1, "x")
+
+    def test_a_champion_that_does_not_say_how_it_was_trained(
+        self, rigid, training_recording
+    ) -> None:
+        model = HybridModel(rigid)
+        model.fitted_ = SimpleNamespace(record={}, bandwidth=10.0)
+        with pytest.raises(ModelStoreError, match="does not say how it was trained"):
+            learned("same", model, training_recording)
+
+
+class TestSigning:
+    @pytest.fixture
+    def keys(self, tmp_path: Path) -> tuple[Path, Path]:
+        return write_keys(tmp_path, "own")
+
+    def test_a_challenger_is_signed_before_it_appears(
+        self, store, training_recording, tmp_path, keys
+    ) -> None:
+        private, public = keys
+        store.sign(1, private)
+        signing = ModelStore(store.root, None, [public], private)
+        write_log(tmp_path / "logs", training_recording)
+        settings = replace(SETTINGS, training_limit=300.0)
+        process = TrainingProcess(signing, tmp_path / "logs", "arm", settings, Span(60.0), 0.1, 1.0)
+        TestProcess.wait(process)
+        assert signing.open(2).number == 2
+        with pytest.raises(ModelStoreError, match="none of the trusted keys"):
+            ModelStore(store.root, None, [write_keys(tmp_path, "other")[1]]).open(2)
+
+    def test_with_a_key_that_nobody_trusts_is_refused(self, tmp_path, keys) -> None:
+        check_signing(keys[0])
+        check_signing(keys[0], [keys[1]])
+        with pytest.raises(ModelStoreError, match="trusted by none of the trusted keys"):
+            check_signing(keys[0], [write_keys(tmp_path, "other")[1]])
+        with pytest.raises(ModelStoreError, match="cannot be read"):
+            check_signing(tmp_path / "nothing.pem")
+
+
+def write_keys(folder: Path, name: str) -> tuple[Path, Path]:
+    """Write a private and a public key."""
+    key = Ed25519PrivateKey.generate()
+    private, public = folder / f"{name}.pem", folder / f"{name}.pub"
+    private.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    public.write_bytes(
+        key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    )
+    return private, public
+
+
 class TestProcess:
     def start(self, store: ModelStore, tmp_path: Path, limit: float) -> TrainingProcess:
         settings = replace(SETTINGS, training_limit=limit)
@@ -144,6 +241,28 @@ class TestProcess:
     def test_that_fails_says_why(self, store, tmp_path) -> None:
         with pytest.raises(LimoError, match=r"training failed: .*holds no logs of arm"):
             self.wait(self.start(store, tmp_path, 300.0))
+
+    def test_ends_with_whoever_started_it(self, store, training_recording, tmp_path) -> None:
+        write_log(tmp_path / "logs", training_recording)
+        process = self.start(store, tmp_path, 300.0)
+        process._let_go()  # as the end of the process that holds it does
+        with pytest.raises(LimoError, match="training ended with status 3"):
+            self.wait(process)
+        assert store.numbers() == (1,)
+
+    def test_that_finds_the_disk_full_says_so(
+        self, store, training_recording, tmp_path, monkeypatch
+    ) -> None:
+        def full(*_: object) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        write_log(tmp_path / "logs", training_recording)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
+        monkeypatch.setattr(store_module, "write", full)
+        with pytest.raises(ModelStoreError, match="No space left on device"):
+            train(store, motion, 0.1)
+        assert store.numbers() == (1,)
+        assert not list(store.home.glob(".adding-*"))
 
     @staticmethod
     def wait(process: TrainingProcess) -> None:
