@@ -65,6 +65,15 @@ class ModelClient:
         """
         return self._ask("rollback", {"reason": reason}, VETTING)
 
+    def retrain(self, reason: str) -> dict[str, Any]:
+        """Train a challenger from the newest logs; returns the stage of retraining.
+
+        Raises:
+            ConnectionLostError: No service answers.
+            ModelStoreError: It does not retrain, or cannot now, and why.
+        """
+        return self._ask("retrain", {"reason": reason}, _INDEX)
+
     def _ask(self, verb: str, asked: dict[str, str], timeout: float) -> dict[str, Any]:
         key, arm = self._keys.model(verb), self._keys.arm
         if not self._found():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import zenoh
 
@@ -21,6 +21,10 @@ _PATHS: Final = (
     f"{_TLS}/connect_private_key",
     f"{_TLS}/connect_certificate",
     "transport/auth/usrpwd/dictionary_file",
+)
+_MESSAGE: Final = re.compile(  # as Zenoh's parser prints its errors, for programmers
+    r'Message \{ msg: "((?:[^"\\]|\\.)*)", '
+    r"location: (?:None|Some\(Location \{ line: (\d+), column: (\d+) \}\)) \}"
 )
 _SOURCE: Final = re.compile(r" at /\S+\.rs:\d+\.?")  # where Zenoh was built
 
@@ -48,6 +52,44 @@ def read_config(path: Path) -> zenoh.Config:
     return config
 
 
-def explained(error: zenoh.ZError) -> str:
-    """Return what Zenoh says, without the files of its own source."""
-    return _SOURCE.sub("", str(error))
+def require_passage(path: Path, key: str, flow: str, what: str) -> None:
+    """Check that a configuration lets messages through, which nobody would miss otherwise.
+
+    Args:
+        path: The configuration.
+        key: Key expression of the messages.
+        flow: `ingress` for those that are heard, `egress` for those that are published.
+        what: Asks for it, for example `--ros`.
+
+    Raises:
+        ConfigError: Its access control drops them.
+    """
+    access: dict[str, Any] = json.loads(read_config(path).get_json("access_control"))
+    if not access["enabled"] or access["default_permission"] != "deny":
+        return
+    for rule in access["rules"] or ():
+        flows, messages = rule["flows"] or (flow,), rule["messages"]
+        allowed = rule["permission"] == "allow" and flow in flows and "put" in messages
+        if allowed and any(zenoh.KeyExpr(own).includes(key) for own in rule["key_exprs"]):
+            return
+    raise ConfigError(
+        f"its access control lets nothing of {key} {'in' if flow == 'ingress' else 'out'}, so that "
+        f"{what} would reach nobody; add a rule for it, or leave {what} out",
+        path=path,
+    )
+
+
+def explained(error: zenoh.ZError, *, located: bool = True) -> str:
+    """Return what Zenoh says, in plain words and without the files of its own source.
+
+    Args:
+        error: That Zenoh raised.
+        located: Say line and column, where it names them: they are of a file that a user wrote.
+    """
+    text = _SOURCE.sub("", str(error))
+    found = _MESSAGE.search(text)
+    if found is None:
+        return text
+    told, line, column = found.groups()
+    place = f" (line {line}, column {column})" if located and line else ""
+    return told.replace('\\"', '"') + place

@@ -131,7 +131,7 @@ def open_session(
                 settings.insert_json5(f"{role}/endpoints", json.dumps(list(endpoints)))
     except zenoh.ZError as error:
         raise ConfigError(
-            f"endpoint {', '.join([*connect, *listen])}: {explained(error)}"
+            f"endpoint {', '.join([*connect, *listen])}: {explained(error, located=False)}"
         ) from None
     try:
         return zenoh.open(settings)

@@ -85,6 +85,15 @@ class Aliases:
             history=self._with("challenge", "challenger", number, reason),
         )
 
+    def check_champion(self, number: int | None) -> None:
+        """Check that a version is the champion still; None: any may be.
+
+        Raises:
+            ModelStoreError: Somebody else made another one the champion.
+        """
+        if number is not None and number != self.champion:
+            raise ModelStoreError(f"{self.champion} is the champion by now, not {number}")
+
     def of(self, number: int) -> tuple[str, ...]:
         """Return the aliases of a version."""
         return tuple(name for name in NAMES if getattr(self, name) == number)

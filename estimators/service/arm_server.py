@@ -141,31 +141,44 @@ class ArmServer:
         """
         return self._change(version, lambda _: None)
 
-    def promote(self, version: str, reason: str) -> dict[str, Any]:
+    def promote(self, version: str, reason: str, instead_of: str | None = None) -> dict[str, Any]:
         """Let a version serve, and make it the champion.
 
+        Args:
+            version: Its number or alias.
+            reason: Why, for the record.
+            instead_of: Champion that it was judged against; no other is replaced.
+
         Raises:
-            LimoError: As for `load`, or it is the champion; nothing changes.
+            LimoError: As for `load`, or it is the champion, or another one is than was judged
+                against; nothing changes.
         """
         version = self.models.number(version)
         if version in self.models.candidates[:1]:
             raise ModelStoreError(f"version {version} is the champion already; load it to serve")
-        facts = self._change(version, lambda number: self.models.promote(number, reason))
+        facts = self._change(
+            version, lambda number: self.models.promote(number, reason, instead_of)
+        )
         self.outlet.event("promoted", f"{version} is the champion: {reason}", **facts)
         return facts
 
-    def rollback(self, reason: str) -> dict[str, Any]:
+    def rollback(self, reason: str, instead_of: str | None = None) -> dict[str, Any]:
         """Let the champion before serve again.
 
+        Args:
+            reason: Why, for the record.
+            instead_of: Champion that is sent back; no other is.
+
         Raises:
-            LimoError: There is none, or it is not fit to serve; nothing changes.
+            LimoError: There is none, or it is not fit to serve, or another one is the champion;
+                nothing changes.
         """
         self._running()
         with self._changing:
             _, *before = self.models.candidates or ("",)
             if not before:
                 raise ModelStoreError("there is no champion before this one to roll back to")
-            facts = self._change(before[0], lambda _: self.models.rollback(reason))
+            facts = self._change(before[0], lambda _: self.models.rollback(reason, instead_of))
         self.outlet.event(
             "rollback", f"{before[0]} is the champion again: {reason}", Level.WARN, **facts
         )

@@ -173,6 +173,11 @@ class ArmService:
             self.counts["swaps"] += 1
         return before
 
+    @property
+    def latest_stamp(self) -> int | None:
+        """Unix time of the newest state by its source [ns], if one was answered."""
+        return None if np.isnan(self._last) else self._stamp(self._last)
+
     def end_silent_contacts(self) -> None:
         """End the contacts of an arm whose states no longer come."""
         patience = max(_SILENCE, self.model.stream.differentiator.longest_step)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 _LEAST: Final = 19
+_ABANDONED: Final = 3  # exit status
 
 
 def give_way(nice: int) -> None:
@@ -22,6 +23,21 @@ def give_way(nice: int) -> None:
     if os.getsid(0) == os.getpid():  # in a group of its own, whose weight is what counts then
         with suppress(OSError):  # a kernel without such groups
             Path("/proc/self/autogroup").write_text(str(nice))
+
+
+def end_when_abandoned() -> None:
+    """End this process when whoever holds the other end of its standard input is gone.
+
+    However that one ended: nobody would hear the result, and another may have begun the same.
+    """
+
+    def wait() -> None:
+        with suppress(OSError):
+            while os.read(0, 1):
+                pass
+        os._exit(_ABANDONED)
+
+    threading.Thread(target=wait, name="limo-abandoned", daemon=True).start()
 
 
 def thread_aside(name: str) -> ThreadPoolExecutor:

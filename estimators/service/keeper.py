@@ -1,29 +1,41 @@
 """Keep the champion of one arm up to date: from drift to a better model, or back.
 
-    idle → training → vetting → shadow → promoted → probation → idle
-             └──────────┴─────────┴─ refused ─┘         └─ rollback ─┘
+    idle → gathering → training → vetting → shadow → promoted → probation → idle
+                          └──────────┴─────────┴─ refused ─┘         └─ rollback ─┘
 
 Drift, a command or the schedule starts training, in a process of its own, from the newest logs. The
 challenger is vetted, judged beside the champion on live states, promoted if the gate says so, and
 on probation until it has been no worse than the old champion for a while. Each step is an event.
 Time is counted in joint states that came, so that an arm that rests unpowered misses nothing.
+
+A service that is killed leaves its challenger by its alias and the rest in a file (`unfinished`);
+the next one goes on: a challenger is judged anew, probation begins anew, and what was to be learned
+is trained, a few times at most, in case it is the training that brings the service down.
 """
 
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.service.background import thread_aside
 from estimators.service.drift_watch import DriftWatch
-from estimators.service.gate import FEWEST_BLOCKS
-from estimators.service.shadow import Shadow
+from estimators.service.judging import Judge
+from estimators.service.logged_motion import Span
+from estimators.service.stage import Stage
 from estimators.service.training_process import TrainingProcess
+from estimators.service.unfinished import (
+    GATHERING,
+    PROBATION,
+    TRAINING,
+    RetrainingFile,
+    Unfinished,
+)
 from estimators.service.watchdog import MARGIN
-from limo_driver.errors import BackendUnavailableError, LimoError
+from limo_driver.errors import BackendUnavailableError, LimoError, ModelStoreError
 from limo_driver.messages import Level
 
 if TYPE_CHECKING:
@@ -32,12 +44,14 @@ if TYPE_CHECKING:
 
     from estimators.service.arm_server import ArmServer
     from estimators.service.arm_service import ArmService, Window
-    from estimators.service.gate import Comparison
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store import ModelStore
+    from limo_driver.types import FloatArray
 
 _PERIOD: Final = 1.0  # [s] between two looks
 _HOUR: Final = 3600.0  # [s]
+_TRIES: Final = 3  # trainings for one drift, which is told only once
+_ASKED: Final = ("idle", GATHERING)  # stages in which a training can be asked for
 
 
 class Keeper:
@@ -54,11 +68,13 @@ class Keeper:
         self, server: ArmServer, store: ModelStore, logs: Path, settings: RetrainingSettings
     ) -> None:
         self._server, self._store, self._logs, self._settings = server, store, logs, settings
-        self._facts: dict[str, Any] = {"stage": "idle"}
+        self._stage = Stage()
+        self._judge = Judge(server, store, settings, self._stage)
+        self._file = RetrainingFile(store.home, server.arm)
+        self._asking = threading.Lock()
         self._asked: str | None = None  # why somebody wants a training
         self._trained = -np.inf  # [s], when the last training began
         self._process: TrainingProcess | None = None
-        self._aside = thread_aside("limo-shadow")
         self._drift = self._watch()
         self._life = self._live()
         self._kept: ArmService | None = None  # whose states the stages are of
@@ -71,31 +87,35 @@ class Keeper:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop, and end a training that is under way."""
+        """Stop, and end a training that is under way; the next service goes on from here."""
         self._stopped.set()
         if self._thread is not None:
             self._thread.join()
-        self._aside.shutdown()
-        if self._process is not None:
-            self._process.end()
+        self._judge.close()
+        self._end_training()
 
     def status(self) -> dict[str, Any]:
         """Return the stage and what is known of it, as JSON values."""
-        return dict(self._facts)
+        return self._stage.as_values()
 
     def ask(self, reason: str) -> dict[str, Any]:
-        """Train as soon as can be.
+        """Train as soon as can be; what was being gathered for is trained at once.
 
         Raises:
-            LimoError: A challenger is being trained or judged, or one was a short while ago.
+            LimoError: A challenger is being trained or judged, or one was a short while ago, or
+                what serves is not the champion.
         """
-        if self._facts["stage"] != "idle" or self._asked is not None:
-            raise LimoError(f"cannot train now: the stage is {self._facts['stage']}")
-        wait = self._wait
-        if wait > 0:
-            raise LimoError(f"cannot train now: the last training was too short ago, by {wait:g} s")
-        self._asked = reason
-        return self.status()
+        with self._asking:
+            if self._stage.name not in _ASKED or self._asked is not None:
+                raise LimoError(f"cannot train now: the stage is {self._stage.name}")
+            wait = self._wait
+            if wait > 0:
+                raise LimoError(
+                    f"cannot train now: the last training was too short ago, by {wait:g} s"
+                )
+            self._check_champion()
+            self._asked = reason
+            return self.status()
 
     def watch(self, window: Window) -> None:
         """Take what the service summed up over the last second or so."""
@@ -105,27 +125,27 @@ class Keeper:
 
     def tick(self) -> None:
         """Take the next step; a failure of this program is told, and life begins anew."""
-        if self._server.service is not self._kept:
-            self._begin_anew()
-        if self._kept is not None and not self._server.answering:
-            return
         try:
+            if self._server.service is not self._kept:
+                self._begin_anew()
+            if self._kept is not None and not self._server.answering:
+                return
             next(self._life)
         except Exception as error:  # noqa: BLE001  # the stream has to go on
             self._server.outlet.event(
                 "failure", f"retraining: {error!r}", Level.FATAL, trace=format_exc()
             )
-            self._enter("idle")
-            self._life = self._keep(self._now)
+            self._end_training()
+            self._note(None)
+            self._life = self._keep(0.0 if self._server.service is None else self._now)
 
     def _begin_anew(self) -> None:
-        """Forget what was learned or judged on states of another rate."""
+        """Go on with states of another rate, as a service does that begins anew."""
         if self._kept is not None:
             self._life.close()
-            if self._process is not None:
-                self._process.end()
+            self._end_training()
             self._trained = -np.inf
-            self._facts = {"stage": "idle"}
+            self._stage.enter("idle", self._now)
             self._life = self._live()
         self._kept = self._server.service
 
@@ -153,21 +173,83 @@ class Keeper:
         while self._server.service is None:
             yield
         began = self._now
-        left = self._store.aliases.challenger
-        if left is not None:
-            yield from self._attempt(self._judge(str(left), "left by the service before"))
+        yield from self._go_on()
         yield from self._keep(began)
+
+    def _go_on(self) -> Generator[None]:
+        """Go on where the service before was stopped."""
+        try:
+            left = self._file.read()
+        except ModelStoreError as error:
+            self._server.outlet.event("refused", f"what was left is lost: {error}", Level.ERROR)
+            self._note(left := None)
+        aliases = self._store.aliases
+        if left is not None and left.stage == PROBATION and aliases.champion == left.champion:
+            yield from self._attempt(self._probation_anew(left))
+        elif aliases.challenger is not None:
+            reason = "left by the service before" if left is None else left.reason
+            yield from self._attempt(self._judge_and_promote(str(aliases.challenger), reason))
+        elif left is not None and left.stage == PROBATION:
+            self._note(None)
+            self._server.outlet.event(
+                "probation_ended",
+                f"probation of {left.champion} is over: {aliases.champion} is the champion",
+                version=str(left.champion),
+            )
+        elif left is not None:
+            yield from self._train_anew(left)
+
+    def _probation_anew(self, left: Unfinished) -> Generator[None]:
+        old, new = str(left.before), str(left.champion)
+        self._server.outlet.event(
+            "probation", f"probation of {new} begins anew with the service", version=new
+        )
+        n = len(self._service.arm.joint_names)
+        foretold = [np.inf if v is None else float(v) for v in left.foretold or ()]
+        ratios = np.array(foretold) if len(foretold) == n else np.full(n, np.inf)
+        yield from self._probation(old, new, ratios)
+
+    def _train_anew(self, left: Unfinished) -> Generator[None]:
+        """Train what the service before was to train, if its training did not end it too often."""
+        if left.tries < 1:
+            self._note(None)
+            self._server.outlet.event(
+                "refused",
+                f"training ended with the service and is not tried again: {left.reason}",
+                Level.WARN,
+                stage=TRAINING,
+            )
+            return
+        yield from self._pursue(left, gather=left.stage == GATHERING)
 
     def _keep(self, began: float) -> Generator[None]:
         """Wait for a reason to train, and go through with it, again and again."""
         while True:
-            self._enter("idle")
-            reason = yield from self._reason(began)
-            began = self._trained = self._now
-            yield from self._attempt(self._retrain(reason))
+            self._stage.enter("idle", self._now)
+            wanted = yield from self._reason(began)
+            began = self._now
+            yield from self._pursue(wanted, gather=wanted.stage == GATHERING)
 
-    def _attempt(self, stages: Generator[None]) -> Generator[None]:
-        """Go through stages; where they fail, drop the challenger and say why."""
+    def _pursue(self, wanted: Unfinished, *, gather: bool) -> Generator[None]:
+        """Train and judge; a training that fails is tried again while the reason is worth it."""
+        self._note(wanted)
+        while True:
+            if gather:
+                yield from self._gather(wanted.reason)
+            self._trained = self._now
+            wanted = replace(wanted, stage=TRAINING, tries=wanted.tries - 1)
+            judged = yield from self._attempt(self._retrain(wanted))
+            if judged or wanted.tries < 1:
+                return
+            self._note(replace(wanted, stage=GATHERING))
+            gather = True
+
+    def _attempt(self, stages: Generator[None]) -> Generator[None, None, bool]:
+        """Go through stages; where they fail, drop the challenger and say why.
+
+        Returns:
+            Whether it came to a challenger.
+        """
         try:
             yield from stages
         except LimoError as error:
@@ -176,40 +258,50 @@ class Keeper:
             self._asked = None
             if self._drift is not None:
                 self._drift.forget()
+        self._note(None)
+        return self._stage.name != TRAINING
 
     def _refuse(self, why: str) -> None:
-        version = self._facts.get("challenger")
-        if version is not None and self._store.aliases.challenger == int(version):
-            self._store.challenge(None, why)
+        version = self._stage.challenger
+        try:
+            if version is not None and self._store.aliases.challenger == int(version):
+                self._store.challenge(None, why)
+        except ModelStoreError as error:
+            why += f" (its alias stays: {error})"
         text = why if version is None else f"challenger {version} is dropped: {why}"
         self._server.outlet.event(
-            "refused", text, Level.WARN, version=version, stage=self._facts["stage"]
+            "refused", text, Level.WARN, version=version, stage=self._stage.name
         )
 
-    def _enter(self, stage: str, **facts: object) -> None:
-        self._facts = {"stage": stage, "since": self._now, **facts}
+    def _note(self, unfinished: Unfinished | None) -> None:
+        """Keep what is not finished for the next service; the stream does not need it."""
+        try:
+            self._file.write(unfinished)
+        except ModelStoreError as error:
+            self._server.outlet.event(
+                "failure", f"the stage of retraining is not kept: {error}", Level.WARN
+            )
 
-    def _reason(self, began: float) -> Generator[None, None, str]:
+    def _reason(self, began: float) -> Generator[None, None, Unfinished]:
         """Wait for something that calls for training, and return what it is."""
         every = self._settings.every
         while True:
             drifting = self._drifting()
             if self._asked is not None:
-                return self._asked
+                return Unfinished(TRAINING, self._asked, tries=1)
             if drifting:
                 reason = f"drift on joint {', '.join(map(str, drifting))}"
-                yield from self._gather(reason)
-                return reason
+                return Unfinished(GATHERING, reason, tries=_TRIES)
             if every is not None and self._now - began >= every and self._wait <= 0:
-                return f"{every / _HOUR:g} h since the last"
+                return Unfinished(TRAINING, f"{every / _HOUR:g} h since the last", tries=1)
             yield
 
     def _gather(self, reason: str) -> Generator[None]:
         """Wait until what would be learned from is all of the arm as it is now."""
         until = self._now + max(self._settings.seconds, self._wait)
-        self._enter("gathering", reason=reason)
-        while self._now < until:
-            self._facts["left"] = until - self._now
+        self._stage.enter(GATHERING, self._now, reason=reason)
+        while self._now < until and self._asked is None:
+            self._stage.note(left=until - self._now)
             yield
 
     def _drifting(self) -> tuple[int, ...]:
@@ -233,21 +325,34 @@ class Keeper:
             self._server.outlet.event("drift", f"drift is not detected: {error}", Level.WARN)
             return None
 
-    def _retrain(self, reason: str) -> Generator[None]:
-        server, settings = self._server, self._settings
-        self._enter("training", reason=reason)
+    def _retrain(self, wanted: Unfinished) -> Generator[None]:
+        server, reason = self._server, wanted.reason
+        self._stage.enter(TRAINING, self._now, reason=reason)
         self._check_champion()
+        self._note(wanted)
         server.outlet.event("training", f"a challenger is trained: {reason}", reason=reason)
-        margin = MARGIN + float(self._service.watchdog.duration.max())
-        self._process = TrainingProcess(
-            self._store, self._logs, server.arm, settings, server.settings.delay, margin
-        )
-        while (found := self._process.result()) is None:
-            yield
+        found = yield from self._trained_aside()
         version = str(found["version"])
         self._store.challenge(version, reason)
         server.outlet.event("trained", f"challenger {version} is trained", reason=reason, **found)
-        yield from self._judge(version, reason)
+        yield from self._judge_and_promote(version, reason)
+
+    def _trained_aside(self) -> Generator[None, None, dict[str, Any]]:
+        """Train in a process of its own, and return what it says."""
+        service, settings = self._service, self._settings
+        span = Span(settings.seconds, service.arm.rate, service.latest_stamp)
+        margin = MARGIN + float(service.watchdog.duration.max())
+        delay = self._server.settings.delay
+        self._process = TrainingProcess(
+            self._store, self._logs, self._server.arm, settings, span, delay, margin
+        )
+        while (found := self._process.result()) is None:
+            yield
+        return found
+
+    def _end_training(self) -> None:
+        if self._process is not None:
+            self._process.end()
 
     def _check_champion(self) -> str:
         """Return the champion, which has to be what serves."""
@@ -256,108 +361,29 @@ class Keeper:
             raise LimoError(f"{serves} serves, but the champion is {champion}")
         return serves
 
-    def _judge(self, version: str, reason: str) -> Generator[None]:
+    def _judge_and_promote(self, version: str, reason: str) -> Generator[None]:
         server = self._server
-        self._enter("vetting", challenger=version, reason=reason)
+        self._stage.enter("vetting", self._now, challenger=version, reason=reason)
         champion = self._check_champion()
         server.models.vet(version, server.demand())
         yield
-        self._enter("shadow", challenger=version, reason=reason, champion=champion)
+        self._stage.enter("shadow", self._now, challenger=version, reason=reason, champion=champion)
         server.outlet.event(
             "shadow", f"challenger {version} is judged beside {champion}", version=version
         )
         yield
-        verdict = yield from self._shadow(champion, version)
-        facts = server.promote(version, f"{reason}; {verdict.reason}")
-        yield from self._probation(champion, str(facts["version"]), verdict)
+        verdict = yield from self._judge.shadow(champion, version)
+        foretold = verdict.ratio.high
+        # Kept before it is so: a service that ends in between does not let it off probation.
+        self._note(_on_probation(champion, version, reason, foretold))
+        server.promote(version, f"{reason}; {verdict.reason}", instead_of=champion)
+        yield from self._probation(champion, version, foretold)
 
-    def _shadow(self, champion: str, challenger: str) -> Generator[None, None, Comparison]:
-        """Judge until the challenger is found better.
-
-        Raises:
-            LimoError: It is worse, or not better for too long.
-        """
-        shadow = self._compared(champion, challenger)
-        began = self._now
-        due = self._settings.shadow
-        while True:
-            yield
-            if self._service.model.version != champion:
-                raise LimoError(f"{self._service.model.version} serves by now, not {champion}")
-            self._aside.submit(shadow.take).result()
-            self._facts["judged"] = shadow.seconds
-            ended = self._now - began >= self._settings.shadow_limit
-            if shadow.seconds < due and not ended:
-                continue
-            verdict = shadow.comparison()
-            due *= 2.0  # few looks, so that none is lucky
-            if verdict is not None:
-                self._facts["verdict"] = verdict.reason
-                if verdict.promote:
-                    self._tell_verdict(challenger, verdict)
-                    return verdict
-                if verdict.enough and (verdict.worse or verdict.mean_ratio.low > 1.0):
-                    raise LimoError(verdict.reason)
-            if ended:
-                told = "nothing could be judged" if verdict is None else verdict.reason
-                raise LimoError(f"undecided after {self._settings.shadow_limit:g} s: {told}")
-
-    def _tell_verdict(self, challenger: str, verdict: Comparison) -> None:
-        self._server.outlet.event(
-            "shadow",
-            f"challenger {challenger} is {verdict.reason}",
-            version=challenger,
-            verdict=verdict.as_values(),
-        )
-
-    def _probation(self, old: str, new: str, foretold: Comparison) -> Generator[None]:
-        """Send the new champion back if it is worse than the old one, or fails."""
-        self._enter("probation", champion=new, before=old)
-        shadow = self._compared(old, new)
-        due = min(self._settings.shadow, self._settings.probation)
-        while True:
-            yield
-            serving = self._service.model
-            if serving.physics_only:
-                self._server.rollback(f"version {new} failed on probation")
-                return
-            if serving.version != new:
-                raise LimoError(f"{serving.version} serves by now: probation of {new} is over")
-            self._aside.submit(shadow.take).result()
-            self._facts["judged"] = shadow.seconds
-            if shadow.seconds < due:
-                continue
-            found = shadow.comparison()
-            if found is not None and (why := _broken(found, foretold)):
-                self._server.rollback(f"version {new} on probation: {why}")
-                return
-            if shadow.seconds >= self._settings.probation:
-                break
-            due = min(2.0 * due, self._settings.probation)
-        self._server.outlet.event(
-            "probation_passed",
-            f"{new} stays the champion",
-            version=new,
-            foretold=foretold.mean_ratio.value.tolist(),
-            found=None if found is None else found.as_values(),
-        )
-
-    def _compared(self, champion: str, challenger: str) -> Shadow:
-        """Return both beside each other, loaded aside from the stream."""
-        versions = (champion, challenger)
-        models = [self._aside.submit(self._server.loaded, v).result() for v in versions]
-        return Shadow(self._service, *models)
+    def _probation(self, old: str, new: str, foretold: FloatArray) -> Generator[None]:
+        self._stage.enter(PROBATION, self._now, champion=new, before=old)
+        yield from self._judge.probation(old, new, foretold)
 
 
-def _broken(found: Comparison, foretold: Comparison) -> str:
-    """Return in which way a new champion is worse than the old one; nothing if it is not.
-
-    A joint counts if it is worse beyond its interval, and beyond what the shadow foretold.
-    """
-    if found.blocks < FEWEST_BLOCKS:
-        return ""
-    if found.mean_ratio.low > 1.0:
-        return f"worse than before: {found.reason}"
-    worse = found.ratio.low > np.maximum(1.0, foretold.ratio.high)
-    joints = ", ".join(str(int(j) + 1) for j in np.flatnonzero(worse))
-    return f"worse on joint {joints} than before and than foretold" if joints else ""
+def _on_probation(old: str, new: str, reason: str, foretold: FloatArray) -> Unfinished:
+    ratios = [float(v) if np.isfinite(v) else None for v in foretold]
+    return Unfinished(PROBATION, reason, 0, int(new), int(old), ratios)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from estimators.service.logged_rate import LoggedRates
 from estimators.service.watchdog import MARGIN
 from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.joint_state_log import joint_states
@@ -25,7 +27,36 @@ if TYPE_CHECKING:
     from limo_driver.mcap_file import LoggedMessage
 
 _NANOSECONDS: Final = 1e9
+_SLACK: Final = 60.0  # [s] between clocks, and of what is about to be written
 _NAME_ENDS: Final = "_%Y%m%dT%H%M%S.%fZ"  # of a log file: when it began
+
+
+@dataclass(frozen=True)
+class Span:
+    """Which of the logged motion is meant."""
+
+    seconds: float  # of the newest
+    rate: float | None = None  # [Hz] of the states; that of the newest ones if not given
+    until_ns: int | None = None  # [ns], stamp of the newest state; the newest logged if not given
+
+    def holds(self, stamps: NDArray[np.int64], folder: Path) -> NDArray[np.bool_]:
+        """Return which stamps (T,) [ns], in order, are in it.
+
+        What seems to come from the future was logged before a clock was set back.
+
+        Raises:
+            RecordingError: None is.
+        """
+        until = int(stamps[-1]) if self.until_ns is None else self.until_ns
+        present = stamps <= until
+        newest = int(stamps[present][-1]) if present.any() else until
+        if newest < until - self.seconds * _NANOSECONDS or not present.any():
+            raise RecordingError(
+                f"the joint states end {(until - newest) / _NANOSECONDS:.0f} s before the newest "
+                "one that came: was the log stopped?",
+                path=folder,
+            )
+        return present & (stamps >= newest - self.seconds * _NANOSECONDS)
 
 
 @dataclass(frozen=True)
@@ -78,33 +109,52 @@ class Contacts:
 
 
 def newest_motion(
-    folder: Path, arm: str, joints: tuple[str, ...], seconds: float, margin: float = MARGIN
+    folder: Path,
+    arm: str,
+    joints: tuple[str, ...],
+    span: Span,
+    margin: float = MARGIN,
 ) -> LoggedMotion:
     """Read the newest motion of an arm from the logs of its service.
+
+    Left out are contacts, states that came at another rate, and the time that two runs share since
+    a clock was set back.
 
     Args:
         folder: Of the logs.
         arm: Its name in keys, with which the names of the logs begin.
         joints: Names, in the order of the columns.
-        seconds: How far back from the newest state [s].
+        span: Which of it.
         margin: Left out before and after each contact, beyond the time in which the service
             notices it [s].
 
     Raises:
         RecordingError: There are no logs, no joint states in them, or none that can be used.
     """
-    keys, paths = Keys(arm), _newest(folder, arm, seconds)
-    contacts = Contacts(keys.event)
-    log = joint_states(paths, joints, keys.joints, also=contacts.take)
+    keys, paths = Keys(arm), _of_span(folder, arm, span)
+    contacts, rates = Contacts(keys.event), LoggedRates(keys.joints)
+
+    def also(message: LoggedMessage) -> None:
+        contacts.take(message)
+        rates.take(message)
+
+    log = joint_states(paths, joints, keys.joints, also=also, one_clock=False)
     columns = log.columns
     stamps = log.start_ns + np.round(columns.time * _NANOSECONDS).astype(np.int64)
-    new = stamps >= stamps[-1] - seconds * _NANOSECONDS
+    new = span.holds(stamps, folder)
     free = contacts.free(stamps, margin * _NANOSECONDS)
-    rows = new & free
+    if not (new & free).any():
+        raise RecordingError(f"the last {span.seconds:g} s are all in contact", path=folder)
+    rate = span.rate or rates.newest(stamps[new])
+    alike = rates.of_rate(stamps, rate) & ~rates.twice(stamps)
+    rows = new & free & alike
     if not rows.any():
-        raise RecordingError(f"the last {seconds:g} s are all in contact", path=folder)
-    time = columns.time[rows]
-    recording = Recording.from_arrays(time, columns.position[rows], columns.torque[rows])
+        raise RecordingError(
+            f"no joint states at {rate:.4g} Hz in the last {span.seconds:g} s", path=folder
+        )
+    recording = Recording.from_arrays(
+        columns.time[rows], columns.position[rows], columns.torque[rows]
+    )
     return LoggedMotion(
         recording,
         {
@@ -112,21 +162,29 @@ def newest_motion(
             "start_ns": int(stamps[rows][0]),
             "end_ns": int(stamps[rows][-1]),
             "samples": len(recording),
+            "rate": rate,
+            "other_rate_samples": int((new & free & ~alike).sum()),
             "sha256": _digest(recording),
         },
-        contact=float((new & ~free).sum() * np.median(np.diff(columns.time))),
+        contact=float((new & ~free).sum() / rate),
     )
 
 
-def _newest(folder: Path, arm: str, seconds: float) -> list[Path]:
-    """Return the logs that may hold the last seconds, oldest first."""
+def _of_span(folder: Path, arm: str, span: Span) -> list[Path]:
+    """Return the logs that may hold what is asked for, by their names.
+
+    A file says when it began and when it was written last, both by the clock of this machine.
+    """
     paths = log_files(folder, arm) if folder.is_dir() else []
     if not paths:
         raise RecordingError(f"holds no logs of {arm}", path=folder)
-    until = paths[-1].stat().st_mtime
-    begins = [_began(path, arm) for path in paths]
-    first = max((k for k, begin in enumerate(begins) if begin <= until - seconds), default=0)
-    return paths[first:]
+    written = [path.stat().st_mtime for path in paths]
+    until = max(written) if span.until_ns is None else time.time()
+    return [
+        path
+        for path, end in zip(paths, written, strict=True)
+        if _began(path, arm) <= until + _SLACK and end >= until - span.seconds - _SLACK
+    ]
 
 
 def _began(path: Path, arm: str) -> float:

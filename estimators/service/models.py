@@ -46,12 +46,12 @@ class ServedModels(Protocol):
         """Raise if a version must not serve."""
         ...
 
-    def promote(self, version: str, reason: str) -> None:
-        """Note that a version is the champion from now on."""
+    def promote(self, version: str, reason: str, instead_of: str | None) -> None:
+        """Note that a version is the champion from now on, instead of the one named, if any."""
         ...
 
-    def rollback(self, reason: str) -> None:
-        """Note that the champion before is the champion again."""
+    def rollback(self, reason: str, instead_of: str | None) -> None:
+        """Note that the champion before is the champion again, instead of the one named, if any."""
         ...
 
     def index(self) -> dict[str, Any]:
@@ -107,11 +107,11 @@ class OneFolder:
         """Raise if another version is asked for."""
         self.load(version)
 
-    def promote(self, version: str, reason: str) -> None:  # noqa: ARG002
+    def promote(self, version: str, reason: str, instead_of: str | None) -> None:  # noqa: ARG002
         """Raise: there is no store that could note it."""
         raise ModelStoreError(f"version {version} cannot be promoted: the service has no --store")
 
-    def rollback(self, reason: str) -> None:  # noqa: ARG002
+    def rollback(self, reason: str, instead_of: str | None) -> None:  # noqa: ARG002
         """Raise: there is no store that could note it."""
         raise ModelStoreError("cannot roll back: the service has no --store")
 
@@ -199,13 +199,13 @@ class StoreModels:
         if not found.ok:
             raise ModelStoreError(f"version {version} is refused, {found.refused}: {found.reason}")
 
-    def promote(self, version: str, reason: str) -> None:
+    def promote(self, version: str, reason: str, instead_of: str | None) -> None:
         """Make a version the champion."""
-        self.store.promote(version, reason)
+        self.store.promote(version, reason, _numbered(instead_of))
 
-    def rollback(self, reason: str) -> None:
+    def rollback(self, reason: str, instead_of: str | None) -> None:
         """Make the champion before the champion again."""
-        self.store.rollback(reason)
+        self.store.rollback(reason, _numbered(instead_of))
 
     def index(self) -> dict[str, Any]:
         """Return versions and aliases."""
@@ -221,3 +221,7 @@ class StoreModels:
     def close(self) -> None:
         """End a vetting that is under way."""
         self._stopped.set()
+
+
+def _numbered(version: str | None) -> int | None:
+    return None if version is None else int(version)

@@ -75,6 +75,7 @@ class RetrainingSettings:
     shadow: float = 60.0  # seconds of motion before the first verdict
     shadow_limit: float = 1800.0  # seconds after which a challenger that is not better is dropped
     probation: float = 300.0  # seconds of motion in which a new champion may be sent back
+    kind: str = "same"  # of the challenger, as the champion; see `learning`
 
     def __post_init__(self) -> None:
         _check(self)
@@ -84,5 +85,5 @@ def _check(settings: ServiceSettings | RetrainingSettings) -> None:
     for field in fields(settings):
         given = getattr(settings, field.name)
         for value in given if isinstance(given, tuple) else (given,):
-            if value is not None and not 0 < value < float("inf"):
+            if isinstance(value, int | float) and not 0 < value < float("inf"):
                 raise ConfigError(f"{field.name} = {value:g} has to be above 0 and finite")

@@ -41,6 +41,27 @@ def sign(record: Path, key: Path) -> None:
     replace(record.with_name(SIGNATURE), (json.dumps(content) + "\n").encode())
 
 
+def check_signing(key: Path, trusted_keys: Iterable[Path] = ()) -> None:
+    """Check, before anything is to be signed, that a private key can be used and will be trusted.
+
+    Raises:
+        ModelStoreError: It cannot be used, or is of none of the trusted keys.
+    """
+    _library()
+    from cryptography.exceptions import InvalidSignature
+
+    trusted, probe = tuple(trusted_keys), b"limo"
+    signature = _private_key(key).sign(probe)
+    for public in trusted:
+        try:
+            _public_key(public).verify(signature, probe)
+        except InvalidSignature:
+            continue
+        return
+    if trusted:
+        raise ModelStoreError(f"{key}: what it signs is trusted by none of the trusted keys")
+
+
 def check_signature(record: bytes, folder: Path, trusted_keys: Iterable[Path]) -> None:
     """Check that one of the trusted keys signed a version.
 

@@ -40,12 +40,18 @@ class ModelStore:
         robot: Whose versions; not needed where the folder holds those of one robot only.
         trusted_keys: Public keys (PEM files); versions that none of them signed are refused. None
             given: signatures are not looked at.
+        signing_key: Private key (PEM file), with which every version that is added is signed.
     """
 
     def __init__(
-        self, root: Path | str, robot: str | None = None, trusted_keys: Sequence[Path] = ()
+        self,
+        root: Path | str,
+        robot: str | None = None,
+        trusted_keys: Sequence[Path] = (),
+        signing_key: Path | None = None,
     ) -> None:
         self.root, self.trusted_keys = Path(root), tuple(trusted_keys)
+        self.signing_key = signing_key
         self._robot = robot
 
     @property
@@ -147,8 +153,8 @@ class ModelStore:
             delay: Of the stream that answers to the golden motion [s].
 
         Raises:
-            ModelStoreError: The folder does not fit together, the parent is not there, or the
-                record is no JSON.
+            ModelStoreError: The folder does not fit together, the parent is not there, the record
+                is no JSON, or the signing key cannot be used.
             RecordingError: The golden motion is of another robot.
             ConfigError: The model cannot be streamed at that rate and delay.
         """
@@ -160,24 +166,40 @@ class ModelStore:
         except OSError as error:
             raise ModelStoreError(f"{home}: cannot be written: {error.strerror}") from None
 
-    def promote(self, which: int | str, reason: str) -> Aliases:
+    def promote(self, which: int | str, reason: str, instead_of: int | None = None) -> Aliases:
         """Make a version the champion; its files are checked first.
 
+        Args:
+            which: Its number or alias.
+            reason: Why, for the record.
+            instead_of: Champion that it was judged against; no other is replaced.
+
         Raises:
-            ModelStoreError: There is no such version, a file of it differs, or it is the champion.
+            ModelStoreError: There is no such version, a file of it differs, or it is the champion,
+                or another one is than was judged against.
         """
         version = self.open(which)
         version.check_files()
-        return self._rename(lambda aliases: aliases.promote(version.number, reason))
 
-    def rollback(self, reason: str) -> Aliases:
+        def forth(aliases: Aliases) -> Aliases:
+            aliases.check_champion(instead_of)
+            return aliases.promote(version.number, reason)
+
+        return self._rename(forth)
+
+    def rollback(self, reason: str, instead_of: int | None = None) -> Aliases:
         """Make the champion before the champion again.
 
+        Args:
+            reason: Why, for the record.
+            instead_of: Champion that is sent back; no other is.
+
         Raises:
-            ModelStoreError: There is none, or a file of it differs.
+            ModelStoreError: There is none, or a file of it differs, or another one is the champion.
         """
 
         def back(aliases: Aliases) -> Aliases:
+            aliases.check_champion(instead_of)
             after = aliases.rollback(reason)
             self.open(after.champion or 0).check_files()
             return after
@@ -253,6 +275,8 @@ class ModelStore:
                 raise ModelStoreError(f"{home}: has no version {parent} to be the parent")
             number = max(numbers, default=0) + 1
             write(path / RECORD, as_json({**content, "version": number, "parent": parent}))
+            if self.signing_key is not None:
+                sign(path / RECORD, self.signing_key)
             sync(path)
             final = path.rename(home / str(number))
             sync(home)

@@ -2,10 +2,11 @@
 
     python -m estimators.service.trainer models --logs logs --arm iiwa14 --seconds 300
 
-`joint-physics` learns what the champion's simulation leaves of the torque, outside of contact. The
-last part of the motion is held out, and challenger and champion are compared on it as they would
-answer live. The challenger then is the store's next version, with the champion as its parent; a
-process that is killed before leaves nothing. It has the lowest priority and one thread.
+A model of the champion's kind, or of another one, learns what the champion's simulation leaves of
+the torque, outside of contact, from states of the newest rate. The last part of the motion is held
+out, and challenger and champion are compared on it as they would answer live. The challenger then
+is the store's next version, with the champion as its parent; a process that is killed before leaves
+nothing. It has the lowest priority and one thread.
 """
 
 from __future__ import annotations
@@ -22,20 +23,21 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.joint_physics import JointPhysics
-from estimators.service.background import give_way
+from estimators.service.background import end_when_abandoned, give_way
 from estimators.service.durable import draft
 from estimators.service.gate import BLOCK, accuracy, compare, plain
-from estimators.service.logged_motion import newest_motion
+from estimators.service.learning import SAME, learned
+from estimators.service.logged_motion import Span, newest_motion
 from estimators.service.store import ModelStore
 from estimators.service.watchdog import MARGIN
 from estimators.stream import Stream
-from limo_driver.errors import LimoError, RecordingError
+from limo_driver.errors import LimoError, ModelStoreError, RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.base import LiveEstimator
+    from estimators.residual_model import ResidualModel
     from estimators.service.logged_motion import LoggedMotion
     from estimators.service.version import Version
     from limo_driver.recording import Recording
@@ -46,24 +48,27 @@ _LEAST: Final = 20.0  # [s] of motion, to learn anything from
 _NICE: Final = 19
 
 
-def train(store: ModelStore, motion: LoggedMotion, delay: float) -> dict[str, Any]:
+def train(
+    store: ModelStore, motion: LoggedMotion, delay: float, kind: str = SAME
+) -> dict[str, Any]:
     """Fit a challenger, compare it with the champion, and add it to the store.
 
     Args:
         store: Of the arm's robot; it has a champion.
         motion: To learn from.
         delay: Of the service [s].
+        kind: Of the challenger, see `learning`.
 
     Returns:
         The new version and its metrics, as JSON values.
 
     Raises:
-        LimoError: There is no champion that can be read, or too little motion.
+        LimoError: There is no champion that can be read, no such kind, or too little motion.
     """
     champion = store.open("champion")
     known = champion.load()
     learned_from, held_out = _split(motion.recording)
-    model = JointPhysics(known.simulation, known.bandwidth).fit([learned_from])
+    model = learned(kind, known, learned_from)
     metrics = _metrics(model, known, held_out, delay)
     record = {
         "metrics": metrics,
@@ -118,17 +123,20 @@ def live_errors(model: LiveEstimator, recording: Recording, delay: float) -> Flo
 
 def _add(
     store: ModelStore,
-    model: JointPhysics,
+    model: ResidualModel[Any],
     golden: Recording,
     parent: Version,
     record: dict[str, Any],
     delay: float,
 ) -> Version:
-    with draft(store.home) as path:  # is removed by the next writer, should this one be killed
-        model.save(path / "model")
-        return store.add(
-            path / "model", golden=golden, parent=parent.number, record=record, delay=delay
-        )
+    try:
+        with draft(store.home) as path:  # is removed by the next writer, should this one be killed
+            model.save(path / "model")
+            return store.add(
+                path / "model", golden=golden, parent=parent.number, record=record, delay=delay
+            )
+    except OSError as error:
+        raise ModelStoreError(f"{store.home}: cannot be written: {error.strerror}") from None
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -139,21 +147,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--logs", type=Path, required=True, help="folder of the service's logs")
     parser.add_argument("--arm", required=True, help="its name in keys")
     parser.add_argument("--seconds", type=float, required=True, help="of the newest motion")
+    parser.add_argument("--rate", type=float, help="of the states [Hz]; that of the newest")
+    parser.add_argument("--until", type=int, help="stamp of the newest state [ns]")
+    parser.add_argument("--kind", default=SAME, help="of the challenger; as the champion")
     parser.add_argument("--delay", type=float, default=0.1, help="of the service [s]")
     parser.add_argument("--margin", type=float, default=MARGIN, help="around contact [s]")
     parser.add_argument("--limit", type=float, help="after which the process is ended [s]")
     parser.add_argument("--trust", action="append", default=[], type=Path, help="public key")
+    parser.add_argument("--sign", type=Path, help="private key")
+    parser.add_argument("--attended", action="store_true", help="end when standard input does")
     given = parser.parse_args(arguments)
+    if given.attended:
+        end_when_abandoned()
     give_way(_NICE)
     if given.limit is not None:
         signal.setitimer(signal.ITIMER_REAL, given.limit)  # ends it also inside compiled code
-    store = ModelStore(given.store, given.robot, given.trust)
+    store = ModelStore(given.store, given.robot, given.trust, given.sign)
     began = time.monotonic()
     try:
         joints = store.open("champion").joints
-        motion = newest_motion(given.logs, given.arm, joints, given.seconds, given.margin)
+        span = Span(given.seconds, given.rate, given.until)
+        motion = newest_motion(given.logs, given.arm, joints, span, given.margin)
         with threadpool_limits(1):
-            found = train(store, motion, given.delay)
+            found = train(store, motion, given.delay, given.kind)
     except LimoError as error:
         sys.stdout.write(f"{json.dumps({'error': str(error)})}\n")
         sys.exit(1)

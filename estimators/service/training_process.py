@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from estimators.service.logged_motion import Span
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store import ModelStore
 
@@ -32,7 +33,8 @@ class TrainingProcess:
         store: To learn the champion from, and to add to.
         logs: Folder of the service's logs.
         arm: Its name in keys.
-        settings: How much to learn from, and the limit.
+        settings: Which kind to learn, and the limit.
+        span: What to learn from.
         delay: Of the service [s].
         margin: Left out around contact [s].
     """
@@ -43,16 +45,29 @@ class TrainingProcess:
         logs: Path,
         arm: str,
         settings: RetrainingSettings,
+        span: Span,
         delay: float,
         margin: float,
     ) -> None:
         self._limit = settings.training_limit
         self._ends = time.monotonic() + self._limit + _LATE
         arguments = [str(store.root.resolve()), f"--robot={store.robot}", f"--arm={arm}"]
-        arguments += [f"--logs={logs.resolve()}", f"--seconds={settings.seconds!r}"]
+        arguments += [f"--logs={logs.resolve()}", f"--seconds={span.seconds!r}"]
+        arguments += [] if span.rate is None else [f"--rate={span.rate!r}"]
+        arguments += [] if span.until_ns is None else [f"--until={span.until_ns}"]
+        arguments += [f"--kind={settings.kind}", "--attended"]
         arguments += [f"--delay={delay!r}", f"--margin={margin!r}", f"--limit={self._limit!r}"]
         arguments += [f"--trust={key.resolve()}" for key in store.trusted_keys]
-        self._process = _start(arguments)
+        if store.signing_key is not None:
+            arguments.append(f"--sign={store.signing_key.resolve()}")
+        held, self._held = os.pipe()  # closed when this process ends, however it does
+        try:
+            self._process = _start(arguments, held)
+        except BaseException:
+            os.close(self._held)
+            raise
+        finally:
+            os.close(held)
 
     def result(self) -> dict[str, Any] | None:
         """Return what was trained, or None while it goes on.
@@ -67,18 +82,27 @@ class TrainingProcess:
                 return None
             self.end()
             raise LimoError(f"training took longer than {self._limit:g} s") from None
+        self._let_go()
         try:
-            found: dict[str, Any] = json.loads(out)
+            found: object = json.loads(out)
         except ValueError:
-            raise LimoError(self._why(errors)) from None
-        if "error" in found:
+            found = None
+        if isinstance(found, dict) and "error" in found:
             raise LimoError(f"training failed: {found['error']}")
+        if not isinstance(found, dict) or "version" not in found or self._process.returncode:
+            raise LimoError(self._why(errors))
         return found
 
     def end(self) -> None:
         """Kill it, if it still runs; the store is as it was."""
         self._process.kill()
         self._process.communicate()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        held, self._held = self._held, -1
+        if held >= 0:
+            os.close(held)
 
     def _why(self, errors: str) -> str:
         status = self._process.returncode
@@ -88,10 +112,10 @@ class TrainingProcess:
         return f"training ended with status {status}" + (f": {told[-1]}" if told else "")
 
 
-def _start(arguments: Sequence[str]) -> subprocess.Popen[str]:
+def _start(arguments: Sequence[str], held: int) -> subprocess.Popen[str]:
     return subprocess.Popen(  # noqa: S603  # our own module
         [*_COMMAND, *arguments],
-        stdin=subprocess.DEVNULL,
+        stdin=held,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -119,6 +119,10 @@ def command(
             from limo_driver.streaming import JointStatePublisher, open_session
 
             topic = RosTopic(domain=ros_domain)
+            if ros and config is not None:
+                from limo_driver.network_config import require_passage
+
+                require_passage(config, topic.key, "egress", "--ros")
             session = open_.enter_context(open_session(connect or (), listen or (), config))
             arm.keep_time()
             also = open_.enter_context(RosPublisher(session, topic)).publish if ros else None

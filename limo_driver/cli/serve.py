@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated
 
@@ -105,6 +106,22 @@ def command(
     training_seconds: Annotated[
         float, typer.Option(help="Seconds of the newest motion that a challenger learns from.")
     ] = 300.0,
+    challenger: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="Kind of the challengers: same as the champion, joint-physics, or a network, for "
+            "example lstm-fcl.",
+        ),
+    ] = "same",
+    trust: Annotated[
+        list[Path] | None,
+        typer.Option(help="Public key (PEM); versions that none of these signed are refused."),
+    ] = None,
+    sign: Annotated[
+        Path | None,
+        typer.Option(help="Private key (PEM), with which challengers are signed that are trained."),
+    ] = None,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this time \\[s]; else at Ctrl-C.")
     ] = None,
@@ -139,7 +156,13 @@ def command(
     from limo_driver.streaming import open_session
 
     topic = None if ros is None else RosTopic(ros, ros_domain)
-    arms = _arms(arm, store, model, sim)
+    if topic is not None and config is not None:
+        from limo_driver.network_config import require_passage
+
+        require_passage(config, topic.key_of_any_hash, "ingress", "--ros")
+    keys = _SigningKeys(tuple(trust or ()), sign)
+    keys.check(model)
+    arms = _arms(arm, store, model, sim, keys)
     settings = ServiceSettings(
         rate=rate,
         delay=delay,
@@ -148,7 +171,7 @@ def command(
         contact_duration=_per_joint("--contact-for", contact_for, "s", arms),
     )
     limits = _log_limits(log_size, log_age, len(arms))
-    retraining = _retraining(arms, log, retrain, retrain_every, training_seconds)
+    retraining = _retraining(arms, log, retrain, retrain_every, training_seconds, challenger)
     if topic is not None and len(arms) > 1:
         raise ConfigError(f"--ros is the topic of one arm, and {len(arms)} are to be served")
     with ExitStack() as open_:
@@ -164,6 +187,30 @@ def command(
             if retraining is not None:
                 _keep(servers[-1], log, retraining)
         serve(servers, duration, _status_printer(as_json=as_json))
+
+
+@dataclass(frozen=True)
+class _SigningKeys:
+    """Whose signatures count, and what challengers are signed with."""
+
+    trusted: tuple[Path, ...]
+    own: Path | None
+
+    def check(self, model: Path | None) -> None:
+        """Check them before anything is opened.
+
+        Raises:
+            ConfigError: They are for versions, and a model folder is served.
+            ModelStoreError: A key cannot be used, or what is signed would not be trusted.
+        """
+        from limo_driver.errors import ConfigError
+
+        if model is not None and (self.trusted or self.own is not None):
+            raise ConfigError("--trust and --sign are for the versions of a --store")
+        if self.own is not None:
+            from estimators.service.signature import check_signing
+
+            check_signing(self.own, self.trusted)
 
 
 def _per_joint(
@@ -218,7 +265,11 @@ def _close(log: McapLog) -> None:
 
 
 def _arms(
-    given: list[str], store: Path | None, model: Path | None, sim: Path | None
+    given: list[str],
+    store: Path | None,
+    model: Path | None,
+    sim: Path | None,
+    keys: _SigningKeys,
 ) -> dict[str, ServedModels]:
     """Return what serves each arm, by name.
 
@@ -236,11 +287,13 @@ def _arms(
             raise ConfigError(f"--arm {name} is given twice")
         if own and store is not None:
             raise ConfigError(f"--arm {entry} names a store, and so does --store {store}")
-        arms[name] = _models(Path(own) if own else store, model, sim)
+        arms[name] = _models(Path(own) if own else store, model, sim, keys)
     return arms
 
 
-def _models(store: Path | None, model: Path | None, sim: Path | None) -> ServedModels:
+def _models(
+    store: Path | None, model: Path | None, sim: Path | None, keys: _SigningKeys
+) -> ServedModels:
     from estimators.service.models import OneFolder, StoreModels
     from estimators.service.store import ModelStore
     from limo_driver.errors import ConfigError
@@ -254,7 +307,8 @@ def _models(store: Path | None, model: Path | None, sim: Path | None) -> ServedM
         return OneFolder.open(model)
     simulation = None if sim is None else Simulation.load(sim)
     robot = None if simulation is None else simulation.model.name
-    models = StoreModels(ModelStore(store or Path(), robot), simulation)
+    versions = ModelStore(store or Path(), robot, keys.trusted, keys.own)
+    models = StoreModels(versions, simulation)
     _ = models.physics  # refuses an empty store before anything is opened
     return models
 
@@ -265,6 +319,7 @@ def _retraining(
     wanted: bool | None,
     hours: float | None,
     seconds: float,
+    kind: str,
 ) -> RetrainingSettings | None:
     """Return how to retrain, or None where it is not wanted or not possible."""
     from estimators.service.models import StoreModels
@@ -277,7 +332,12 @@ def _retraining(
         raise ConfigError("--retrain needs --store for the models and --log to learn from")
     if hours is not None and (wanted is False or not possible):
         raise ConfigError("--retrain-every is for a service that retrains: give --store and --log")
-    settings = RetrainingSettings(seconds, None if hours is None else 3600.0 * hours)
+    if kind != "same":
+        from estimators.service.learning import check_kind
+
+        check_kind(kind)
+    every = None if hours is None else 3600.0 * hours
+    settings = RetrainingSettings(seconds, every, kind=kind)
     return settings if possible and wanted is not False else None
 
 

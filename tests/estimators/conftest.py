@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from wandering import wander
 
+from estimators.joint_physics import JointPhysics
+from estimators.service.store import ModelStore
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.recording import Recording
 
@@ -77,3 +80,35 @@ def training_recording(record: Callable[[int, float], Recording]) -> Recording:
 @pytest.fixture(scope="session")
 def test_recording(record: Callable[[int, float], Recording]) -> Recording:
     return record(2, 30.0)
+
+
+@pytest.fixture(scope="session")
+def worn_arm(arm: Path) -> Simulation:
+    """The arm with twice the friction."""
+    slip = [PreslidingHysteresis(joint=j, stiffness=(200.0,), width=(0.012,)) for j in (1, 2)]
+    return Simulation(str(arm), tuple(slip))
+
+
+@pytest.fixture(scope="session")
+def versions(
+    rigid: Simulation,
+    worn_arm: Simulation,
+    training_recording: Recording,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """A store: version 1 knows the arm, version 2 the worn arm."""
+    folder = tmp_path_factory.mktemp("versions")
+    store = ModelStore(folder / "models")
+    motion = training_recording.motion(10.0)
+    worn = Recording.from_arrays(motion.time, motion.position, worn_arm.predict(motion))
+    for name, recording in (("new", training_recording), ("worn", worn)):
+        JointPhysics(rigid).fit([recording]).save(folder / name)
+        store.add(folder / name, golden=recording)
+    store.promote(1, "the first")
+    return store.root
+
+
+@pytest.fixture
+def store(versions: Path, tmp_path: Path) -> ModelStore:
+    shutil.copytree(versions, tmp_path / "models")
+    return ModelStore(tmp_path / "models")

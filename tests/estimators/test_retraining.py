@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import time
 from typing import TYPE_CHECKING, Any
@@ -11,51 +10,19 @@ import numpy as np
 import pytest
 from served_arm import Arm, Served, served
 
-from estimators.joint_physics import JointPhysics
 from estimators.service.settings import RetrainingSettings
-from estimators.service.store import ModelStore
 from limo_driver.errors import ConfigError, LimoError
-from limo_driver.physics import PreslidingHysteresis, Simulation
 from limo_driver.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from estimators.service.store import ModelStore
+    from limo_driver.physics import Simulation
+
 SETTINGS = RetrainingSettings(
     seconds=40.0, pause=1.0, shadow=50.0, shadow_limit=120.0, probation=60.0
 )
-
-
-@pytest.fixture(scope="session")
-def worn_arm(arm: Path) -> Simulation:
-    """The arm with twice the friction."""
-    slip = [PreslidingHysteresis(joint=j, stiffness=(200.0,), width=(0.012,)) for j in (1, 2)]
-    return Simulation(str(arm), tuple(slip))
-
-
-@pytest.fixture(scope="module")
-def versions(
-    rigid: Simulation,
-    worn_arm: Simulation,
-    training_recording: Recording,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
-    """A store: version 1 knows the arm, version 2 the worn arm."""
-    folder = tmp_path_factory.mktemp("versions")
-    store = ModelStore(folder / "models")
-    motion = training_recording.motion(10.0)
-    worn = Recording.from_arrays(motion.time, motion.position, worn_arm.predict(motion))
-    for name, recording in (("new", training_recording), ("worn", worn)):
-        JointPhysics(rigid).fit([recording]).save(folder / name)
-        store.add(folder / name, golden=recording)
-    store.promote(1, "the first")
-    return store.root
-
-
-@pytest.fixture
-def store(versions: Path, tmp_path: Path) -> ModelStore:
-    shutil.copytree(versions, tmp_path / "models")
-    return ModelStore(tmp_path / "models")
 
 
 def rms(seconds: list[list[float]]) -> np.ndarray:

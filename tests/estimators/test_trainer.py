@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+)
 
+from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
-from estimators.service.logged_motion import newest_motion
+from estimators.service import store as store_module
+from estimators.service.learning import learned
+from estimators.service.logged_motion import Span, newest_motion
 from estimators.service.settings import RetrainingSettings
+from estimators.service.signature import check_signing
 from estimators.service.store import ModelStore
 from estimators.service.trainer import train
 from estimators.service.training_process import TrainingProcess
-from limo_driver.errors import LimoError, RecordingError
+from estimators.training import TrainingSettings
+from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.mcap_log import LogLimits, McapLog
 from limo_driver.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level
 
@@ -61,7 +75,7 @@ def store(rigid: Simulation, training_recording: Recording, tmp_path: Path) -> M
 class TestMotion:
     def test_is_the_newest(self, test_recording, tmp_path) -> None:
         write_log(tmp_path, test_recording)
-        motion = newest_motion(tmp_path, "arm", NAMES, 10.0)
+        motion = newest_motion(tmp_path, "arm", NAMES, Span(10.0))
         assert motion.recording.duration == pytest.approx(10.0, abs=0.02)
         np.testing.assert_array_equal(motion.recording.torque[-1], test_recording.torque[-1])
         assert motion.origin["end_ns"] == at(test_recording.time[-1])
@@ -69,7 +83,7 @@ class TestMotion:
     def test_is_without_what_was_in_contact(self, test_recording, tmp_path) -> None:
         events = [("contact", 5.0), ("contact_end", 7.0), ("contact", 25.0)]
         write_log(tmp_path, test_recording, *events)
-        motion = newest_motion(tmp_path, "arm", NAMES, 60.0, margin=1.0)
+        motion = newest_motion(tmp_path, "arm", NAMES, Span(60.0), margin=1.0)
         stamps = np.round(motion.recording.time, 3)
         left_out = set(np.round(test_recording.time, 3)) - set(stamps)
         assert min(left_out) == 4.0
@@ -79,18 +93,18 @@ class TestMotion:
 
     def test_a_service_that_began_anew_ended_the_contacts(self, test_recording, tmp_path) -> None:
         write_log(tmp_path, test_recording, ("contact", 5.0), ("serving", 9.0))
-        motion = newest_motion(tmp_path, "arm", NAMES, 60.0, margin=1.0)
+        motion = newest_motion(tmp_path, "arm", NAMES, Span(60.0), margin=1.0)
         assert motion.contact == pytest.approx(6.0, abs=0.1)
         assert motion.recording.time[-1] == pytest.approx(test_recording.time[-1])
 
     def test_says_what_is_missing(self, test_recording, tmp_path) -> None:
         with pytest.raises(RecordingError, match="holds no logs of arm"):
-            newest_motion(tmp_path / "nothing", "arm", NAMES, 10.0)
+            newest_motion(tmp_path / "nothing", "arm", NAMES, Span(10.0))
         write_log(tmp_path, test_recording, ("contact", 0.0))
         with pytest.raises(RecordingError, match="all in contact"):
-            newest_motion(tmp_path, "arm", NAMES, 10.0)
+            newest_motion(tmp_path, "arm", NAMES, Span(10.0))
         with pytest.raises(RecordingError, match="of other joints"):
-            newest_motion(tmp_path, "arm", ("a", "b"), 10.0)
+            newest_motion(tmp_path, "arm", ("a", "b"), Span(10.0))
 
 
 class TestTraining:
@@ -98,7 +112,7 @@ class TestTraining:
         self, store, training_recording, tmp_path
     ) -> None:
         write_log(tmp_path / "logs", training_recording)
-        found = train(store, newest_motion(tmp_path / "logs", "arm", NAMES, 60.0), 0.1)
+        found = train(store, newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0)), 0.1)
         version = store.open(2)
         assert (found["version"], version.record["parent"]) == (2, 1)
         against = version.record["record"]["metrics"]["against_champion"]
@@ -109,15 +123,98 @@ class TestTraining:
 
     def test_of_little_motion_is_refused(self, store, training_recording, tmp_path) -> None:
         write_log(tmp_path / "logs", training_recording[:1500])
-        motion = newest_motion(tmp_path / "logs", "arm", NAMES, 60.0)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
         with pytest.raises(RecordingError, match="only 15 s of motion"):
             train(store, motion, 0.1)
+
+
+class TestKinds:
+    @pytest.fixture
+    def hybrid(
+        self, rigid: Simulation, training_recording: Recording, tmp_path: Path
+    ) -> ModelStore:
+        settings = TrainingSettings(
+            model="mlp7", features="drive", epochs=1, hidden=4, folds=1, rate=50.0, batch=200
+        )
+        store = ModelStore(tmp_path / "hybrids")
+        HybridModel(rigid, settings).fit([training_recording]).save(tmp_path / "hybrid")
+        store.add(tmp_path / "hybrid", golden=training_recording)
+        store.promote(1, "the first")
+        return store
+
+    def test_a_challenger_is_of_the_kind_of_the_champion(
+        self, hybrid, training_recording, tmp_path
+    ) -> None:
+        write_log(tmp_path / "logs", training_recording)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
+        train(hybrid, motion, 0.1)
+        first, second = (hybrid.open(number).load() for number in (1, 2))
+        assert second.name == "hybrid"
+        settings = [model.fitted.record["settings"] for model in (first, second)]
+        assert settings[0] | {"device": "cpu"} == settings[1]
+
+    def test_or_of_another_one_if_that_is_wanted(
+        self, hybrid, training_recording, tmp_path
+    ) -> None:
+        write_log(tmp_path / "logs", training_recording)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
+        train(hybrid, motion, 0.1, "joint-physics")
+        assert hybrid.open(2).estimator == "joint-physics"
+        with pytest.raises(ConfigError, match=r"no kind of challenger is 'x'; known: same, joint"):
+            train(hybrid, motion, 0.1, "x")
+
+    def test_a_champion_that_does_not_say_how_it_was_trained(
+        self, rigid, training_recording
+    ) -> None:
+        model = HybridModel(rigid)
+        model.fitted_ = SimpleNamespace(record={}, bandwidth=10.0)
+        with pytest.raises(ModelStoreError, match="does not say how it was trained"):
+            learned("same", model, training_recording)
+
+
+class TestSigning:
+    @pytest.fixture
+    def keys(self, tmp_path: Path) -> tuple[Path, Path]:
+        return write_keys(tmp_path, "own")
+
+    def test_a_challenger_is_signed_before_it_appears(
+        self, store, training_recording, tmp_path, keys
+    ) -> None:
+        private, public = keys
+        store.sign(1, private)
+        signing = ModelStore(store.root, None, [public], private)
+        write_log(tmp_path / "logs", training_recording)
+        settings = replace(SETTINGS, training_limit=300.0)
+        process = TrainingProcess(signing, tmp_path / "logs", "arm", settings, Span(60.0), 0.1, 1.0)
+        TestProcess.wait(process)
+        assert signing.open(2).number == 2
+        with pytest.raises(ModelStoreError, match="none of the trusted keys"):
+            ModelStore(store.root, None, [write_keys(tmp_path, "other")[1]]).open(2)
+
+    def test_with_a_key_that_nobody_trusts_is_refused(self, tmp_path, keys) -> None:
+        check_signing(keys[0])
+        check_signing(keys[0], [keys[1]])
+        with pytest.raises(ModelStoreError, match="trusted by none of the trusted keys"):
+            check_signing(keys[0], [write_keys(tmp_path, "other")[1]])
+        with pytest.raises(ModelStoreError, match="cannot be read"):
+            check_signing(tmp_path / "nothing.pem")
+
+
+def write_keys(folder: Path, name: str) -> tuple[Path, Path]:
+    """Write a private and a public key."""
+    key = Ed25519PrivateKey.generate()
+    private, public = folder / f"{name}.pem", folder / f"{name}.pub"
+    private.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    public.write_bytes(
+        key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    )
+    return private, public
 
 
 class TestProcess:
     def start(self, store: ModelStore, tmp_path: Path, limit: float) -> TrainingProcess:
         settings = replace(SETTINGS, training_limit=limit)
-        return TrainingProcess(store, tmp_path / "logs", "arm", settings, 0.1, 1.0)
+        return TrainingProcess(store, tmp_path / "logs", "arm", settings, Span(60.0), 0.1, 1.0)
 
     def test_that_is_killed_leaves_the_store_as_it_was(
         self, store, training_recording, tmp_path
@@ -144,6 +241,28 @@ class TestProcess:
     def test_that_fails_says_why(self, store, tmp_path) -> None:
         with pytest.raises(LimoError, match=r"training failed: .*holds no logs of arm"):
             self.wait(self.start(store, tmp_path, 300.0))
+
+    def test_ends_with_whoever_started_it(self, store, training_recording, tmp_path) -> None:
+        write_log(tmp_path / "logs", training_recording)
+        process = self.start(store, tmp_path, 300.0)
+        process._let_go()  # as the end of the process that holds it does
+        with pytest.raises(LimoError, match="training ended with status 3"):
+            self.wait(process)
+        assert store.numbers() == (1,)
+
+    def test_that_finds_the_disk_full_says_so(
+        self, store, training_recording, tmp_path, monkeypatch
+    ) -> None:
+        def full(*_: object) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        write_log(tmp_path / "logs", training_recording)
+        motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
+        monkeypatch.setattr(store_module, "write", full)
+        with pytest.raises(ModelStoreError, match="No space left on device"):
+            train(store, motion, 0.1)
+        assert store.numbers() == (1,)
+        assert not list(store.home.glob(".adding-*"))
 
     @staticmethod
     def wait(process: TrainingProcess) -> None:

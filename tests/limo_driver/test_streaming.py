@@ -126,8 +126,19 @@ class TestSessions:
             open_session(config=path)
 
     def test_refuse_an_endpoint_that_is_none(self):
-        with pytest.raises((ConfigError, ConnectionLostError), match="nonsense"):
+        with pytest.raises(ConfigError) as refused:
             open_session(connect=["nonsense"])
+        assert str(refused.value) == (
+            "endpoint nonsense: Endpoints must be of the form "
+            "<protocol>/<address>[?<metadata>][#<config>]: nonsense"
+        )
+
+    def test_say_where_a_file_is_wrong(self, tmp_path):
+        path = tmp_path / "zenoh.json5"
+        path.write_text("{\n  mode: 'x'\n}")
+        with pytest.raises(ConfigError) as refused:
+            open_session(config=path)
+        assert str(refused.value).endswith("`router`, `peer`, `client` (line 2, column 9)")
 
     def test_refuse_an_address_that_is_taken(self):
         with socket.socket() as taken:

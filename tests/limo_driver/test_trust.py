@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 from limo_driver.cli.secure import command
 from limo_driver.errors import ConfigError, ConnectionLostError
 from limo_driver.messages import decode_joint_state
-from limo_driver.network_config import read_config
+from limo_driver.network_config import read_config, require_passage
+from limo_driver.ros import RosTopic
 from limo_driver.streaming import (
     JointStatePublisher,
     Keys,
@@ -283,6 +284,67 @@ class TestStrangers:
             open_session(
                 listen=[f"tcp/127.0.0.1:{free_port()}"], config=trust.configurations["viewer"]
             )
+
+
+class TestPassage:
+    def test_of_what_roles_do_not_send_is_refused(self, trust):
+        for role, topic, flow in (
+            ("driver", RosTopic().key, "egress"),
+            ("service", RosTopic().key_of_any_hash, "ingress"),
+        ):
+            with pytest.raises(ConfigError, match="--ros would reach nobody"):
+                require_passage(trust.configurations[role], topic, flow, "--ros")
+            require_passage(trust.configurations[role], KEYS.joints, flow, "--stream")
+
+    @pytest.mark.parametrize(
+        "access",
+        [
+            {},
+            {
+                "enabled": False,
+                "default_permission": "deny",
+                "rules": [],
+                "subjects": [],
+                "policies": [],
+            },
+            {
+                "enabled": True,
+                "default_permission": "allow",
+                "rules": [],
+                "subjects": [],
+                "policies": [],
+            },
+            {
+                "enabled": True,
+                "default_permission": "deny",
+                "rules": [
+                    {"id": "ros", "permission": "allow", "messages": ["put"], "key_exprs": ["0/**"]}
+                ],
+                "subjects": [{"id": "all"}],
+                "policies": [{"rules": ["ros"], "subjects": ["all"]}],
+            },
+        ],
+    )
+    def test_is_free_where_nothing_forbids_it(self, access, tmp_path):
+        path = tmp_path / "zenoh.json5"
+        path.write_text(json.dumps({"access_control": access} if access else {}))
+        require_passage(path, RosTopic().key, "egress", "--ros")
+
+    def test_is_asked_for_by_the_command(self, trust, limo, tmp_path):
+        done = limo(
+            "serve",
+            "--arm",
+            "arm",
+            "--model",
+            tmp_path,
+            "--ros",
+            "joint_states",
+            "--zenoh-config",
+            trust.configurations["service"],
+        )
+        assert done.returncode != 0
+        assert "--ros would reach nobody" in done.stderr.replace("\n", " ")
+        assert "Traceback" not in done.stderr
 
 
 class TestFolder:

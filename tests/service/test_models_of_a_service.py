@@ -29,13 +29,13 @@ def run(*arguments: object):
 
 
 def test_versions_of_a_service_are_listed_loaded_promoted_and_rolled_back(
-    store: ModelStore, network: Network
+    store: ModelStore, network: Network, tmp_path: Path
 ) -> None:
     there = ("--arm", ARM, "--zenoh-config", network.there)
     with (
         open_session(config=network.here) as session,
         driven(session),
-        served(network, "--arm", ARM, "--store", store.root),
+        served(network, "--arm", ARM, "--store", store.root, "--log", tmp_path / "logs"),
     ):
         answers = Answers(session)
         wait_for(lambda: bool(answers.models))
@@ -61,6 +61,11 @@ def test_versions_of_a_service_are_listed_loaded_promoted_and_rolled_back(
         refused = run("load", 9, *there)
         assert isinstance(refused.exception, ModelStoreError)
         assert "has no version '9'; known: 1, 2, champion, challenger" in str(refused.exception)
+        found = run("retrain", "--reason", "to see", *there)
+        assert found.stdout == "a challenger will be trained: to see\n"
+        refused = run("retrain", *there)
+        assert isinstance(refused.exception, ModelStoreError)
+        assert "cannot train now" in str(refused.exception)
 
 
 def test_a_service_that_is_not_there_is_said(network: Network) -> None:

@@ -2,7 +2,14 @@
 
 import typer
 
-from limo_driver.cli.models import adding, checking, comparing, listing, promoting
+from limo_driver.cli.models import (
+    adding,
+    checking,
+    comparing,
+    listing,
+    promoting,
+    retraining,
+)
 
 command = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
@@ -32,6 +39,7 @@ command.command(name="add")(adding.add)
 command.command(name="load")(promoting.load)
 command.command(name="promote")(promoting.promote)
 command.command(name="rollback")(promoting.rollback)
+command.command(name="retrain")(retraining.retrain)
 command.command(name="compare")(comparing.compare)
 command.command(name="verify")(checking.verify)
 command.command(name="sign")(checking.sign)

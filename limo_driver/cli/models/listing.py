@@ -5,17 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from limo_driver.cli.models.options import (
-    MODELS,
-    ArmOption,
     JsonOption,
-    RobotOption,
-    StoreOption,
-    TrustOption,
+    Place,
     WhichArgument,
     print_found,
-    reached,
+    with_place,
 )
-from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,14 +19,9 @@ if TYPE_CHECKING:
     from estimators.service.version import Version
 
 
+@with_place
 def list_versions(
-    store: StoreOption = MODELS,
-    robot: RobotOption = None,
-    trust: TrustOption = None,
-    arm: ArmOption = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
+    place: Place,
     as_json: JsonOption = False,
 ) -> None:
     """List the versions of a store, and which of them is the champion.
@@ -44,7 +34,7 @@ def list_versions(
     """
     from estimators.service.remote_store import RemoteStore
 
-    with reached(store, robot, trust, arm, connect, listen, config) as models:
+    with place.reached() as models:
         versions, aliases = models.versions(), models.aliases
         serving = models.serving if isinstance(models, RemoteStore) else None
     names = {v.number: aliases.of(v.number) for v in versions}
@@ -53,15 +43,10 @@ def list_versions(
     print_found(values, _table(versions, names), as_json=as_json)
 
 
+@with_place
 def show(
+    place: Place,
     which: WhichArgument = "champion",
-    store: StoreOption = MODELS,
-    robot: RobotOption = None,
-    trust: TrustOption = None,
-    arm: ArmOption = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a version is, what it learned from, and how its aliases changed.
@@ -72,7 +57,7 @@ def show(
     """
     from dataclasses import asdict
 
-    with reached(store, robot, trust, arm, connect, listen, config) as models:
+    with place.reached() as models:
         version, aliases = models.open(which), models.aliases
     changes = [asdict(c) for c in aliases.history if version.number in (c.before, c.after)]
     values = {**version.record, "aliases": aliases.of(version.number), "history": changes}

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Callable, Generator
 
     from rich.table import Table
 
@@ -45,38 +50,94 @@ def opened(store: Path, robot: str | None, trust: list[Path] | None = None) -> M
     return ModelStore(store, robot, trust or ())
 
 
-@contextmanager
-def reached(
-    store: Path,
-    robot: str | None,
-    trust: list[Path] | None,
-    arm: str | None,
-    connect: list[str] | None,
-    listen: list[str] | None,
-    config: Path | None,
-) -> Generator[ModelStore | RemoteStore]:
-    """Open a store, or reach that of the running service of an arm.
+@dataclass(frozen=True)
+class Place:
+    """Where versions are: in a store, or with the running service of an arm."""
 
-    Raises:
-        ConfigError: Options of the one and of the other are given.
-        ConnectionLostError: There is no session to be had.
-    """
-    from limo_driver.errors import ConfigError
+    store: StoreOption = MODELS
+    robot: RobotOption = None
+    trust: TrustOption = None
+    arm: ArmOption = None
+    connect: Connect = None
+    listen: Listen = None
+    config: ConfigFile = None
 
-    if arm is None:
-        if connect or listen or config:
+    @contextmanager
+    def reached(self) -> Generator[ModelStore | RemoteStore]:
+        """Open the store, or reach that of the running service.
+
+        Raises:
+            ConfigError: Options of the one and of the other are given.
+            ConnectionLostError: There is no session to be had.
+        """
+        if self.arm is None:
+            yield self.opened()
+            return
+        from estimators.service.remote_store import RemoteStore
+
+        with self.asked() as client:
+            yield RemoteStore(client)
+
+    def opened(self) -> ModelStore:
+        """Open the store.
+
+        Raises:
+            ConfigError: Options of a running service are given.
+        """
+        from limo_driver.errors import ConfigError
+
+        if self.connect or self.listen or self.config:
             raise ConfigError("--connect, --listen and --zenoh-config reach a service: give --arm")
-        yield opened(store, robot, trust)
-        return
-    if store != MODELS or robot or trust:
-        raise ConfigError(
-            f"--arm {arm} asks a running service, which has its own store and keys: leave out "
-            "--store, --robot and --trust"
-        )
-    from estimators.service.remote_store import RemoteStore
+        return opened(self.store, self.robot, self.trust)
 
-    with asked(arm, connect, listen, config) as client:
-        yield RemoteStore(client)
+    @contextmanager
+    def asked(self) -> Generator[ModelClient]:
+        """Open a session to ask the running service of the arm, which has to be named.
+
+        Raises:
+            ConfigError: Options of a store are given.
+            ConnectionLostError: There is no session to be had.
+        """
+        from limo_driver.errors import ConfigError
+
+        assert self.arm is not None  # noqa: S101  # else there is nobody to ask
+        if self.store != MODELS or self.robot or self.trust:
+            raise ConfigError(
+                f"--arm {self.arm} asks a running service, which has its own store and keys: "
+                "leave out --store, --robot and --trust"
+            )
+        with asked(self.arm, self.connect, self.listen, self.config) as client:
+            yield client
+
+
+def with_place(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of a `Place`, which it takes as its first argument.
+
+    Typer reads options from a signature, so that this has all of them: the command's own, those of
+    the place, and `as_json` at the end.
+    """
+    hints = get_type_hints(Place, include_extras=True)
+    _, *own = inspect.signature(command, eval_str=True).parameters.values()
+    added = [
+        inspect.Parameter(
+            item.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=item.default,
+            annotation=hints[item.name],
+        )
+        for item in fields(Place)
+    ]
+    own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
+    every = [*own[:-1], *added, own[-1]]
+
+    @wraps(command)
+    def with_options(**given: object) -> None:
+        place = Place(**{item.name: given.pop(item.name) for item in fields(Place)})  # type: ignore[arg-type]
+        command(place, **given)
+
+    with_options.__dict__["__signature__"] = inspect.Signature(every)
+    with_options.__annotations__ = {parameter.name: parameter.annotation for parameter in every}
+    return with_options
 
 
 @contextmanager

@@ -7,17 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.cli.models.options import (
-    MODELS,
-    ArmOption,
     JsonOption,
+    Place,
     ReasonOption,
-    RobotOption,
-    StoreOption,
-    TrustOption,
     WhichArgument,
     asked,
     print_found,
-    reached,
+    with_place,
 )
 from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
@@ -48,16 +44,11 @@ def load(
     print_found(facts, text, as_json=as_json)
 
 
+@with_place
 def promote(
+    place: Place,
     which: WhichArgument,
     reason: ReasonOption = "by hand",
-    store: StoreOption = MODELS,
-    robot: RobotOption = None,
-    trust: TrustOption = None,
-    arm: ArmOption = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make a version the champion; its files are checked first.
@@ -70,19 +61,14 @@ def promote(
 
         limo models promote 2 --arm iiwa14
     """
-    with reached(store, robot, trust, arm, connect, listen, config) as models:
+    with place.reached() as models:
         _print(models.promote(which, reason), as_json=as_json)
 
 
+@with_place
 def rollback(
+    place: Place,
     reason: ReasonOption = "by hand",
-    store: StoreOption = MODELS,
-    robot: RobotOption = None,
-    trust: TrustOption = None,
-    arm: ArmOption = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make the champion before the champion again.
@@ -93,7 +79,7 @@ def rollback(
 
         limo models rollback --arm iiwa14
     """
-    with reached(store, robot, trust, arm, connect, listen, config) as models:
+    with place.reached() as models:
         _print(models.rollback(reason), as_json=as_json)
 
 

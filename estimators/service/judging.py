@@ -1,0 +1,196 @@
+"""A challenger and the champion side by side: before it may serve, and while it is on probation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from estimators.service.background import thread_aside
+from estimators.service.gate import FEWEST_BLOCKS
+from estimators.service.shadow import Shadow
+from limo_driver.errors import LimoError
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from estimators.service.arm_server import ArmServer
+    from estimators.service.arm_service import ArmService
+    from estimators.service.gate import Comparison
+    from estimators.service.settings import RetrainingSettings
+    from estimators.service.stage import Stage
+    from estimators.service.store import ModelStore
+    from limo_driver.types import FloatArray
+
+_PAUSE: Final = 60.0  # seconds of joint states before a rollback that failed is tried again
+_ROLLBACKS: Final = 5  # tries
+
+
+class Judge:
+    """Compares models on the live states of a server, on a thread that gives way.
+
+    Its verdicts are generators, which take one step each time they are asked for the next.
+
+    Args:
+        server: Of the arm.
+        store: Whose champion it serves.
+        settings: How long.
+        stage: Told what is known so far.
+    """
+
+    def __init__(
+        self, server: ArmServer, store: ModelStore, settings: RetrainingSettings, stage: Stage
+    ) -> None:
+        self._server, self._store = server, store
+        self._settings, self._stage = settings, stage
+        self._aside = thread_aside("limo-shadow")
+
+    def close(self) -> None:
+        """End the thread."""
+        self._aside.shutdown()
+
+    def shadow(self, champion: str, challenger: str) -> Generator[None, None, Comparison]:
+        """Judge until the challenger is found better.
+
+        Raises:
+            LimoError: It is worse, or not better for too long, or another version serves by now.
+        """
+        shadow = self._compared(champion, challenger)
+        began = self._now
+        due = self._settings.shadow
+        while True:
+            yield
+            self._check_serving(champion, challenger)
+            self._aside.submit(shadow.take).result()
+            self._stage.note(judged=shadow.seconds)
+            ended = self._now - began >= self._settings.shadow_limit
+            if shadow.seconds < due and not ended:
+                continue
+            verdict = shadow.comparison()
+            due *= 2.0  # few looks, so that none is lucky
+            if verdict is not None:
+                self._stage.note(verdict=verdict.reason)
+                if verdict.promote:
+                    self._tell_verdict(challenger, verdict)
+                    return verdict
+                if verdict.enough and (verdict.worse or verdict.mean_ratio.low > 1.0):
+                    raise LimoError(verdict.reason)
+            if ended:
+                told = "nothing could be judged" if verdict is None else verdict.reason
+                raise LimoError(f"undecided after {self._settings.shadow_limit:g} s: {told}")
+
+    def probation(self, old: str, new: str, foretold: FloatArray) -> Generator[None]:
+        """Send the new champion back if it is worse than the old one, or fails.
+
+        Args:
+            old: The champion before.
+            new: The champion.
+            foretold: Squared errors of the new one beside those of the old one, at most, (n,).
+
+        Raises:
+            LimoError: Somebody else changed what serves, or it could not be sent back.
+        """
+        if self._service.model.version == old:  # what should serve could not be loaded
+            yield from self._send_back(old, new, f"version {new} could not be served")
+            return
+        if self._service.model.physics_only:
+            yield from self._send_back(old, new, f"version {new} failed on probation")
+            return
+        shadow = self._compared(old, new)
+        due = min(self._settings.shadow, self._settings.probation)
+        while True:
+            yield
+            serving = self._service.model
+            if serving.physics_only:
+                yield from self._send_back(old, new, f"version {new} failed on probation")
+                return
+            self._check_probation(old, new, serving.version)
+            self._aside.submit(shadow.take).result()
+            self._stage.note(judged=shadow.seconds)
+            if shadow.seconds < due:
+                continue
+            found = shadow.comparison()
+            if found is not None and (why := _broken(found, foretold)):
+                yield from self._send_back(old, new, f"version {new} on probation: {why}")
+                return
+            if shadow.seconds >= self._settings.probation:
+                break
+            due = min(2.0 * due, self._settings.probation)
+        self._server.outlet.event(
+            "probation_passed",
+            f"{new} stays the champion",
+            version=new,
+            found=None if found is None else found.as_values(),
+        )
+
+    @property
+    def _service(self) -> ArmService:
+        assert self._server.service is not None  # noqa: S101  # nothing is judged before
+        return self._server.service
+
+    @property
+    def _now(self) -> float:
+        """Seconds of states that came."""
+        return self._service.history.count / self._service.arm.rate
+
+    def _check_serving(self, champion: str, challenger: str) -> None:
+        serves = self._service.model.version
+        if serves == challenger:
+            raise LimoError(f"{challenger} was let serve meanwhile, so that it is judged no more")
+        if serves != champion:
+            raise LimoError(f"{serves} serves by now, not {champion}")
+
+    def _check_probation(self, old: str, new: str, serves: str) -> None:
+        """Raise where somebody changed the store or what serves."""
+        aliases = self._store.aliases
+        if serves != new:
+            raise LimoError(f"{serves} serves by now: probation of {new} is over")
+        if str(aliases.champion) != new:
+            raise LimoError(
+                f"{aliases.champion} is the champion by now: probation of {new} is over"
+            )
+        if not aliases.previous or str(aliases.previous[-1]) != old:
+            raise LimoError(f"{old} is no longer what {new} came after: its probation is over")
+
+    def _send_back(self, old: str, new: str, why: str) -> Generator[None]:
+        """Roll back; where that fails, on a machine that is busy for example, try again later."""
+        for left in reversed(range(_ROLLBACKS)):
+            try:
+                self._server.rollback(why, instead_of=new)
+            except LimoError:  # which is told
+                if not left or str(self._store.aliases.champion) != new:
+                    raise
+            else:
+                return
+            until = self._now + _PAUSE
+            self._stage.note(verdict=f"{why}; going back to {old} is tried again")
+            while self._now < until:
+                yield
+
+    def _tell_verdict(self, challenger: str, verdict: Comparison) -> None:
+        self._server.outlet.event(
+            "shadow",
+            f"challenger {challenger} is {verdict.reason}",
+            version=challenger,
+            verdict=verdict.as_values(),
+        )
+
+    def _compared(self, champion: str, challenger: str) -> Shadow:
+        """Return both beside each other, loaded aside from the stream."""
+        versions = (champion, challenger)
+        models: list[Any] = [self._aside.submit(self._server.loaded, v).result() for v in versions]
+        return Shadow(self._service, *models)
+
+
+def _broken(found: Comparison, foretold: FloatArray) -> str:
+    """Return in which way a new champion is worse than the old one; nothing if it is not.
+
+    A joint counts if it is worse beyond its interval, and beyond what the shadow foretold.
+    """
+    if found.blocks < FEWEST_BLOCKS:
+        return ""
+    if found.mean_ratio.low > 1.0:
+        return f"worse than before: {found.reason}"
+    worse = found.ratio.low > np.maximum(1.0, foretold)
+    joints = ", ".join(str(int(j) + 1) for j in np.flatnonzero(worse))
+    return f"worse on joint {joints} than before and than foretold" if joints else ""

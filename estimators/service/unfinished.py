@@ -1,0 +1,104 @@
+"""What retraining was at, kept beside the versions, so that the next service can go on with it.
+
+    models/<robot>/retraining-<arm>.json
+
+A challenger that is judged is kept by its alias; what else has to survive is that the arm changed
+and nothing was learned from it yet, and that a champion is on probation.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from estimators.service.durable import locked, replace
+from limo_driver.errors import ModelStoreError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+GATHERING, TRAINING, PROBATION = "gathering", "training", "probation"
+_SCHEMA: Final = 1
+_STAGES: Final = (GATHERING, TRAINING, PROBATION)
+_FIELDS: Final[dict[str, tuple[type, ...]]] = {
+    "stage": (str,),
+    "reason": (str,),
+    "tries": (int,),
+    "champion": (int, type(None)),
+    "before": (int, type(None)),
+    "foretold": (list, type(None)),
+}
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """A stage that has not come to its end."""
+
+    stage: str
+    reason: str  # why a challenger is, or was, trained
+    tries: int = 0  # trainings that may still begin for this reason
+    champion: int | None = None  # on probation
+    before: int | None = None  # that it goes back to
+    # Its squared errors beside those before, at most, as the shadow foretold; None: not known.
+    foretold: list[float | None] | None = None
+
+
+class RetrainingFile:
+    """The file of one arm.
+
+    Args:
+        home: Folder of the robot's versions.
+        arm: Name of the arm in keys.
+    """
+
+    def __init__(self, home: Path, arm: str) -> None:
+        self._home, self._path = home, home / f"retraining-{arm}.json"
+
+    def read(self) -> Unfinished | None:
+        """Return what was not finished; None if nothing was.
+
+        Raises:
+            ModelStoreError: The file cannot be read or understood.
+        """
+        try:
+            content: object = json.loads(self._path.read_text())
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise ModelStoreError(f"{self._path}: cannot be read: {error.strerror}") from None
+        except (ValueError, RecursionError) as error:
+            raise ModelStoreError(f"{self._path}: no JSON: {error}") from None
+        return self._parsed(content)
+
+    def write(self, unfinished: Unfinished | None) -> None:
+        """Keep a stage instead of the one before; None: everything is finished.
+
+        Raises:
+            ModelStoreError: It cannot be written.
+        """
+        if unfinished is None and not self._path.exists():
+            return
+        try:
+            with locked(self._home):
+                if unfinished is None:
+                    self._path.unlink(missing_ok=True)
+                else:
+                    content = {"schema": _SCHEMA, **asdict(unfinished)}
+                    replace(self._path, (json.dumps(content, indent=1) + "\n").encode())
+        except OSError as error:
+            raise ModelStoreError(f"{self._path}: cannot be written: {error.strerror}") from None
+
+    def _parsed(self, content: object) -> Unfinished:
+        if not isinstance(content, dict) or content.get("schema") != _SCHEMA:
+            raise ModelStoreError(f"{self._path}: its schema is not {_SCHEMA}")
+        for name, kinds in _FIELDS.items():
+            if not isinstance(content.get(name, ...), kinds):
+                raise ModelStoreError(f"{self._path}: {name} is missing or of the wrong type")
+        found: dict[str, Any] = {name: content[name] for name in _FIELDS}
+        if found["stage"] not in _STAGES:
+            raise ModelStoreError(f"{self._path}: no stage is {found['stage']!r}")
+        ratios = found["foretold"] or []
+        if not all(ratio is None or isinstance(ratio, int | float) for ratio in ratios):
+            raise ModelStoreError(f"{self._path}: foretold is no list of numbers")
+        return Unfinished(**found)
