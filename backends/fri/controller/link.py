@@ -83,11 +83,12 @@ class Channel:
         if self._overtaken:
             self._enqueue(due, self._overtaken.pop())
 
-    def take(self, now_ns: int) -> list[bytes]:
-        """Return the datagrams that are due by now, in order."""
-        due: list[bytes] = []
+    def take(self, now_ns: int) -> list[tuple[bytes, int]]:
+        """Return the datagrams that are due by now, in order, and when each was due [ns]."""
+        due: list[tuple[bytes, int]] = []
         while self._waiting and self._waiting[0][0] <= now_ns:
-            due.append(heapq.heappop(self._waiting)[2])
+            at, _, datagram = heapq.heappop(self._waiting)
+            due.append((datagram, at))
         self.fates.passed += len(due)
         return due
 

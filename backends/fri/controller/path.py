@@ -79,9 +79,8 @@ class SetpointPath:
             self.position, self.velocity = position, velocity
             self._begin_interval(position)
             return targets
-        if self._base is None:
-            self._base = self.position - program
-        goal = self._base + program
+        base = self.position - program if self._base is None else self._base
+        self._base, goal = base, base + program
         steps = np.arange(1, count + 1)[:, None] / count
         targets[:] = self.position + (goal - self.position) * steps
         self._told(targets)
