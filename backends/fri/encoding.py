@@ -6,6 +6,7 @@ the order of their numbers.
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Any, Final
 
 from backends.fri.decoding import Path, said
@@ -70,7 +71,7 @@ def _field(value: Any, part: Part, path: Path) -> bytes:  # noqa: ANN401
         return delimited(part.number, _message(value, part.of, path))
     try:
         return _number(value, part, path)
-    except (TypeError, ValueError, OverflowError) as error:
+    except (TypeError, ValueError, OverflowError, struct.error) as error:
         if isinstance(error, WireFormatError):
             raise
         raise WireFormatError(
