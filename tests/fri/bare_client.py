@@ -1,4 +1,4 @@
-"""An FRI client of its own, which shares no code with limo: what a program of the vendor's SDK does.
+"""An FRI client that shares no code with limo: what a program of the vendor's SDK does.
 
 Bytes are packed by hand, the socket blocks and is bound before anything is sent, and it behaves as
 such programs are known to: it mirrors what it is told while it waits, answers every
@@ -64,7 +64,7 @@ def fields(data: bytes) -> dict[int, list]:
 
 def doubles(data: bytes) -> list[float]:
     values: list[float] = []
-    for value in fields(data).get(1, []):
+    for value in fields(data).get(1, []):  # unpacked or packed
         values += (
             [value] if isinstance(value, float) else struct.unpack(f"<{len(value) // 8}d", value)
         )
@@ -194,11 +194,11 @@ def main() -> int:
     client = Client(given.generation, given.mode, given.wrong, given.amplitude)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("0.0.0.0", given.port))  # noqa: S104
-        print(json.dumps({"bound": sock.getsockname()[1]}), flush=True)
+        print(json.dumps({"bound": sock.getsockname()[1]}), flush=True)  # noqa: T201
         sock.settimeout(20)  # only so that a failing test ends
         status = client.run(sock)
     counted = {"states": client.states, "received": client.received, "answers": client.answers}
-    print(json.dumps(counted | {"active": client.active} | client.seen), flush=True)
+    print(json.dumps(counted | {"active": client.active} | client.seen), flush=True)  # noqa: T201
     return status
 
 

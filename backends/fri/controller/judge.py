@@ -43,14 +43,6 @@ class Wanted(NamedTuple):
     wrench: FloatArray | None = None  # (6,) [N, N m]
 
 
-class Verdict(NamedTuple):
-    """What is wrong with a command; empty texts if nothing is."""
-
-    wanted: Wanted
-    complaint: str = ""  # it is left out, and told in the report
-    stop: str = ""  # the arm has to stop
-
-
 class CommandJudge:
     """Judges the commands of one session.
 
@@ -69,10 +61,10 @@ class CommandJudge:
         self._torque = limits.torque * joints.torque
         self._wrench = np.array([limits.force] * 3 + [limits.moment] * 3)
 
-    def read(self, data: CommandData | None) -> Verdict:
-        """Return what a command asks for, as far as it can be read."""
+    def read(self, data: CommandData | None) -> tuple[Wanted, str]:
+        """Return what a command asks for, and why it is left out; empty if it is not."""
         if data is None:
-            return Verdict(Wanted(), "a command without data while the arm is to be commanded")
+            return Wanted(), "a command without data while the arm is to be commanded"
         parts = {
             "position": (data.joint_position, JOINTS),
             "torque": (data.joint_torque, JOINTS),
@@ -83,12 +75,13 @@ class CommandJudge:
             if values is None:
                 continue
             if len(values) != size:
-                return Verdict(Wanted(), f"{name} has {len(values)} values, expected {size}")
+                return Wanted(), f"{name} has {len(values)} values, expected {size}"
             array = np.array(values)
             if not np.isfinite(array).all():
-                return Verdict(Wanted(), f"{name} is not finite")
+                return Wanted(), f"{name} is not finite"
             read[name] = array
-        return Verdict(Wanted(**read), self._missing(Wanted(**read)))
+        wanted = Wanted(**read)
+        return wanted, self._missing(wanted)
 
     def confirms(self, wanted: Wanted, ipo: FloatArray) -> str:
         """Say why a command does not confirm the set-point in COMMANDING_WAIT; empty if it does."""
