@@ -83,6 +83,7 @@ class Client:
         self.states: list[int] = []
         self.seen: dict[str, object] = {}
         self.first_reflected: int | None = None
+        self.enough: int | None = None  # packets after which the test may end
 
     def run(self, sock: socket.socket) -> int:
         while True:
@@ -97,11 +98,21 @@ class Client:
                 self.states.append(state)
             if state == IDLE:
                 return 0
+            self.tell_when_enough()
             if answer is not None:
                 sock.sendto(answer, robot)
                 self.answers += 1
                 if self.wrong == "leave" and self.active > 50:
                     return 0
+
+    def tell_when_enough(self) -> None:
+        """Say on stdout when the session has shown what there is to see."""
+        never_active = self.wrong in {"garbage", "stale"}
+        seen = self.received > 50 if never_active else self.active > (50 if self.wrong else 60)
+        if seen and self.enough is None:
+            self.enough = self.received + 100
+        if self.enough == self.received:
+            print(json.dumps({"enough": True}), flush=True)  # noqa: T201
 
     def step(self, packet: bytes) -> tuple[int, bytes | None]:
         if self.generation == "2.7":
@@ -146,33 +157,14 @@ class Client:
     def answer(self, state: int, reflected: int, data: dict, ipo: dict) -> bytes | None:
         body = b""
         if state >= COMMANDING_WAIT:
-            base = doubles(ipo[1][0])  # without an ipo position this fails, and the client ends
-            torque, wrench = [0.0] * 7, [0.0] * 6
-            if state == COMMANDING_ACTIVE:
-                swing = self.amplitude * math.sin(2 * math.pi * self.active / 400)
-                if self.mode == "position":
-                    base = [*base[:6], base[6] + swing]
-                torque[6], wrench[2] = swing, 20.0 * self.amplitude
-            if self.wrong == "jump" and self.active > 50:
-                base[0] += 0.5
-            if self.wrong == "nan" and self.active > 50:
-                base[0] = float("nan")
-            if self.wrong == "short":
-                base = base[:6]
-            body += b"\x0a" + joints(base)
-            if self.mode == "wrench":
-                body += b"\x12\x32\x0a\x30" + struct.pack("<6d", *wrench)
-            if self.mode == "torque":
-                body += b"\x1a" + joints(torque)
+            body = self.commands(state, doubles(ipo[1][0]))  # fails without an ipo position
         elif self.generation == "1":
             body = b"\x0a" + joints(doubles(data[3][0]))
         if self.wrong == "stale":
-            self.first_reflected = (
-                reflected if self.first_reflected is None else self.first_reflected
-            )
+            if self.first_reflected is None:
+                self.first_reflected = reflected
             reflected = self.first_reflected
-        identifier = 0x34002 if self.wrong == "identifier" else COMMAND_ID
-        head = b"\x08" + varint(identifier) + b"\x10" + varint(self.sequence)
+        head = b"\x08" + varint(COMMAND_ID) + b"\x10" + varint(self.sequence)
         head += b"\x18" + varint(reflected)
         self.sequence += 1
         out = b"\x0a" + varint(len(head)) + head
@@ -181,6 +173,22 @@ class Client:
         if self.generation == "2.7":
             out = struct.pack("<I", len(out)) + out + struct.pack("<I", zlib.crc32(out))
         return b"\xff\x00no command" if self.wrong == "garbage" else out
+
+    def commands(self, state: int, base: list[float]) -> bytes:
+        torque, wrench = [0.0] * 7, [0.0] * 6
+        if state == COMMANDING_ACTIVE:
+            swing = self.amplitude * math.sin(2 * math.pi * self.active / 400)
+            if self.mode == "position":
+                base = [*base[:6], base[6] + swing]
+            torque[6], wrench[2] = swing, 20.0 * self.amplitude
+        if self.wrong == "jump" and self.active > 50:
+            base[0] += 0.5
+        body = b"\x0a" + joints(base)
+        if self.mode == "wrench":
+            body += b"\x12\x32\x0a\x30" + struct.pack("<6d", *wrench)
+        if self.mode == "torque":
+            body += b"\x1a" + joints(torque)
+        return body
 
 
 def main() -> int:

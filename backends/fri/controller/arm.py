@@ -3,7 +3,7 @@
 - position: the stiff servo of the simulated drives;
 - joint impedance: spring and damper around the set-point, plus the client's joint torque;
 - Cartesian impedance: Jᵀ (K (x_d − x) − D ẋ + wrench), x the flange in the axes of the base, with a
-  weak spring and damping for the elbow.
+  spring and a damper for the elbow in the null space.
 """
 
 from __future__ import annotations
@@ -38,10 +38,11 @@ class Compliance:
     joint: tuple[float, ...] = (1000.0, 1000.0, 1000.0, 800.0, 300.0, 300.0, 150.0)  # [N m/rad]
     translation: float = 2000.0  # [N/m]
     rotation: float = 150.0  # [N m/rad]
-    elbow: float = 10.0  # [N m/rad], of the null space
+    elbow: float = 200.0  # [N m/rad], of the null space
     joint_damping: float = 1.5  # [N m s/rad], beside the Cartesian one
-    mass: float = 5.0  # [kg], and
-    inertia: float = 0.3  # [kg m²], that the Cartesian damping is laid out for
+    mass: float = 12.0  # [kg], and
+    inertia: float = 1.0  # [kg m²], that the Cartesian damping is laid out for
+    elbow_inertia: float = 3.0  # [kg m²], that the elbow's is
 
 
 @dataclass(frozen=True)
@@ -171,6 +172,7 @@ class ControlledArm(MujocoRobot):
         if wrench is not None:
             force += wrench
         aside = own.elbow * float(self._elbow_axis @ (target - position))
+        aside -= _damping(own.elbow, own.elbow_inertia) * float(self._elbow_axis @ velocity)
         return jacobian.T @ force + aside * self._elbow_axis
 
     def _joint_gains(self) -> tuple[FloatArray, FloatArray]:
