@@ -44,7 +44,8 @@ class Outputs:
     def note_sent(self, sequence: int) -> None:
         """Note the sequence of an answer that carried what was waiting."""
         for io in self.waiting:
-            self._since.setdefault(io.name, sequence)
+            # A robot that has received nothing reflects 0, too: the first answer confirms nothing.
+            self._since.setdefault(io.name, max(sequence, 1))
 
     def note_received(self, sequence: int) -> None:
         """Note the last answer that the robot received."""

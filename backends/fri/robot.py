@@ -41,8 +41,10 @@ WRENCH_LIMITS: Final = WrenchLimits(
     rate=np.array([500.0, 500.0, 500.0, 100.0, 100.0, 100.0]),
 )
 PATIENCE: Final = 0.01  # [s] beyond a period in which a late packet is waited for
+MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
 UNCONFIRMED: Final = 0.1  # [s] of commands that the robot may leave unconfirmed
-FEWEST_UNCONFIRMED: Final = 10  # commands
+FEWEST_MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
+UNCONFIRMED: Final = 10  # commands
 
 
 class FriRobot(Robot):
@@ -269,14 +271,13 @@ class FriRobot(Robot):
         if timeout is None:
             timeout = self.spec.period + (0.0 if self._missed else PATIENCE)
         deadline = time.monotonic() + timeout
-        while True:
+        for _ in range(MOST_WAITING):
             datagram = self._link.endpoint.receive(max(deadline - time.monotonic(), 0.0))
             if datagram is None:
                 return None
             if (message := self._accept(datagram)) is not None:
                 return message
-            if time.monotonic() >= deadline:
-                return None  # also where datagrams of no use come faster than they are read
+        return None
 
     def _accept(self, datagram: Datagram) -> Monitoring | None:
         """Note a datagram; return its message if that is to be answered."""

@@ -16,7 +16,8 @@ from limo_driver.safety import RANGE_TOLERANCE
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, RobotSpec
 
-_ROUNDING: Final = 1e-5  # relative; what the contract sent is not changed for its last digits
+_ROUNDING: Final = 2e-6  # relative, twice the contract's own for a step of position
+_LAST_DIGITS: Final = 1e-9  # relative, of a step of torque
 
 
 class WireLimits:
@@ -27,8 +28,8 @@ class WireLimits:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
-        limits, more = spec.limits, 1 + _ROUNDING
-        self._step = limits.velocity * spec.period * more  # [rad]
+        limits, more = spec.limits, 1 + _LAST_DIGITS
+        self._step = limits.velocity * spec.period * (1 + _ROUNDING)  # [rad]
         self._lower = limits.position_min - RANGE_TOLERANCE
         self._upper = limits.position_max + RANGE_TOLERANCE
         self._torque, self._torque_step = limits.torque, limits.torque_rate * spec.period * more
