@@ -84,6 +84,7 @@ class Playback:
             HoldingError: The arm went into a hold by itself; what was recorded is kept.
         """
         targets = self.trajectory.resample(robot.spec.period).position
+        robot.wait_until_ready()
         state = self._receive(robot)
         start, began = state.time, time.monotonic()
         errors = np.zeros((2, robot.spec.n))  # sum of squares, maximum
