@@ -96,6 +96,12 @@ class CommandJudge:
             f"than {self.limits.mirror:g} rad"
         )
 
+    def share_of_step(self, wanted: Wanted, before: FloatArray, intervals: int) -> float:
+        """Return how far a command goes, as a share of what a joint may in that time."""
+        if wanted.position is None:
+            return 0.0
+        return float((np.abs(wanted.position - before) / self._most_step(intervals)).max())
+
     def stops(self, wanted: Wanted, before: FloatArray, intervals: int) -> str:
         """Say why the arm has to stop for a command; empty if it need not.
 
@@ -105,7 +111,7 @@ class CommandJudge:
             intervals: Receive intervals since then.
         """
         if wanted.position is not None:
-            step = self._step * min(max(intervals, 1), _MOST_INTERVALS)
+            step = self._most_step(intervals)
             delta = np.abs(wanted.position - before)
             if (delta > step).any():
                 j = int(np.argmax(delta / step))
@@ -127,6 +133,9 @@ class CommandJudge:
                 j = int(np.argmax(np.abs(values) / most))
                 return f"{what} {j + 1} is told {values[j]:.4g} {unit}, at most {most[j]:.4g}"
         return ""
+
+    def _most_step(self, intervals: int) -> FloatArray:
+        return self._step * min(max(intervals, 1), _MOST_INTERVALS)
 
     def _missing(self, wanted: Wanted) -> str:
         """Say which part a command lacks for the mode, or has without any use."""

@@ -12,6 +12,7 @@ from backends.fri.template import CommandTemplate
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
+    from backends.fri.controller.judge import Wanted
     from backends.fri.controller.link import Disturbance
     from backends.fri.controller.motion import Motion
     from backends.fri.controller.port import Address, Port
@@ -133,11 +134,16 @@ class Listener:
             return
         if not active:
             self.confirmed += 1
-        elif self.stop:
-            return
-        elif stop := self._judge.stops(wanted, self._motion.commanded, self._intervals):
+        elif not self.stop:
+            self._follow(wanted, now)
+
+    def _follow(self, wanted: Wanted, now: float) -> None:
+        """Let the arm follow a command, or stop it."""
+        since = (self._motion.commanded, self._intervals)
+        self._findings.step(self._judge.share_of_step(wanted, *since))
+        if stop := self._judge.stops(wanted, *since):
             self.stop, self._stop_until = stop, now + self._settings.times.stop
             self._findings.stop(stop, now)
-        else:
-            self._motion.take(wanted)
-            self._intervals = 0
+            return
+        self._motion.take(wanted)
+        self._intervals = 0

@@ -42,6 +42,7 @@ class Findings:
     strangers: int = 0  # datagrams from elsewhere
     stops: list[tuple[float, str]] = field(default_factory=list)
     ranges: dict[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    largest_step: float = 0.0  # share of what a joint may go from one command to the next
     _last_quality: Quality | None = None
 
     def complain(self, text: str, now: float) -> None:
@@ -61,6 +62,10 @@ class Findings:
         self.qualities[quality] += 1
         self.quality_changes += self._last_quality not in {None, quality}
         self._last_quality = quality
+
+    def step(self, share: float) -> None:
+        """Note how far a command goes."""
+        self.largest_step = max(self.largest_step, share)
 
     def command(self, wanted: Wanted) -> None:
         """Note what a command asks for."""
@@ -118,6 +123,7 @@ class ControllerReport:
                 name: {"lower": lower.tolist(), "upper": upper.tolist()}
                 for name, (lower, upper) in found.ranges.items()
             },
+            "largest_step": found.largest_step,
             "stops": [{"at": at, "reason": text} for at, text in found.stops],
             "complaints": [
                 {"what": text, "count": one.count, "first": one.first}
@@ -142,6 +148,7 @@ class ControllerReport:
             "states    " + self._states(),
             f"quality   {self.quality.name} at the end, {self.findings.quality_changes} changes",
             *self._ranges(),
+            f"steps     at most {100 * self.findings.largest_step:.1f} % of what a joint may go",
             f"own loop  {self.loop_text}",
         ]  # fmt: skip
         if books.unheard and not books.answered:
