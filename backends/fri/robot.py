@@ -43,8 +43,7 @@ WRENCH_LIMITS: Final = WrenchLimits(
 PATIENCE: Final = 0.01  # [s] beyond a period in which a late packet is waited for
 MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
 UNCONFIRMED: Final = 0.1  # [s] of commands that the robot may leave unconfirmed
-FEWEST_MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
-UNCONFIRMED: Final = 10  # commands
+FEWEST_UNCONFIRMED: Final = 10  # commands
 
 
 class FriRobot(Robot):

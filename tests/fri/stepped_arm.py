@@ -22,7 +22,7 @@ INERTIA = 2.0  # [kg m^2] of every joint
 
 def free_port():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("0.0.0.0", 0))
+        probe.bind(("0.0.0.0", 0))  # noqa: S104
         return probe.getsockname()[1]
 
 

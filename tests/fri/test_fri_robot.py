@@ -9,6 +9,7 @@ from fri_messages import POSE
 from stepped_arm import SteppedArm, free_port, stepped, wake
 
 from backends.fri import FriRobot
+from backends.fri import messages as m
 from backends.fri.messages import (
     CommandMode,
     DriveState,
@@ -17,7 +18,6 @@ from backends.fri.messages import (
     IoValue,
     Quality,
     SessionState,
-    Timestamp,
 )
 from backends.fri.version import Generation
 from limo_driver.errors import (
@@ -45,6 +45,16 @@ def one_answer(robot):
     robot.receive()
     taken = robot.arm.listen()
     return taken[-1] if taken else robot.arm.answers[-1] if robot.arm.answers else None
+
+
+def without(arm, **data):
+    """Let the arm's messages have other data from now on."""
+
+    def message():
+        plain = SteppedArm.message(arm)
+        return replace(plain, data=replace(plain.data, **data))
+
+    arm.message = message
 
 
 def test_idle_robot_gets_no_answer():
@@ -140,19 +150,17 @@ def test_loss_lateness_and_order_are_counted():
 def test_late_answer_is_counted_as_late():
     with stepped() as robot:
         arm = robot.arm
-        for _ in range(2):
+        for _ in range(3):
             robot.receive()
-        arm.listen, taken = (list), arm.listen  # the answer is still on its way
-        robot.receive()
-        arm.listen = taken
-        robot.receive()
-        assert (robot.figures.late, robot.figures.unreceived) == (0, 1)
+        assert arm.reflected == 1
+        plain = SteppedArm.message
+        arm.message = lambda: replace(plain(arm), header=m.Header(arm.sequence, 1))
+        robot.receive()  # answer 2 has come too late for this packet
+        del arm.message
         arm.listen()
-        reflected = arm.reflected - 1
-        message = arm.message()
-        arm.sequence += 1
-        message = replace(message, header=replace(message.header, reflected=reflected))
+        arm.reflected, arm.listen = 2, list
         robot.receive()
+        assert (robot.figures.late, robot.figures.unreceived) == (1, 0)
 
 
 def test_version_is_told_or_checked():
@@ -162,7 +170,7 @@ def test_version_is_told_or_checked():
         assert robot.generation is Generation.ONE
     with pytest.raises(BackendError, match=r"speaks FRI 2\.5, but 1\.15 was asked for"):
         stepped(generation=Generation.TWO_FIVE, version="1.15")
-    with pytest.raises(ConfigError, match="1.14, 1.15"):
+    with pytest.raises(ConfigError, match=r"1\.14, 1\.15"):
         FriRobot(version="1.13")
 
 
@@ -189,7 +197,7 @@ def test_velocity_is_that_of_the_positions():
             state = robot.receive()
             if k == 100:
                 assert state.velocity == pytest.approx([0.2] * 7, rel=0.01)
-    assert np.abs(state.velocity).max() < 1e-4
+    assert np.abs(state.velocity).max() < 1e-3
 
 
 def test_torque_session_adds_torque_to_the_mirrored_position():
@@ -290,10 +298,7 @@ def test_own_signals_of_the_robot_are_there():
         assert robot.commanded_torque == pytest.approx([2.0] * 7)
         assert robot.quality is Quality.EXCELLENT
         assert [visit.state for visit in robot.visits] == [ACTIVE]
-        robot.arm.message = lambda arm=robot.arm: replace(
-            SteppedArm.message(arm),
-            data=replace(SteppedArm.message(arm).data, external_torque=None),
-        )
+        without(robot.arm, external_torque=None)
         robot.receive()
         with pytest.raises(BackendError, match="does not send its external torque"):
             _ = robot.external_torque
@@ -342,7 +347,7 @@ def test_garbage_instead_of_the_robot_is_described():
 
 def test_taken_port_is_said():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("0.0.0.0", 0))
+        other.bind(("0.0.0.0", 0))  # noqa: S104
         port = other.getsockname()[1]
         with pytest.raises(BackendError, match=f"UDP port {port} is taken by another program"):
             FriRobot(port=port)
@@ -398,9 +403,5 @@ def test_stop_of_the_arm_is_the_reason_of_the_hold():
 
 def test_absent_timestamps_leave_the_send_period():
     with stepped(period_ms=2) as robot:
-        arm = robot.arm
-        arm.message = lambda: replace(
-            SteppedArm.message(arm), data=replace(SteppedArm.message(arm).data, timestamp=None)
-        )
+        without(robot.arm, timestamp=None)
         assert [robot.receive().time for _ in range(3)] == pytest.approx([0, 2e-3, 4e-3])
-        assert Timestamp(1, 5).nanoseconds_since_epoch == 1_000_000_005
