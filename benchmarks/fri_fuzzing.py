@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import socket
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -125,8 +126,7 @@ def fuzz_driver(count: int) -> None:
             robot.bind((HOST, 0))
             robot.setblocking(False)
             arm = GoodRobot(robot)
-            arm.send(SessionState.MONITORING_READY)
-            with FriRobot(port=30208, version="1.15", connect_timeout=5.0) as driver:
+            with arm.connected() as driver:
                 opened += 1
                 while thrown < count and arm.quiet < 50:  # it took a mutant's numbers
                     for mutant in mutants(arm.packet(SessionState.COMMANDING_ACTIVE), chance):
@@ -157,6 +157,22 @@ class GoodRobot:
         self.sequence = self.quiet = self.reflected = 0
         self.last: np.ndarray | None = None
         self.state = SessionState.IDLE
+
+    def connected(self) -> FriRobot:
+        """Speak first until the driver has heard it."""
+        heard = threading.Event()
+
+        def speak() -> None:
+            while not heard.wait(0.005):
+                self.send(SessionState.MONITORING_READY)
+
+        speaker = threading.Thread(target=speak)
+        speaker.start()
+        try:
+            return FriRobot(port=self.driver[1], version=VERSION.value, connect_timeout=5.0)
+        finally:
+            heard.set()
+            speaker.join()
 
     def packet(self, state: SessionState) -> bytes:
         """Return the next packet."""

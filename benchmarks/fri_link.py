@@ -11,7 +11,6 @@ after it sent the packet, by the kernel's time of arrival.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -20,15 +19,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 import yaml
 from fri_fuzzing import fuzz_controller, fuzz_driver
 
 from backends.fri import FriRobot
+from backends.fri.messages import SessionState
 from limo_driver.errors import BackendError
 from limo_driver.realtime import Realtime
 from limo_driver.types import PositionCommand
@@ -37,33 +38,30 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
-PORT = 30209
+PORT, IDLE = 30209, SessionState.IDLE
 LATE_MS, LATE_BAR, LATE_BAR_FIFO = 0.5, 1e-3, 1e-4  # fractions of the cycles
 SPEED = 0.2  # [rad/s], of the motion
 REBUILD, APART = 0.1, 1.3  # [s] that a session is interrupted, and from one to the next
 STATES = ("monitoring_ready", "monitoring_wait", "idle")
 
 
-def main() -> None:
-    """Measure what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, help="length of the measurement of the link")
-    parser.add_argument("--fifo", action="store_true", help="SCHED_FIFO on both sides")
-    parser.add_argument("--period-ms", type=int, default=1)
-    parser.add_argument("--rebuilds", type=int, help="sessions interrupted under motion")
-    parser.add_argument("--fuzz", type=int, help="datagrams, half on each side")
-    given = parser.parse_args()
-    if not (given.minutes or given.rebuilds or given.fuzz):
-        parser.error("give --minutes, --rebuilds or --fuzz")
+def main(
+    minutes: Annotated[float, typer.Option(help="Length of the measurement of the link.")] = 0.0,
+    fifo: Annotated[bool, typer.Option("--fifo", help="SCHED_FIFO on both sides.")] = False,
+    period_ms: Annotated[int, typer.Option(help="Send period [ms].")] = 1,
+    rebuild: Annotated[int, typer.Option("--rebuilds", help="Sessions interrupted.")] = 0,
+    fuzz: Annotated[int, typer.Option(help="Datagrams, half on each side.")] = 0,
+) -> None:
+    """Measure what was asked for: --minutes, --rebuilds or --fuzz."""
     print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} CPUs, load "
           f"{os.getloadavg()[0]:.1f}, Linux {platform.release()}")  # fmt: skip
-    if given.minutes:
-        link(60.0 * given.minutes, given.period_ms, fifo=given.fifo)
-    if given.rebuilds:
-        rebuilds(given.rebuilds)
-    if given.fuzz:
-        fuzz_controller(given.fuzz // 2)
-        fuzz_driver(given.fuzz - given.fuzz // 2)
+    if minutes:
+        link(60.0 * minutes, period_ms, fifo=fifo)
+    if rebuild:
+        rebuilds(rebuild)
+    if fuzz:
+        fuzz_controller(fuzz // 2)
+        fuzz_driver(fuzz - fuzz // 2)
 
 
 @contextmanager
@@ -81,8 +79,6 @@ def controller(*options: str) -> Generator[subprocess.Popen[str]]:
 
 def report_of(running: subprocess.Popen[str]) -> dict[str, Any]:
     """End a controller in order and return its report."""
-    if running.poll() is None:
-        running.send_signal(signal.SIGINT)
     said, complained = running.communicate(timeout=60)
     if running.returncode:
         raise SystemExit(complained)
@@ -92,10 +88,14 @@ def report_of(running: subprocess.Popen[str]) -> dict[str, Any]:
 def link(seconds: float, period_ms: int, *, fifo: bool) -> None:
     """Move the arm for a time and say how many cycles were answered late or never."""
     options = ("--period-ms", str(period_ms), *(["--fifo"] if fifo else []))
-    with controller(*options) as running, FriRobot(port=PORT, version="1.15") as robot:
-        robot.wait_until_ready()
-        with Realtime(fifo=fifo) as realtime:
+    with controller(*options) as running, Realtime(fifo=fifo) as realtime:
+        with FriRobot(port=PORT, version="1.15") as robot:
+            robot.wait_until_ready()
             holds = move(robot, time.monotonic() + seconds, realtime)
+            running.send_signal(signal.SIGINT)
+            with suppress(BackendError):  # answers to the end of the session
+                while robot.receive(timeout=0.5).time and robot.session_state is not IDLE:
+                    pass
         report = report_of(running)
     packets, bar = report["packets"], LATE_BAR_FIFO if fifo else LATE_BAR
     share = packets["slow"] / max(packets["expected"], 1)
@@ -155,6 +155,7 @@ def rebuilds(count: int) -> None:
                 with FriRobot(port=PORT, version="1.15") as robot:
                     holds += move(robot, min(time.monotonic() + 10.5 * APART, until))
                 reopened += 1
+            running.send_signal(signal.SIGINT)
             report = report_of(running)
     entered = sum(visit["state"] == "COMMANDING_ACTIVE" for visit in report["states"])
     print(f"\nrebuilds, {count} sessions interrupted under motion, driver opened {reopened} times")
@@ -172,4 +173,4 @@ def show(what: str, value: str, bar: str, met: bool) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)
