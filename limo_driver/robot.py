@@ -16,6 +16,8 @@ from limo_driver.errors import ConnectionLostError, CycleTimeoutError
 from limo_driver.safety import START_TOLERANCE, SafetyContract
 from limo_driver.types import JointState
 
+READY_TIMEOUT = 60.0  # [s] for a person to start what has to be started on the robot's side
+
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointCommand, RobotSpec
 
@@ -120,6 +122,16 @@ class Robot(Closing):
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")
         self._contract.resume()
+
+    def wait_until_ready(self, timeout: float = READY_TIMEOUT) -> None:
+        """Wait until the robot takes commands; most do at once.
+
+        Args:
+            timeout: Longest wait [s].
+
+        Raises:
+            BackendError: It did not in time; says what to do about it.
+        """
 
     def keep_time(self) -> None:  # a real arm cannot do otherwise
         """Run no faster than real time from now on."""

@@ -15,7 +15,7 @@ finite, wrong length) or that the backend cannot carry out is refused before any
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -28,10 +28,11 @@ from limo_driver.setpoints import (
     limit_path,
     limit_positions,
     limit_torques,
+    limit_wrench,
     names_of,
     slow_down,
 )
-from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
+from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand, WrenchCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,6 +44,7 @@ RANGE_TOLERANCE = 0.01  # [rad], how far outside its range a joint may be carrie
 VELOCITY_TOLERANCE = 1.2  # times the velocity limit that a measured velocity may reach
 LONGEST_VALIDITY = 1.0  # [s], of a command; an arm whose sender is gone holds by then
 STALE_TIMEOUT = 0.1  # [s] without a measurement after which the arm holds
+_NO_WRENCH = np.zeros(6)
 
 
 class Phase(Enum):
@@ -61,6 +63,7 @@ class _Setpoint:
     velocity: FloatArray  # [rad/s]
     torque: FloatArray  # [N m]
     goal: FloatArray  # the position that was commanded [rad]
+    wrench: FloatArray = field(default_factory=lambda: _NO_WRENCH)  # (6,) [N, N m]
 
 
 @dataclass
@@ -75,6 +78,7 @@ class _Memory:
     time: float = 0.0  # robot time, also while measurements are lost [s]
     command: JointCommand | None = None  # in force
     command_time: float = 0.0
+    led: bool = False  # another one says where the set-point is while the arm is not commanded
 
 
 class SafetyContract:
@@ -127,7 +131,7 @@ class SafetyContract:
     def observe(self, state: JointState) -> None:
         """Take note of the state that opens a cycle; expired commands and faults lead to hold."""
         memory = self._memory
-        if memory.state is None:
+        if memory.state is None and not memory.led:
             zero = np.zeros(self.spec.n)
             memory.now = _Setpoint(state.position, zero, zero, state.position)
         memory.state = state
@@ -198,6 +202,19 @@ class SafetyContract:
         if self._memory.phase is Phase.HOLDING:
             self._memory.phase, self._memory.reason = Phase.IDLE, ""
 
+    def lead(self, position: FloatArray) -> None:
+        """Let the set-point rest where another one, such as the arm's own controller, has it.
+
+        For arms whose controller keeps a set-point of its own: called while nothing is commanded,
+        and streams of commands start from there, not from where the arm happens to be.
+        """
+        memory, zero = self._memory, np.zeros(self.spec.n)
+        memory.now, memory.after, memory.led = _Setpoint(position, zero, zero, position), None, True
+
+    def withhold(self) -> None:
+        """Forget the set-point of the next cycle, since it could not be sent."""
+        self._memory.after = None
+
     def save(self) -> object:
         """Return a copy of all that the contract remembers."""
         return deepcopy(self._memory)
@@ -237,6 +254,8 @@ class SafetyContract:
         if memory.state is None:
             raise BackendError("a command answers a state; call receive() before the first send()")
         check_readable(command, self.spec.n)
+        if isinstance(command, WrenchCommand) and self.spec.wrench_limits is None:
+            raise BackendError(f"{self.spec.name} takes no wrench")
         if self._check is not None:
             self._check(command)
         if memory.phase is Phase.IDLE or type(command) is not type(memory.command):
@@ -254,8 +273,10 @@ class SafetyContract:
         now = self._memory.now
         if self._memory.phase is Phase.ACTIVE:  # another control mode takes over
             self._memory.now = _Setpoint(state.position, state.velocity, zero, goal)
-        elif now.velocity.any():  # still braking: go on from the set-point, which the arm follows
-            self._memory.now = replace(now, torque=zero, goal=goal)
+        elif (
+            now.velocity.any() or self._memory.led
+        ):  # still braking: go on from the set-point, which the arm follows
+            self._memory.now = replace(now, torque=zero, goal=goal, wrench=_NO_WRENCH)
         else:
             self._memory.now = _Setpoint(state.position, zero, zero, goal)
 
@@ -276,6 +297,7 @@ class SafetyContract:
         """Limit a command against the set-point of this cycle and note the next one."""
         now, limits, period = self._memory.now, self.spec.limits, self.spec.period
         position, velocity, torque, goal = now.position, now.velocity, now.torque, now.goal
+        wrench = now.wrench
         changed: dict[str, FloatArray] = {}
         hit = 0
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
@@ -288,7 +310,10 @@ class SafetyContract:
             torque, met = limit_torques(command.torque, torque, limits, period)
             hit |= met
             changed["torque"] = torque
-        self._memory.after = _Setpoint(position, velocity, torque, goal)
+        if isinstance(command, WrenchCommand) and (most := self.spec.wrench_limits) is not None:
+            wrench, hit = limit_wrench(command.wrench, wrench, most, period)
+            changed["wrench"] = wrench
+        self._memory.after = _Setpoint(position, velocity, torque, goal, wrench)
         return replace(command, limited_by=names_of(hit), **changed) if hit else command
 
 
@@ -308,8 +333,9 @@ def check_readable(command: JointCommand, n: int) -> None:
         values = getattr(command, name, None)
         if values is None:
             continue
-        if values.shape != (n,):
-            raise ShapeError(name, values.shape, f"({n},)")
+        length = _NO_WRENCH.size if name == "wrench" else n
+        if values.shape != (length,):
+            raise ShapeError(name, values.shape, f"({length},)")
         if j := first_unreadable(values, lowest):
             given = float(values[j - 1])
             raise JointLimitError(j, name, given, (lowest, np.inf), unit, "nothing was sent")
@@ -318,6 +344,7 @@ def check_readable(command: JointCommand, n: int) -> None:
 _READ = (
     ("position", "rad", -np.inf),
     ("torque", "N m", -np.inf),
+    ("wrench", "N or N m", -np.inf),
     ("stiffness", "N m/rad", 0.0),
     ("damping", "N m s/rad", 0.0),
 )

@@ -9,10 +9,13 @@ import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
-    from limo_driver.types import FloatArray, JointLimits
+    from limo_driver.types import FloatArray, JointLimits, WrenchLimits
 
-LIMIT_NAMES = ("position", "velocity", "acceleration", "torque", "torque_rate")
+LIMIT_NAMES = (
+    "position", "velocity", "acceleration", "torque", "torque_rate", "wrench", "wrench_rate",
+)  # fmt: skip
 _POSITION, _VELOCITY, _ACCELERATION, _TORQUE, _TORQUE_RATE = 1, 2, 4, 8, 16  # bits of a hit
+_WRENCH, _WRENCH_RATE = 32, 64
 _ROUNDING = 1e-6  # relative; a set-point this close to a limit keeps it
 
 
@@ -83,11 +86,25 @@ def limit_torques(
     period: float,
 ) -> tuple[FloatArray, int]:
     """Return the next torque towards `target`, (n,) [N m], and the limits met, as bits."""
-    within = np.minimum(np.maximum(target, -limits.torque), limits.torque)
-    step = limits.torque_rate * period
-    reached = np.minimum(np.maximum(within, torque - step), torque + step)
-    hit = _TORQUE * bool(np.any(within != target))
-    return reached, hit | _TORQUE_RATE * bool(np.any(reached != within))
+    reached, most, rate = _limit_effort(target, torque, limits.torque, limits.torque_rate * period)
+    return reached, _TORQUE * most | _TORQUE_RATE * rate
+
+
+def limit_wrench(
+    target: FloatArray, wrench: FloatArray, limits: WrenchLimits, period: float
+) -> tuple[FloatArray, int]:
+    """Return the next wrench towards `target`, (6,) [N, N m], and the limits met, as bits."""
+    reached, most, rate = _limit_effort(target, wrench, limits.wrench, limits.rate * period)
+    return reached, _WRENCH * most | _WRENCH_RATE * rate
+
+
+def _limit_effort(
+    target: FloatArray, now: FloatArray, most: FloatArray, step: FloatArray
+) -> tuple[FloatArray, bool, bool]:
+    """Return the next effort, and whether its limit and that of its rate were met."""
+    within = np.minimum(np.maximum(target, -most), most)
+    reached = np.minimum(np.maximum(within, now - step), now + step)
+    return reached, bool(np.any(within != target)), bool(np.any(reached != within))
 
 
 def slow_down(

@@ -63,6 +63,14 @@ class JointLimits(ArrayFields):
 
 
 @dataclass(frozen=True)
+class WrenchLimits(ArrayFields):
+    """Limits of a wrench [Fx Fy Fz τA τB τC] at the tool; each array has shape (6,)."""
+
+    wrench: FloatArray  # [N, N, N, N m, N m, N m]
+    rate: FloatArray  # [N/s, N/s, N/s, N m/s, N m/s, N m/s]
+
+
+@dataclass(frozen=True)
 class RobotSpec:
     """What a user has to know of an arm before commanding it."""
 
@@ -70,6 +78,7 @@ class RobotSpec:
     joint_names: tuple[str, ...]
     limits: JointLimits
     period: float  # control cycle [s]
+    wrench_limits: WrenchLimits | None = None  # of a robot that takes wrenches
 
     @property
     def n(self) -> int:
@@ -132,6 +141,13 @@ class TorqueCommand(JointCommand):
     """Apply a joint torque on top of gravity compensation."""
 
     torque: FloatArray  # (n,) [N m]
+
+
+@dataclass(frozen=True)
+class WrenchCommand(JointCommand):
+    """Apply a wrench at the tool, on top of what the arm's own Cartesian control does."""
+
+    wrench: FloatArray  # (6,) [Fx Fy Fz τA τB τC], [N, N m]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,88 @@
+"""What to do about a session that does not get on, in words for a laboratory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from backends.fri.messages import (
+    CommandMode,
+    DriveState,
+    OperationMode,
+    Quality,
+    SafetyState,
+    SessionState,
+)
+
+if TYPE_CHECKING:
+    from backends.fri.messages import Monitoring
+
+LONGEST_COMMANDING: Final = 10  # [ms] between answers
+LONGEST_FORCE_CONTROL: Final = 5  # [ms], where torques or wrenches are commanded
+
+_ADVICE: Final = {
+    SessionState.IDLE: "no FRI session is open: start the robot application that opens one",
+    SessionState.MONITORING_WAIT: (
+        "the controller does not find the connection good enough: answers come late or not at all; "
+        "check the cable, the switch and what else this machine computes"
+    ),
+    SessionState.MONITORING_READY: (
+        "the robot application opened the session but commands no overlay yet: "
+        "start the motion with the FRI joint overlay"
+    ),
+    SessionState.COMMANDING_WAIT: (
+        "the controller waits for the motion to begin: enable the drives, press the start key, "
+        "and let the client answer with the positions it is sent"
+    ),
+    SessionState.COMMANDING_ACTIVE: "the session takes commands",
+}
+
+
+def advice(message: Monitoring) -> list[str]:
+    """Return what keeps a session from taking commands, the most likely first."""
+    said: list[str] = []
+    robot, connection = message.robot, message.connection
+    if robot is not None:
+        if robot.safety_state not in {None, SafetyState.NORMAL}:
+            stop = SafetyState(robot.safety_state or 0).name.replace("_", " ")
+            said.append(f"a safety stop is in force ({stop}): acknowledge it on the smartPAD")
+        if robot.drive_states and set(robot.drive_states) != {DriveState.ACTIVE}:
+            off = [str(j) for j, d in enumerate(robot.drive_states, 1) if d != DriveState.ACTIVE]
+            said.append(
+                f"the drives of joints {', '.join(off)} are not active: hold the enabling switch "
+                "in T1 or T2, or start the program in AUT"
+            )
+        if robot.operation_mode in {OperationMode.T1, OperationMode.T2}:
+            mode = OperationMode(robot.operation_mode).name
+            said.append(
+                f"the cell is in {mode}: the motion stops when the enabling switch or the start "
+                "key is let go"
+            )
+    if connection is None:
+        return [*said, "the robot does not say how the session stands"]
+    if connection.quality < Quality.GOOD:
+        said.append(
+            f"the connection is {connection.quality.name}; commanding needs GOOD: answer every "
+            "packet within its period, on a cable of its own"
+        )
+    said += _period(message)
+    if connection.session_state is not SessionState.COMMANDING_ACTIVE:
+        said.append(_ADVICE[connection.session_state])
+    return said
+
+
+def _period(message: Monitoring) -> list[str]:
+    """Say whether the controller would let a session of this period be commanded."""
+    connection, ipo = message.connection, message.ipo
+    if connection is None or connection.send_period is None:
+        return []
+    between = connection.send_period * max(connection.receive_multiplier or 1, 1)
+    mode = None if ipo is None else ipo.command_mode
+    most = LONGEST_COMMANDING
+    if mode in {CommandMode.WRENCH, CommandMode.TORQUE}:
+        most = LONGEST_FORCE_CONTROL
+    if between <= most:
+        return []
+    return [
+        f"answers are {between} ms apart (send period x receive multiplier), and commanding needs "
+        f"at most {most} ms: shorten the send period in the robot application"
+    ]

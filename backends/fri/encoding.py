@@ -1,0 +1,119 @@
+"""Messages to bytes, as an unmodified peer of the generation writes them.
+
+Joint arrays are written unpacked, one tag before each number, and vectors packed; fields stand in
+the order of their numbers.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any, Final
+
+from backends.fri.decoding import Path, said
+from backends.fri.layouts import Kind, Layout, Part
+from backends.fri.messages import MAX_DATAGRAM, MAX_NAME
+from backends.fri.version import frame
+from backends.fri.wire import FIXED64, VARINT, delimited, double, tag, varint
+from limo_driver.errors import WireFormatError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from backends.fri.version import Generation
+
+_MASK64: Final = (1 << 64) - 1
+_INT32: Final = (-(1 << 31), (1 << 31) - 1)
+_RANGES: Final = {
+    Kind.INT32: _INT32,
+    Kind.ENUM: _INT32,
+    Kind.UINT32: (0, (1 << 32) - 1),
+    Kind.UINT64: (0, _MASK64),
+}
+
+
+def encode(message: Any, layout: Layout, generation: Generation) -> bytes:  # noqa: ANN401  # the layout's value
+    """Return the datagram of a value."""
+    payload = _message(message, layout, (generation.value,))
+    data = frame(payload) if generation.framed else payload
+    if len(data) > MAX_DATAGRAM:
+        raise WireFormatError(f"message of {len(data)} bytes, at most {MAX_DATAGRAM}", MAX_DATAGRAM)
+    return data
+
+
+def _message(message: Any, layout: Layout, path: Path) -> bytes:  # noqa: ANN401
+    known = {part.name for part in layout.parts}
+    for name, value in vars(message).items():
+        if name not in known and value not in (None, ()):
+            raise WireFormatError(f"FRI {path[0]} has no {said((*path[1:], name))}", 0)
+    out = bytearray()
+    for part in layout.parts:
+        if part.kind is Kind.IDENTIFIER:
+            out += tag(part.number, VARINT) + varint(part.of)
+            continue
+        value, where = getattr(message, part.name), (*path, part.name)
+        if part.most is not None:
+            if len(value) > part.most:
+                raise WireFormatError(
+                    f"{said(where[1:])} has {len(value)} values, at most {part.most}", len(out)
+                )
+            for item in value:
+                out += _field(item, part, where)
+        elif value is not None:
+            out += _field(value, part, where)
+    return bytes(out)
+
+
+def _field(value: Any, part: Part, path: Path) -> bytes:  # noqa: ANN401
+    """Return one value with its tag."""
+    if part.kind is Kind.MESSAGE:
+        if part.of.value is int:  # a message of one number
+            return delimited(part.number, _field(value, part.of.parts[0], path))
+        return delimited(part.number, _message(value, part.of, path))
+    try:
+        return _number(value, part, path)
+    except (TypeError, ValueError, OverflowError, struct.error) as error:
+        if isinstance(error, WireFormatError):
+            raise
+        raise WireFormatError(
+            f"{said(path[1:])} = {value!r} cannot be written: {error}", 0
+        ) from None
+
+
+def _number(value: Any, part: Part, path: Path) -> bytes:  # noqa: ANN401
+    """Return numbers or text with their tag."""
+    if part.kind is Kind.JOINTS:
+        return delimited(part.number, _tagged(1, value, part, path))
+    if part.kind is Kind.VECTOR:
+        packed = b"".join(map(double, _counted(value, part, path)))
+        return delimited(part.number, delimited(1, packed))
+    if part.kind is Kind.DOUBLES:
+        return _tagged(part.number, value, part, path)
+    if part.kind is Kind.DOUBLE:
+        return tag(part.number, FIXED64) + double(value)
+    if part.kind is Kind.TEXT:
+        return delimited(part.number, _name(value, path))
+    lowest, highest = _RANGES[part.kind]
+    if not lowest <= value <= highest:
+        raise WireFormatError(f"{said(path[1:])} = {value} is outside {lowest} to {highest}", 0)
+    # A negative number has 64 bits in a varint.
+    return tag(part.number, VARINT) + varint(int(value) & _MASK64)
+
+
+def _tagged(number: int, values: Sequence[float], part: Part, path: Path) -> bytes:
+    before = tag(number, FIXED64)
+    return b"".join(before + double(value) for value in _counted(values, part, path))
+
+
+def _counted(values: Sequence[float], part: Part, path: Path) -> Sequence[float]:
+    if len(values) != part.of:
+        raise WireFormatError(f"{said(path[1:])} has {len(values)} values, expected {part.of}", 0)
+    return values
+
+
+def _name(text: str, path: Path) -> bytes:
+    encoded = text.encode()
+    if len(encoded) > MAX_NAME:
+        raise WireFormatError(
+            f"{said(path[1:])} = {text!r} has {len(encoded)} bytes, at most {MAX_NAME}", 0
+        )
+    return encoded

@@ -1,0 +1,71 @@
+"""Outputs that a user sets, repeated until the robot has received them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from backends.fri.messages import MAX_IO, IoDirection, IoType, IoValue
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_DIGITAL: Final = 1 << 64
+_HALF: Final = 1 << 31
+
+
+class Outputs:
+    """Values on their way to the robot; each stays until an answer with it was received."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, IoValue] = {}
+        self._since: dict[str, int] = {}  # sequence of the first answer with the value
+
+    @property
+    def waiting(self) -> tuple[IoValue, ...]:
+        """What the next answer has to say; what does not fit waits for its turn."""
+        return tuple(self._values.values())[:MAX_IO]
+
+    def set(self, name: str, value: float | bool, known: Sequence[IoValue]) -> None:
+        """Take a value for an output that the robot's application named.
+
+        Raises:
+            ConfigError: No such output, or a value of another type.
+        """
+        found = next((io for io in known if io.name == name), None)
+        if found is None:
+            names = ", ".join(io.name for io in known) or "none"
+            raise ConfigError(f"the robot's application names no IO {name!r}; it names: {names}")
+        if found.direction is not IoDirection.OUTPUT:
+            raise ConfigError(f"{name} is an input; only outputs can be set")
+        self._values[name] = _valued(found, value)
+        self._since.pop(name, None)
+
+    def note_sent(self, sequence: int) -> None:
+        """Note the sequence of an answer that carried what was waiting."""
+        for io in self.waiting:
+            # A robot that has received nothing reflects 0, too: the first answer confirms nothing.
+            self._since.setdefault(io.name, max(sequence, 1))
+
+    def note_received(self, sequence: int) -> None:
+        """Note the last answer that the robot received."""
+        if not self._since:
+            return
+        for name, since in list(self._since.items()):
+            if (sequence - since) % (2 * _HALF) < _HALF:
+                del self._since[name], self._values[name]
+
+
+def _valued(io: IoValue, value: float | bool) -> IoValue:
+    """Return the output with a value of its type."""
+    if io.type is IoType.ANALOG:
+        if isinstance(value, bool):
+            raise ConfigError(f"{io.name} is analog, but {value} was given")
+        return IoValue(io.name, io.type, io.direction, analog=float(value))
+    if io.type is IoType.BOOLEAN:
+        if value not in (0, 1):
+            raise ConfigError(f"{io.name} is a boolean, but {value} was given")
+        return IoValue(io.name, io.type, io.direction, digital=int(value))
+    if isinstance(value, bool) or int(value) != value or not 0 <= value < _DIGITAL:
+        raise ConfigError(f"{io.name} is an integer of 64 bits, but {value} was given")
+    return IoValue(io.name, io.type, io.direction, digital=int(value))

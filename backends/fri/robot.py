@@ -1,0 +1,385 @@
+"""FriRobot: a KUKA LBR iiwa on its Fast Robot Interface, as a client of its controller."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from backends.fri.advice import advice
+from backends.fri.answers import TAKES, answer_to, application_position, command_mode
+from backends.fri.connection import Connection, connect, pace, unusable
+from backends.fri.messages import (
+    DEFAULT_PORT,
+    Monitoring,
+    Quality,
+    SessionState,
+)
+from backends.fri.outputs import Outputs
+from backends.fri.session import LinkFigures, Order, Session, Visit
+from backends.fri.template import CommandTemplate, MonitoringTemplate
+from backends.fri.velocity import VelocityFilter
+from backends.fri.version import FriVersion
+from backends.fri.wire_limits import WireLimits
+from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
+from limo_driver.latency import LatencyHistogram
+from limo_driver.model import RobotModel
+from limo_driver.robot import READY_TIMEOUT, Measurement, Robot
+from limo_driver.safety import STALE_TIMEOUT, START_TOLERANCE, SafetyContract
+from limo_driver.types import JointState, PositionCommand, RobotSpec, WrenchLimits
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from backends.fri.endpoint import Datagram
+    from backends.fri.version import Generation
+    from limo_driver.types import FloatArray, JointCommand
+
+WRENCH_LIMITS: Final = WrenchLimits(
+    wrench=np.array([50.0, 50.0, 50.0, 10.0, 10.0, 10.0]),
+    rate=np.array([500.0, 500.0, 500.0, 100.0, 100.0, 100.0]),
+)
+PATIENCE: Final = 0.01  # [s] beyond a period in which a late packet is waited for
+MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
+UNCONFIRMED: Final = 0.1  # [s] of commands that the robot may leave unconfirmed
+FEWEST_UNCONFIRMED: Final = 10  # commands
+
+
+class FriRobot(Robot):
+    """An arm behind FRI: it speaks first, in every send period, and the driver answers.
+
+    One cycle of `receive` is one answer: send period times receive multiplier. In every state but
+    COMMANDING_ACTIVE the driver answers by itself, mirroring what the protocol asks for, and `send`
+    is refused; `wait_until_ready` waits for COMMANDING_ACTIVE. Commands are of the kind that the
+    robot's application named: `PositionCommand`, `TorqueCommand` (added to joint impedance control)
+    or `WrenchCommand` (added to Cartesian impedance control).
+
+    Commands start from where the robot's application has the arm (its ipo position), not from the
+    measured pose, so that an arm that was pushed aside does not jump. Leaving COMMANDING_ACTIVE is
+    a hold, which ends only by `resume`. Where packets stay away for longer than a period and 10 ms,
+    states are stale, and what is sent then reaches nobody: the set-point waits for the next packet.
+
+    FRI measures no velocity. It is the difference of positions over the robot's own time through a
+    causal low-pass of first order with a time constant of 5 ms, so it lags by about that much.
+
+    Args:
+        host: Address of the controller; if not given, whoever sends the first valid packet.
+        port: UDP port to listen on, the one that the robot's application names.
+        robot: Built-in name or URDF of an arm with seven joints.
+        version: FRI version, for example `1.15`; told from the first packet if not given.
+        connect_timeout: Longest wait for the first packet [s].
+        start_tolerance: How far the first position may be from the measured pose [rad].
+        wrench_limits: Limits of wrenches; those of the class docstring's module if not given.
+
+    Raises:
+        ConfigError: The arm has no seven joints, or host, port or version are none.
+        BackendError: The port is taken.
+        ConnectionLostError: Nobody sent a usable packet in time; says what came instead.
+    """
+
+    def __init__(
+        self,
+        host: str | None = None,
+        port: int = DEFAULT_PORT,
+        robot: str | None = None,
+        *,
+        version: str | None = None,
+        connect_timeout: float = 10.0,
+        start_tolerance: float = START_TOLERANCE,
+        wrench_limits: WrenchLimits = WRENCH_LIMITS,
+    ) -> None:
+        model = RobotModel.load(robot or "iiwa14")
+        if model.n != 7:  # noqa: PLR2004  # FRI's arrays
+            raise ConfigError(f"FRI arms have 7 joints, but {model.name} has {model.n}")
+        told = None if version is None else FriVersion.named(version)
+        _warm_up(RobotSpec(model.name, model.joint_names, model.limits, 1e-3, wrench_limits))
+        self._link: Connection = connect(host, port, told, connect_timeout)
+        spec = RobotSpec(
+            model.name, model.joint_names, model.limits, self._link.period, wrench_limits
+        )
+        super().__init__(spec, start_tolerance)
+        self.latency = LatencyHistogram()  # from a packet's arrival to its answer
+        self._reader = MonitoringTemplate(self._link.generation)
+        self._writer = CommandTemplate(self._link.generation)
+        self._session = Session(1e-3 * self._link.send_period)
+        self._wire = WireLimits(spec)
+        self._velocity = VelocityFilter(spec.n)
+        self._outputs = Outputs()
+        self._message: Monitoring | None = None  # the last one
+        self._position = self._torque = np.zeros(spec.n)
+        self._arrived = 0.0  # [s], of this machine's monotonic clock
+        self._answered_packet = -1
+        self._replied = True  # the last message, as far as it is to be answered
+        self._commanded = False  # since COMMANDING_ACTIVE was entered
+        self._missed = 0  # cycles in a row
+        self._most_unconfirmed = max(FEWEST_UNCONFIRMED, round(UNCONFIRMED / spec.period))
+        self.malformed: str = ""  # what was wrong with the last datagram that was no message
+
+    @property
+    def generation(self) -> Generation:
+        """The versions whose messages the robot speaks."""
+        return self._link.generation
+
+    @property
+    def monitoring(self) -> Monitoring:
+        """All that the robot said last.
+
+        Raises:
+            BackendError: Nothing was received yet.
+        """
+        if self._message is None:
+            raise BackendError("nothing was received yet; call receive() first")
+        return self._message
+
+    @property
+    def session_state(self) -> SessionState | None:
+        """Where the session stands; None before the first `receive`."""
+        return self._session.state
+
+    @property
+    def visits(self) -> tuple[Visit, ...]:
+        """The session states so far, with the robot's time [s] at which each was entered."""
+        return tuple(self._session.visits)
+
+    @property
+    def quality(self) -> Quality | None:
+        """How the controller judges the connection; None before the first `receive`."""
+        message = self._message
+        return None if message is None or message.connection is None else message.connection.quality
+
+    @property
+    def figures(self) -> LinkFigures:
+        """What was counted on the link."""
+        return self._session.figures
+
+    @property
+    def foreign(self) -> int:
+        """Datagrams from anybody but the robot."""
+        return self._link.endpoint.foreign
+
+    @property
+    def limited_at_wire(self) -> int:
+        """Commands that had to be changed on their very way out."""
+        return self._wire.changed
+
+    @property
+    def external_torque(self) -> FloatArray:
+        """Measured torque minus the robot's own model, of the last packet, (n,) [N m]."""
+        return self._of_data("external_torque")
+
+    @property
+    def commanded_torque(self) -> FloatArray:
+        """Torque that the robot's own control commands, of the last packet, (n,) [N m]."""
+        return self._of_data("commanded_torque")
+
+    @property
+    def ios(self) -> Mapping[str, bool | int | float | None]:
+        """Inputs and outputs that the robot's application named, by `Group.Name`."""
+        data = self.monitoring.data
+        return {} if data is None else {io.name: io.value for io in data.io}
+
+    def set_output(self, name: str, value: float | bool) -> None:
+        """Set an output with the next answers, until the robot has received one of them.
+
+        Raises:
+            ConfigError: No such output, or a value of another type.
+        """
+        data = self.monitoring.data
+        self._outputs.set(name, value, () if data is None else data.io)
+
+    def wait_until_ready(self, timeout: float = READY_TIMEOUT) -> None:
+        """Answer the robot until the session takes commands.
+
+        Args:
+            timeout: Longest wait [s].
+
+        Raises:
+            BackendError: It did not in time; says what to do about it.
+        """
+        deadline = time.monotonic() + timeout
+        while self.receive().stale or self._session.state is not SessionState.COMMANDING_ACTIVE:
+            if time.monotonic() > deadline:
+                state = self._session.state
+                reasons = "; ".join(advice(self.monitoring)[:3])
+                raise BackendError(
+                    f"the session is still in {'no state' if state is None else state.name} "
+                    f"after {timeout:g} s: {reasons}"
+                )
+
+    def _of_data(self, name: str) -> FloatArray:
+        values = getattr(self.monitoring.data, name, None)
+        if values is None:
+            raise BackendError(f"the robot does not send its {name.replace('_', ' ')}")
+        return np.array(values)
+
+    def _check(self, command: JointCommand) -> None:
+        if (state := self._session.state) is not SessionState.COMMANDING_ACTIVE:
+            name = "no state" if state is None else state.name
+            raise BackendError(
+                f"the session is in {name}; commands are taken in COMMANDING_ACTIVE, "
+                "for which wait_until_ready() waits"
+            )
+        mode = command_mode(self.monitoring)
+        taken = TAKES.get(mode)
+        if taken is None:
+            raise BackendError(
+                f"the session's command mode is {mode.name}, which limo cannot command"
+            )
+        if not isinstance(command, taken):
+            raise BackendError(
+                f"the session takes {taken.__name__} (command mode {mode.name}), "
+                f"not {type(command).__name__}"
+            )
+
+    def _send(self, command: JointCommand) -> None:
+        if self._missed or self._session.state is not SessionState.COMMANDING_ACTIVE:
+            self._contract.withhold()  # there is no packet that could be answered with it
+        else:
+            self._commanded = True
+            self._reply(command)
+
+    def _receive(self, timeout: float | None) -> Measurement | None:
+        if not self._replied:
+            self._reply(None)
+        message = self._next(timeout)
+        if message is None:
+            self._missed += 1
+            self._session.figures.stale += 1
+            return None
+        self._missed, self._replied = 0, False
+        if self._session.state is not SessionState.COMMANDING_ACTIVE:
+            self._reply(None)
+        elif self._session.unconfirmed > self._most_unconfirmed and not self._contract.at_rest:
+            self._contract.hold(
+                f"the robot has received none of the last {self._session.unconfirmed} commands"
+            )
+        return Measurement(
+            time=self._session.time,
+            position=self._position,
+            velocity=self._velocity.velocity,
+            torque=self._torque,
+            sequence=self._session.packets // self._link.multiplier,
+        )
+
+    def _close(self) -> None:
+        self._link.endpoint.close()
+
+    def _next(self, timeout: float | None) -> Monitoring | None:
+        """Return the next message that is to be answered; None if none came in time."""
+        if timeout is None:
+            timeout = self.spec.period + (0.0 if self._missed else PATIENCE)
+        deadline = time.monotonic() + timeout
+        for _ in range(MOST_WAITING):
+            datagram = self._link.endpoint.receive(max(deadline - time.monotonic(), 0.0))
+            if datagram is None:
+                return None
+            if (message := self._accept(datagram)) is not None:
+                return message
+        return None
+
+    def _accept(self, datagram: Datagram) -> Monitoring | None:
+        """Note a datagram; return its message if that is to be answered."""
+        try:
+            message: Monitoring = self._reader.decode(datagram.data)
+        except WireFormatError as error:
+            return self._refuse(str(error))
+        if problem := unusable(message):
+            return self._refuse(problem)
+        if not self._link.fits(message):
+            return self._refuse_pace(message)
+        return self._take(message, datagram)
+
+    def _take(self, message: Monitoring, datagram: Datagram) -> Monitoring | None:
+        """Note a message of the robot; return it if it is to be answered."""
+        before, order = self._session.state, self._session.take(message)
+        if order is Order.OLD:
+            return None
+        self._link.endpoint.settle(datagram.sender)
+        self._arrived, self._message = time.monotonic() - datagram.age, message
+        self._note(message)
+        self._follow(message, before, order)
+        if datagram.age > STALE_TIMEOUT:
+            self._session.figures.outdated += 1
+            return None
+        if self._session.packets - self._answered_packet < self._link.multiplier:
+            return None
+        self._answered_packet = self._session.packets
+        return message
+
+    def _note(self, message: Monitoring) -> None:
+        """Take the measurements of a message that is known to have them."""
+        data = message.data
+        if data is not None and data.measured_position and data.measured_torque:
+            self._position = np.array(data.measured_position)
+            self._torque = np.array(data.measured_torque)
+            self._velocity.update(self._session.time, self._position)
+        self._outputs.note_received(message.header.reflected)
+
+    def _follow(self, message: Monitoring, before: SessionState | None, order: Order) -> None:
+        """Keep the contract in step with the session."""
+        active = SessionState.COMMANDING_ACTIVE
+        state = self._session.state
+        leaves = before is active and (state is not active or order is Order.RESTARTED)
+        if leaves and state is not None:
+            reasons = "".join(f"; {said}" for said in advice(message)[:1])
+            self._contract.hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
+        told = application_position(message, self._wire)
+        if state is not active or leaves:
+            self._wire.reset()
+            self._commanded = False
+            self._contract.lead(self._position if told is None else told)
+        elif not self._commanded and self._contract.at_rest and told is not None:
+            # Once commanded, the arm stays where that took it, not where the application would be.
+            self._contract.lead(self._wire.reachable(told))
+
+    def _refuse(self, problem: str) -> None:
+        self._session.figures.malformed += 1
+        self.malformed = problem
+
+    def _refuse_pace(self, message: Monitoring) -> None:
+        """Refuse a message of another pace: a session that was opened anew is another robot."""
+        period, multiplier = pace(message)
+        told = (
+            f"the session has a send period of {period} ms and a receive multiplier of "
+            f"{multiplier}, but began with {self._link.send_period} ms and {self._link.multiplier}"
+        )
+        state = None if message.connection is None else message.connection.session_state
+        if state is SessionState.COMMANDING_ACTIVE:
+            return self._refuse(told)
+        self._contract.hold(told)
+        raise ConnectionLostError(f"{told}; open the robot again")
+
+    def _reply(self, command: JointCommand | None) -> None:
+        """Answer the last message, with a command or by what the driver answers itself."""
+        self._replied = True
+        message, session = self._message, self._session
+        if message is None:
+            return
+        sequence = session.next_sequence()
+        answer = answer_to(
+            message,
+            sequence,
+            self._link.generation,
+            self._wire,
+            self._contract.setpoint,
+            command,
+            self._outputs.waiting,
+        )
+        if answer is None:
+            return
+        if not self._link.endpoint.send(self._writer.encode(answer)):
+            session.figures.unsent += 1
+            return
+        session.note_answer()
+        self._outputs.note_sent(sequence)
+        self.latency.add(time.monotonic() - self._arrived)
+
+
+def _warm_up(spec: RobotSpec) -> None:
+    """Load what is compiled, before a robot waits for an answer."""
+    contract, middle = SafetyContract(spec), np.zeros(spec.n)
+    contract.observe(JointState(0.0, middle, middle, middle, 0))
+    contract.admit(PositionCommand(position=middle))
+    contract.observe(JointState(spec.period, middle, middle, middle, 1))
+    contract.stand_in()

@@ -1,0 +1,167 @@
+"""What a session has gone through: order of packets, time of the robot, states, answers.
+
+Bookkeeping only: nothing here decides what is commanded.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from backends.fri.messages import Monitoring, SessionState, Timestamp
+
+_MODULUS: Final = 1 << 32
+_LONGEST_JUMP: Final = 1.0  # [s] beyond the expected step that a robot's clock is believed
+_REORDERED: Final = 1000  # packets; further back is a new session
+MOST_VISITS: Final = 256  # of states that are remembered
+MOST_UNCONFIRMED: Final = 1024  # commands of which an answer is still awaited
+
+
+class Order(Enum):
+    """How a packet stands to those before it."""
+
+    NEXT = "next"
+    OLD = "old"  # a copy, or overtaken by a later one
+    RESTARTED = "restarted"  # the first of a new session
+
+
+@dataclass
+class LinkFigures:
+    """What was counted since the driver was opened."""
+
+    received: int = 0  # valid packets, in order
+    lost: int = 0  # packets of the robot that never came
+    old: int = 0  # copies, and packets that others had overtaken
+    malformed: int = 0  # datagrams that are no message, or none that can be used
+    outdated: int = 0  # valid, but too old to answer when they were read
+    answered: int = 0  # commands sent
+    unsent: int = 0  # commands that the network did not take
+    late: int = 0  # commands that the robot had not received one answer later
+    unreceived: int = 0  # commands that the robot passed over: lost or overtaken on their way
+    stale: int = 0  # cycles without a measurement
+    restarts: int = 0  # sessions after the first
+    clock_steps: int = 0  # of the robot's clock that were left out
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A session state and when it was entered."""
+
+    state: SessionState
+    time: float  # [s] of the robot, since the first packet
+
+
+@dataclass
+class _Place:
+    """The packet last taken."""
+
+    sequence: int
+    stamp: int | None  # [ns]
+
+
+@dataclass
+class Session:
+    """Follows one robot through its sessions.
+
+    Args:
+        period: Send period [s].
+    """
+
+    period: float
+    figures: LinkFigures = field(default_factory=LinkFigures)
+    time: float = 0.0  # [s] of the robot, monotonic, 0 at the first packet
+    packets: int = 0  # send periods of the robot since the first packet
+    state: SessionState | None = None
+    visits: deque[Visit] = field(default_factory=lambda: deque(maxlen=MOST_VISITS))
+    _last: _Place | None = None
+    _sequence: int = 0  # of the next command
+    _unconfirmed: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED))
+
+    def take(self, message: Monitoring) -> Order:
+        """Note a packet."""
+        data = message.data
+        stamp = _nanoseconds(None if data is None else data.timestamp)
+        order = self._order(message.header.sequence, stamp)
+        if order is Order.OLD:
+            self.figures.old += 1
+            return order
+        self.figures.received += 1
+        self._keep_time(message.header.sequence, stamp, order)
+        self._confirm(message.header.reflected, order)
+        self._last = _Place(message.header.sequence, stamp)
+        if message.connection is not None and message.connection.session_state is not self.state:
+            self.state = message.connection.session_state
+            self.visits.append(Visit(self.state, self.time))
+        return order
+
+    def next_sequence(self) -> int:
+        """Return the sequence of the command that is about to be sent."""
+        return self._sequence
+
+    def note_answer(self) -> None:
+        """Note that the command was sent."""
+        self._unconfirmed.append(self._sequence)
+        self._sequence = (self._sequence + 1) % _MODULUS
+        self.figures.answered += 1
+
+    @property
+    def unconfirmed(self) -> int:
+        """Commands that the robot has not received yet, as far as it said."""
+        return len(self._unconfirmed)
+
+    def _order(self, sequence: int, stamp: int | None) -> Order:
+        last = self._last
+        if last is None:
+            return Order.NEXT
+        ahead = (sequence - last.sequence) % _MODULUS
+        if 0 < ahead < _MODULUS // 2:
+            return Order.NEXT
+        if stamp is not None and last.stamp is not None and stamp > last.stamp:
+            restarted = True  # it counts from the start, but later than what came before
+        else:
+            restarted = stamp is None and -ahead % _MODULUS > _REORDERED
+        if not restarted:
+            return Order.OLD
+        self.figures.restarts += 1
+        return Order.RESTARTED
+
+    def _keep_time(self, sequence: int, stamp: int | None, order: Order) -> None:
+        """Advance time by the robot's clock, or by its send period where that does not fit."""
+        last = self._last
+        if last is None:
+            return
+        steps = 1 if order is Order.RESTARTED else (sequence - last.sequence) % _MODULUS
+        self.packets += steps
+        self.figures.lost += steps - 1
+        expected = steps * self.period
+        if stamp is None or last.stamp is None:
+            self.time += expected
+            return
+        passed = 1e-9 * (stamp - last.stamp)
+        if order is Order.RESTARTED or 0.0 < passed <= expected + _LONGEST_JUMP:
+            self.time += passed
+        else:
+            self.figures.clock_steps += 1
+            self.time += expected
+
+    def _confirm(self, reflected: int, order: Order) -> None:
+        """Settle the commands up to the one that the robot received last."""
+        if order is Order.RESTARTED:
+            self._unconfirmed.clear()
+        if reflected not in self._unconfirmed:
+            return
+        while (sequence := self._unconfirmed.popleft()) != reflected:
+            self.figures.unreceived += 1
+        if self._unconfirmed or sequence != (self._sequence - 1) % _MODULUS:
+            self.figures.late += 1
+
+
+def _nanoseconds(stamp: Timestamp | None) -> int | None:
+    return None if stamp is None else stamp.nanoseconds_since_epoch
