@@ -279,6 +279,8 @@ class Cia402Link(Link):
         for drive, fastest, slack in zip(self._drives, self._fastest, self._slack, strict=True):
             drive.open_cycle(now, fastest * (now - drive.heard_at + self._period) + slack)
         self.port.send(SYNC, b"")
+        if not any(drive.silent for drive in self._drives):
+            until += self._period  # late is better than lost: once, the next cycle waits
         backlog = BACKLOG
         while not all(drive.heard for drive in self._drives):
             if (frame := self.port.receive(until)) is None:

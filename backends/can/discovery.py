@@ -54,6 +54,11 @@ def require_answer(sdo: SdoClient, known: Sequence[int]) -> None:
         sdo.read(DEVICE_TYPE)
     except DriveError as error:
         present = _present(sdo.port)
+        if not present:
+            raise BackendError(
+                f"no drive answers on {sdo.port.name}; is the bus powered, terminated and at the "
+                "bitrate of arm.yaml?"
+            ) from None
         strangers = [node for node in present if node not in known]
         hint = f"; is its node id {strangers[0]}?" if len(strangers) == 1 else ""
         raise DriveError(

@@ -72,7 +72,8 @@ class CanRobot(Robot):
         self.lateness = LatencyHistogram()
         self._enabled = False
         self._began = self._due = self._last = 0.0  # [s], of the port's clock
-        self._cycle = 0
+        self._cycle = -1  # counts SYNCs, or what else starts a cycle
+        self.overruns = 0  # cycles that did not take place, since this program came too late
 
     @property
     def drives(self) -> tuple[DriveState, ...]:
@@ -128,18 +129,15 @@ class CanRobot(Robot):
         )
 
     def _restart_clock(self) -> None:
-        now = self._port.now()
-        if not self._began:
-            self._began, self._cycle = now, -1
-        else:  # what passed meanwhile shows as a gap
-            self._cycle += int((now - self._last) / self.spec.period)
-        self._due = now
+        self._due = self._port.now()
+        self._began = self._began or self._due
 
     def _advance_clock(self, now: float) -> None:
-        """Note the cycle that starts now, and when the next is due; whole cycles may be missed."""
+        """Note the cycle that starts now, and when the next is due; cycles may be skipped."""
         period = self.spec.period
         missed = max(int((now - self._due) / period), 0)
-        self._cycle += 1 + missed
+        self.overruns += missed
+        self._cycle += 1
         self._last = now
         self._due = max(self._due + (1 + missed) * period, now + SHORTEST_CYCLE * period)
 
