@@ -16,6 +16,9 @@ class SyncBus(can.BusABC):
         self.queue = deque()
         self.listener = lambda *_: None
         self.sent = []  # (id, data), all of them
+        self.messages = []  # the same, as python-can has them
+        self.echo = False  # whether the driver hears itself, as on udp_multicast
+        self.noise = lambda: None  # called before each frame of the driver
         self.losing = 0  # SYNCs whose measurements get lost
         self.time = 100.0  # [s]
 
@@ -25,6 +28,10 @@ class SyncBus(can.BusABC):
     def send(self, msg, timeout=None):  # noqa: ARG002  # of python-can
         data = bytes(msg.data)
         self.sent.append((msg.arbitration_id, data))
+        self.messages.append(msg)
+        self.noise()
+        if self.echo:
+            self.deliver(msg.arbitration_id, data)
         if msg.arbitration_id == 0x080 and self.losing:
             self.losing -= 1
             queue, self.queue = self.queue, deque()
