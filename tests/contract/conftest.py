@@ -1,4 +1,7 @@
-"""What the contract suites share: every registered backend."""
+"""What the contract suites share: every registered backend that is simulated.
+
+Robots on a wire run the same suites where their other end is at hand, such as in tests/can.
+"""
 
 from importlib.metadata import entry_points
 
@@ -8,7 +11,10 @@ from robot_commands import START
 from limo_driver.registry import ROBOTS, open_robot
 
 
-@pytest.fixture(params=sorted(entry.name for entry in entry_points(group=ROBOTS)))
+SIMULATED = sorted(entry.name for entry in entry_points(group=ROBOTS) if entry.load().simulated)
+
+
+@pytest.fixture(params=SIMULATED)
 def backend(request):
     return request.param
 
