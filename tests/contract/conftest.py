@@ -1,6 +1,6 @@
-"""What the contract suites share: every registered backend that is simulated.
+"""What the contract suites share: every registered backend that brings its arm along.
 
-Robots on a wire run the same suites where their other end is at hand, such as in tests/can.
+Backends of real arms run the same tests against arms of their own; see tests/fri and tests/can.
 """
 
 from importlib.metadata import entry_points
@@ -8,13 +8,15 @@ from importlib.metadata import entry_points
 import pytest
 from robot_commands import START
 
-from limo_driver.registry import ROBOTS, open_robot
+from limo_driver.registry import ROBOTS, find, open_robot
 
 
-SIMULATED = sorted(entry.name for entry in entry_points(group=ROBOTS) if entry.load().simulated)
+def simulated_backends():
+    names = sorted(entry.name for entry in entry_points(group=ROBOTS))
+    return [name for name in names if find(ROBOTS, name).simulated]
 
 
-@pytest.fixture(params=SIMULATED)
+@pytest.fixture(params=simulated_backends())
 def backend(request):
     return request.param
 
