@@ -79,6 +79,7 @@ class RobotSpec:
     limits: JointLimits
     period: float  # control cycle [s]
     wrench_limits: WrenchLimits | None = None  # of a robot that takes wrenches
+    torque_step: FloatArray | None = None  # (n,) [N m], of measured torque; None if not known
 
     @property
     def n(self) -> int:
