@@ -1,14 +1,9 @@
-"""sim.yaml: read a simulation with the line of every mistake, and write one that reads back equal.
-
-Numbers may be written in any form that Python's `float` takes: YAML 1.1 itself would read `1e-5`
-(no dot) as a text.
-"""
+"""sim.yaml: read a simulation with the line of every mistake; write one that reads back equal."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
 
@@ -18,6 +13,7 @@ from limo_driver.physics.catalogue import CATALOGUE
 from limo_driver.physics.effect import JOINT, TEXT
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation import Simulation, Tolerances
+from limo_driver.yaml_reader import YamlReader, is_null
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -84,24 +80,8 @@ def _has_joint(effect: type[Effect]) -> bool:
     return any(item.name == "joint" for item in fields(effect))
 
 
-class _Reader:
-    """Walks the YAML nodes of one file, so that each mistake is reported at its line."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self.root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-        except OSError as error:
-            raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
-        except UnicodeDecodeError:
-            raise ConfigError("is no text file", path=path) from None
-        except yaml.MarkedYAMLError as error:
-            line = error.problem_mark.line + 1 if error.problem_mark else None
-            raise ConfigError(f"is no YAML: {error.problem}", path=path, line=line) from None
-        except (yaml.YAMLError, RecursionError):
-            raise ConfigError(
-                "is no YAML: control characters, or nested too deep", path=path
-            ) from None
+class _Reader(YamlReader):
+    """Makes a simulation of the nodes of one file."""
 
     def simulation(self) -> Simulation:
         if self.root is None:
@@ -164,7 +144,7 @@ class _Reader:
             self._fail(node or self.root, str(error))
 
     def _effects(self, node: yaml.Node | None, model: RobotModel) -> Iterable[Effect]:
-        if node is None or _is_null(node):
+        if node is None or is_null(node):
             return
         if not isinstance(node, yaml.SequenceNode):
             self._fail(node, "effects: has to be a list of `- {effect: ..., joint: ...}`")
@@ -216,31 +196,6 @@ class _Reader:
             return tuple(tuple(self._numbers(row)) for row in node.value)
         return tuple(self._numbers(node)) if known.is_list else self._number(node)
 
-    def _mapping(
-        self, node: yaml.Node, what: str, known: Iterable[str] | None
-    ) -> dict[str, yaml.Node]:
-        if not isinstance(node, yaml.MappingNode):
-            self._fail(node, f"{what} has to be a mapping of `key: value`")
-        entries: dict[str, yaml.Node] = {}
-        names = None if known is None else tuple(known)
-        for key, value in node.value:
-            name = self._text(key)
-            if names is not None and name not in names:
-                self._fail(key, f"{what} has no {name!r}; it has {', '.join(names)}")
-            if name in entries:
-                self._fail(key, f"{what} has {name!r} twice")
-            entries[name] = value
-        return entries
-
-    def _optional(
-        self, node: yaml.Node | None, what: str, known: Iterable[str]
-    ) -> dict[str, yaml.Node]:
-        return {} if node is None or _is_null(node) else self._mapping(node, what, known)
-
-    def _numbers(self, node: yaml.Node) -> list[float]:
-        nodes = node.value if isinstance(node, yaml.SequenceNode) else [node]
-        return [self._number(item) for item in nodes]
-
     def _vector(self, node: yaml.Node | None, nominal: _Vector) -> _Vector:
         """Read as many numbers as the nominal vector has; the nominal ones if none are given."""
         if node is None:
@@ -249,26 +204,3 @@ class _Reader:
         if len(numbers) != len(nominal):
             self._fail(node, f"has {len(numbers)} numbers, expected {len(nominal)}")
         return cast("_Vector", tuple(numbers))
-
-    def _text(self, node: yaml.Node) -> str:
-        if not isinstance(node, yaml.ScalarNode):
-            kind = "list" if isinstance(node, yaml.SequenceNode) else "mapping"
-            self._fail(node, f"has a {kind} where one word is expected")
-        return str(node.value)
-
-    def _number(self, node: yaml.Node) -> float:
-        text = self._text(node)
-        try:
-            number = float(text)
-        except ValueError:
-            self._fail(node, f"{text!r} is no number")
-        if not math.isfinite(number):
-            self._fail(node, f"{text} is not finite")
-        return number
-
-    def _fail(self, node: yaml.Node, message: str) -> NoReturn:
-        raise ConfigError(message, path=self.path, line=node.start_mark.line + 1)
-
-
-def _is_null(node: yaml.Node) -> bool:
-    return node.tag == "tag:yaml.org,2002:null"

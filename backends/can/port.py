@@ -1,0 +1,155 @@
+"""The bus as this backend uses it: an adapter to python-can.
+
+Frames that arrive broken, are of another kind (extended, remote, error) or are this port's own are
+not for the driver; they are counted, since a bus full of them is worth knowing of.
+"""
+
+# python-can's messages and buses are typed in parts only.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import can
+
+from limo_driver.closing import Closing
+from limo_driver.errors import BackendError, ConnectionLostError
+
+if TYPE_CHECKING:
+    from backends.can.config import Bus
+
+BUS_OFF: Final = 0x40  # class of error frames, as SocketCAN numbers them
+# Frames of a simulated bus stay on this machine, unless told otherwise.
+_DEFAULTS: Final[dict[str, dict[str, Any]]] = {"udp_multicast": {"hop_limit": 0}}
+
+
+class Frame(NamedTuple):
+    """A data frame with an 11-bit id."""
+
+    id: int
+    data: bytes
+
+
+@dataclass
+class PortCounts:
+    """What came in that was not a frame for the driver, and what could not be read."""
+
+    broken: int = 0
+    foreign: int = 0  # extended or remote frames
+    errors: int = 0  # error frames
+
+
+class Port(Closing):
+    """An open bus.
+
+    Args:
+        config: Which one.
+        bus: An open python-can bus instead; it is closed with the port.
+
+    Raises:
+        BackendError: It cannot be opened; says what was tried.
+    """
+
+    def __init__(self, config: Bus, bus: can.BusABC | None = None) -> None:
+        self.name = f"{config.interface} {config.channel}"
+        self.counts = PortCounts()
+        self.bus_off = False
+        self._fd = config.fd
+        self._bus = _open(config) if bus is None else bus
+
+    def send(self, frame_id: int, data: bytes) -> None:
+        """Put a frame on the bus; on an FD bus with its data at the fast bit rate.
+
+        Raises:
+            ConnectionLostError: The bus takes no frame.
+        """
+        message = can.Message(
+            arbitration_id=frame_id,
+            data=data,
+            is_extended_id=False,
+            is_rx=False,
+            is_fd=self._fd,
+            bitrate_switch=self._fd,
+        )
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError) as error:
+            raise ConnectionLostError(f"{self.name} takes no frame: {_cause(error)}") from None
+
+    def receive(self, until: float) -> Frame | None:
+        """Return the next frame; None if none came until then.
+
+        Args:
+            until: When to give up [s], of `time.monotonic`; a frame that waits is still taken.
+
+        Raises:
+            ConnectionLostError: The bus is gone.
+        """
+        while True:
+            remaining = until - time.monotonic()
+            try:
+                message = self._bus.recv(max(remaining, 0.0))
+            except (can.CanOperationError, ValueError) as error:
+                if isinstance(error.__cause__, OSError) or _is_gone(self._bus):
+                    raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
+                self.counts.broken += 1  # bytes that are no frame
+                continue
+            except OSError as error:
+                raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
+            if message is None:
+                if remaining <= 0.0:
+                    return None
+                continue
+            if (frame := self._frame(message)) is not None:
+                return frame
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        self._bus.shutdown()
+
+    def _frame(self, message: can.Message) -> Frame | None:
+        if message.is_error_frame:
+            self.counts.errors += 1
+            self.bus_off |= bool(message.arbitration_id & BUS_OFF)
+            return None
+        if message.is_extended_id or message.is_remote_frame or not message.is_rx:
+            self.counts.foreign += 1
+            return None
+        return Frame(message.arbitration_id, bytes(message.data))
+
+
+def _open(config: Bus) -> can.BusABC:
+    options: dict[str, Any] = {**_DEFAULTS.get(config.interface, {}), **config.options}
+    if config.fd:
+        options |= {"fd": True, "data_bitrate": config.data_bitrate}
+    elif config.interface in {"udp_multicast", "socketcan"}:
+        options |= {"fd": False}
+    # Cyclic senders and the like report themselves on this logger, of no use to who runs an arm.
+    logging.getLogger("can").setLevel(logging.ERROR)
+    try:
+        return can.Bus(
+            interface=config.interface,
+            channel=config.channel,
+            bitrate=config.bitrate,
+            ignore_config=True,  # nothing but arm.yaml says which bus an arm is on
+            **options,
+        )
+    except Exception as error:  # noqa: BLE001  # each interface raises its own
+        raise BackendError(
+            f"CAN bus {config.interface} {config.channel} cannot be opened: {_cause(error)}"
+        ) from None
+
+
+def _cause(error: BaseException) -> str:
+    """Return the last cause, which says most."""
+    while (inner := error.__cause__) is not None:
+        error = inner
+    return str(error) or type(error).__name__
+
+
+def _is_gone(bus: can.BusABC) -> bool:
+    return bool(getattr(bus, "_is_shutdown", False))
