@@ -58,9 +58,9 @@ class DrivenArm(MujocoRobot):
             Measured position, velocity and torque after the last step, (3, n).
         """
         begins = (servo != 0.0) & (self._command[layout.SERVO] == 0.0)
-        at = self._memory[layout.ENCODER]
-        self._memory[layout.LAST_TARGET][begins] = at[begins]
-        self._memory[layout.TARGET_VELOCITY][begins] = 0.0
+        memory = self._memory
+        memory[layout.LAST_TARGET][begins] = memory[layout.ENCODER][begins]
+        memory[layout.TARGET_VELOCITY][begins] = memory[layout.ENCODER_VELOCITY][begins]
         self._command[layout.SERVO] = servo
         self._command[layout.STIFFNESS] = stiffness
         self._command[layout.DAMPING] = damping
@@ -110,20 +110,20 @@ class SimulatedArm:
 
     def synchronise(self, period: float, now: float) -> None:
         """Move on by one communication period [s], towards the set-points that are in force."""
-        self._move_by(period)
+        self.move_on(period)
         self._clock, self._patient_until = now, now + SYNC_PATIENCE * period
 
-    def keep_time(self, period: float, now: float) -> None:
-        """Move on to now, in communication periods [s], unless SYNCs move the arm."""
+    def periods_due(self, period: float, now: float) -> int:
+        """Return how many communication periods [s] have passed that no SYNC moved the arm by."""
         if self._clock is None or now < self._patient_until:
             self._clock = now if self._clock is None else self._clock
-            return
+            return 0
         self._clock = max(self._clock, now - LONGEST_GAP)
-        while self._clock + period <= now:
-            self._move_by(period)
-            self._clock += period
+        due = int((now - self._clock) / period)
+        self._clock += due * period
+        return due
 
-    def _move_by(self, period: float) -> None:
+    def move_on(self, period: float) -> None:
         """Simulate one period as a whole number of steps; what is left over waits for the next."""
         self._due += period
         steps = round((self._due - self._simulated) / STEP)
@@ -133,7 +133,7 @@ class SimulatedArm:
     def _simulate(self, steps: int) -> None:
         acts = [joint.actuation for joint in self.joints]
         servo = np.array([float(act in {Actuation.POSITION, Actuation.BRAKE}) for act in acts])
-        self._shift_knots(servo, acts)
+        self._shift_knots(servo, acts, steps * STEP)
         stiff = np.array([float(act is Actuation.IMPEDANCE) for act in acts])
         driven = np.array([float(act not in {Actuation.FREE, Actuation.BRAKE}) for act in acts])
         columns = [
@@ -150,12 +150,13 @@ class SimulatedArm:
         self._warm(measured[2], steps * STEP)
         self._write(measured)
 
-    def _shift_knots(self, servo: FloatArray, acts: list[Actuation]) -> None:
+    def _shift_knots(self, servo: FloatArray, acts: list[Actuation], duration: float) -> None:
         goal = np.array([port.position for port in self.joints])
         begins = (servo != 0.0) & (self._servo == 0.0)
         for j, (port, act) in enumerate(zip(self.joints, acts, strict=True)):
-            if begins[j]:
-                self._knots[:, j] = port.measured_position
+            if begins[j]:  # from where the joint is, with the velocity that it has
+                half = 0.5 * duration * port.measured_velocity
+                self._knots[1:, j] = port.measured_position + np.array((-half, half))
             if act is Actuation.BRAKE:  # keeps the last knot, or where the joint is
                 goal[j] = self._knots[2, j]
         self._knots = np.stack([self._knots[1], self._knots[2], goal])

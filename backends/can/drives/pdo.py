@@ -6,6 +6,7 @@ of mapped objects to 0, write them, set their number, switch it on.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from backends.can.drives.objects import (
@@ -110,7 +111,8 @@ class Pdo:
             raise SdoAbort(MAPPING_TOO_LONG)
         at = 0
         for variable in self._variables:
-            variable.decode(data[at : at + variable.size])
+            with suppress(SdoAbort):
+                variable.decode(data[at : at + variable.size])
             at += variable.size
 
     def _note(self, _value: int) -> None:
