@@ -102,6 +102,7 @@ class Cia402Drive(CanopenNode, Drive):
         self._port, self._scale = port, Scale(joint)
         self._drive_state = DriveState.SWITCH_ON_DISABLED
         self._controlword_before = 0
+        self._mode_before = CSP
         self._ramp = 0.0  # velocity of a quick stop [rad/s]
         self._limited = False
         self._add_profile(temperature)
@@ -124,7 +125,7 @@ class Cia402Drive(CanopenNode, Drive):
         self._controlword_before = 0
         for variable in (self._controlword, self._offset, self._target_torque, self._error):
             variable.value = 0
-        self._mode.value = CSP
+        self._mode.value = self._mode_before = CSP
         self._register.value = 0
 
     def fail(self, code: int) -> None:
@@ -277,10 +278,10 @@ class Cia402Drive(CanopenNode, Drive):
             raise SdoAbort(OUT_OF_RANGE)
 
     def _change_mode(self, mode: int) -> None:
-        if mode == CSP:
+        """Start positions where the joint is; a torque may have come with the mode, and stays."""
+        if mode == CSP and self._mode_before != CSP:
             self._target.value = self._scale.count(self._port.measured_position)
-        else:
-            self._target_torque.value = 0
+        self._mode_before = mode
 
     def _add_profile(self, temperature: Temperature | None) -> None:
         add, port, scale = self.objects.add, self._port, self._scale

@@ -56,6 +56,7 @@ class Station(Closing):
         position: Where the arm stands at first, (n,) [rad]; the middle of its range if not given.
         seed: Of the sensor noise.
         scenario: What goes wrong.
+        clock: Says what time it is [s].
     """
 
     def __init__(
@@ -66,8 +67,9 @@ class Station(Closing):
         position: Sequence[float] | FloatArray | None = None,
         seed: int = 0,
         scenario: Scenario | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._config, self._port = config, port
+        self._config, self._port, self._clock = config, port, clock
         self._scenario = scenario or Scenario()
         self.counts = StationCounts()
         self.arm = SimulatedArm(simulation, position, seed)
@@ -86,7 +88,7 @@ class Station(Closing):
 
     def start(self) -> None:
         """Switch the drives on."""
-        self._ticked = time.monotonic()
+        self._ticked = self._clock()
         for drive in self.drives:
             drive.start(self._ticked)
 
@@ -101,9 +103,9 @@ class Station(Closing):
         until = self._ticked + TICK
         while True:
             frame = self._port.receive(until)
-            now = time.monotonic()
+            now = self._clock()
             if frame is not None:
-                self._hear(frame.id, frame.data, now)
+                self.hear(frame.id, frame.data)
             if now >= until:
                 break
         self._tick(now)
@@ -112,7 +114,9 @@ class Station(Closing):
         """Leave the bus."""
         self._port.close()
 
-    def _hear(self, frame_id: int, data: bytes, now: float) -> None:
+    def hear(self, frame_id: int, data: bytes) -> None:
+        """Take a frame from the bus."""
+        now = self._clock()
         self.counts.heard += 1
         is_sync = frame_id == frames.SYNC and self._config.convention == CIA402
         for number, drive in enumerate(self.drives, start=1):
