@@ -1,1 +1,8 @@
 """Arms of drives on a CAN bus: CiA 402 over CANopen, and Damiao's MIT mode."""
+
+from backends.can.config import ArmConfig
+from backends.can.errors import DriveError
+from backends.can.link import DriveState
+from backends.can.robot import CanRobot
+
+__all__ = ["ArmConfig", "CanRobot", "DriveError", "DriveState"]

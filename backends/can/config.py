@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from limo_driver.types import FloatArray
+
 CIA402: Final = "cia402"
 DAMIAO: Final = "damiao"
 CONVENTIONS: Final = (CIA402, DAMIAO)
@@ -158,12 +160,14 @@ class ArmConfig(Section):
         """The robot: its kinematics, inertias and limits."""
         return RobotModel.load(self.robot)
 
-    @property
-    def spec(self) -> RobotSpec:
-        """What a user has to know of the arm."""
-        return RobotSpec(
-            self.model.name, self.model.joint_names, self.model.limits, 1.0 / self.rate
-        )
+    def spec(self, torque_step: FloatArray) -> RobotSpec:
+        """Return what a user has to know of the arm.
+
+        Args:
+            torque_step: Smallest change that its measured torques show, (n,) [N m].
+        """
+        model = self.model
+        return RobotSpec(model.name, model.joint_names, model.limits, 1.0 / self.rate, torque_step)
 
     def _check_nodes(self) -> None:
         counted = Counter(joint.node for joint in self.joints)

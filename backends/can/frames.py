@@ -1,8 +1,8 @@
 """What crosses the bus: arbitration ids of CANopen, and how much of a bus frames take.
 
 Source: CiA 301, "CANopen application layer and communication profile", section 7.3.3 (predefined
-connection set); ISO 11898-1, section 10.4 (frames and bit stuffing); Davis, Burns, Bril and Lukkien,
-"Controller Area Network (CAN) schedulability analysis", 2007, eq. (1).
+connection set); ISO 11898-1, section 10.4 (frames and bit stuffing); Davis, Burns, Bril and
+Lukkien, "Controller Area Network (CAN) schedulability analysis", 2007, eq. (1).
 """
 
 from __future__ import annotations

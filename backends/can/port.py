@@ -97,6 +97,8 @@ class Port(Closing):
                 if isinstance(error.__cause__, OSError) or _is_gone(self._bus):
                     raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
                 self.counts.broken += 1  # bytes that are no frame
+                if remaining <= 0.0:  # however many more wait
+                    return None
                 continue
             except OSError as error:
                 raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
@@ -104,7 +106,7 @@ class Port(Closing):
                 if remaining <= 0.0:
                     return None
                 continue
-            if (frame := self._frame(message)) is not None:
+            if (frame := self._frame(message)) is not None or remaining <= 0.0:
                 return frame
 
     def close(self) -> None:

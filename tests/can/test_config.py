@@ -28,7 +28,7 @@ def test_examples_are_read(name, kind):
     assert arm.rate == 250
     assert arm.bus.options == {"port": 43113, "hop_limit": 0}
     assert {type(joint) for joint in arm.joints} == {kind}
-    assert arm.spec.n == 7
+    assert arm.model.n == 7
 
 
 def test_what_is_left_out_has_its_default(tmp_path):

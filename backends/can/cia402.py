@@ -1,0 +1,148 @@
+"""CiA 402: states of a drive, its set-points and measurements in 8 bytes, and their scaling.
+
+count = direction (q - offset) counts_per_turn gear / 2 pi
+per mille = 1000 direction tau / (rated torque of object 6076, at the joint)
+
+Source: CiA 402-2, "Operation modes and application data", sections 8 (states) and 11 to 13.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import Enum, IntEnum
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.types import readonly
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from backends.can.config import Cia402Joint
+    from limo_driver.types import FloatArray
+
+TARGETS: Final = struct.Struct("<Hih")  # RPDO1: controlword, target position, torque offset
+TORQUE: Final = struct.Struct("<hb")  # RPDO2: target torque, mode
+MEASURED: Final = struct.Struct("<Hih")  # TPDO1: statusword, position, torque
+STATUS: Final = struct.Struct("<iHb")  # TPDO2: velocity, error code, mode
+TEMPERATURE: Final = struct.Struct("<h")  # TPDO3
+
+PER_MILLE: Final = 1e-3
+MILLI: Final = 1e-3  # [N m] of the unit of object 6076
+MOST_PER_MILLE: Final = 32767.0
+MOST_COUNTS: Final = 2.0**31 - 1.0
+
+
+class Mode(IntEnum):
+    """Modes of operation, objects 6060 and 6061."""
+
+    POSITION = 8  # cyclic synchronous position, CSP
+    VELOCITY = 9  # CSV
+    TORQUE = 10  # CST
+
+
+class State(Enum):
+    """States of a drive: words, mask and value of the statusword."""
+
+    NOT_READY = ("not ready to switch on", 0x4F, 0x00)
+    SWITCH_ON_DISABLED = ("switch-on disabled", 0x4F, 0x40)
+    READY = ("ready to switch on", 0x6F, 0x21)
+    SWITCHED_ON = ("switched on", 0x6F, 0x23)
+    ENABLED = ("operation enabled", 0x6F, 0x27)
+    QUICK_STOP = ("quick stop active", 0x6F, 0x07)
+    FAULT_REACTION = ("fault reaction active", 0x4F, 0x0F)
+    FAULT = ("fault", 0x4F, 0x08)
+    UNKNOWN = ("no state of CiA 402", 0x00, 0xFF)
+
+    def __init__(self, words: str, mask: int, value: int) -> None:
+        self.words, self.mask, self.pattern = words, mask, value
+
+
+class Controlword(IntEnum):
+    """Commands to the state machine of a drive."""
+
+    DISABLE_VOLTAGE = 0x00
+    QUICK_STOP = 0x02
+    SHUTDOWN = 0x06
+    SWITCH_ON = 0x07
+    ENABLE = 0x0F
+    FAULT_RESET = 0x80
+
+
+def _state_of(statusword: int) -> State:
+    return next((s for s in State if statusword & s.mask == s.pattern), State.UNKNOWN)
+
+
+_STATES: Final = tuple(_state_of(word) for word in range(0x80))
+
+_UP: Final = {
+    State.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
+    State.READY: Controlword.SWITCH_ON,
+    State.SWITCHED_ON: Controlword.ENABLE,
+    State.ENABLED: Controlword.ENABLE,
+}
+
+
+def state_of(statusword: int) -> State:
+    """Return the state that a statusword tells."""
+    return _STATES[statusword & 0x7F]
+
+
+def towards_enabled(state: State, sent: int, *, reset: bool) -> Controlword:
+    """Return the next step to `operation enabled`.
+
+    Args:
+        state: Where the drive is.
+        sent: Controlword of the cycle before: a fault is reset by an edge of its bit.
+        reset: Whether a fault, or a quick stop, may be ended.
+    """
+    if state in _UP:
+        return _UP[state]
+    if reset and state is State.FAULT and sent != Controlword.FAULT_RESET:
+        return Controlword.FAULT_RESET
+    if reset and state is State.QUICK_STOP:
+        return Controlword.ENABLE  # transition 16, which drives have that hold after a quick stop
+    return Controlword.DISABLE_VOLTAGE if state is State.FAULT else Controlword.QUICK_STOP
+
+
+class Codec:
+    """Set-points to frames and frames to measurements, for all n joints of an arm.
+
+    Args:
+        joints: Their drives.
+        rated: Object 6076 of each, (n,) [mN m].
+    """
+
+    def __init__(self, joints: Sequence[Cia402Joint], rated: Sequence[float]) -> None:
+        self.counts_per_radian = readonly([joint.counts_per_radian for joint in joints])
+        self.offset = readonly([joint.offset for joint in joints])  # [rad]
+        at_joint = [MILLI * r * joint.torque_ratio for r, joint in zip(rated, joints, strict=True)]
+        self.torque_step = readonly(PER_MILLE * np.array(at_joint))  # [N m] of one per mille
+        direction = np.array([joint.direction for joint in joints])
+        self._signed_step = readonly(direction * self.torque_step)
+
+    def targets(self, position: FloatArray, controlwords: Sequence[int]) -> list[bytes]:
+        """Return the RPDO1 of each drive for positions (n,) [rad]."""
+        exact = (position - self.offset) * self.counts_per_radian
+        counts = np.rint(np.clip(exact, -MOST_COUNTS, MOST_COUNTS)).astype(np.int64).tolist()
+        return [
+            TARGETS.pack(word, count, 0) for word, count in zip(controlwords, counts, strict=True)
+        ]
+
+    def torques(self, torque: FloatArray, mode: Mode) -> list[bytes]:
+        """Return the RPDO2 of each drive for torques (n,) [N m]."""
+        exact = np.clip(torque / self._signed_step, -MOST_PER_MILLE, MOST_PER_MILLE)
+        return [TORQUE.pack(value, mode) for value in np.rint(exact).astype(np.int64).tolist()]
+
+    def positions(self, counts: Sequence[int]) -> FloatArray:
+        """Return joint positions, (n,) [rad]."""
+        return np.array(counts) / self.counts_per_radian + self.offset
+
+    def velocities(self, counts: Sequence[float]) -> FloatArray:
+        """Return joint velocities (n,) [rad/s] of counts per second."""
+        return np.array(counts) / self.counts_per_radian
+
+    def measured_torques(self, per_mille: Sequence[int]) -> FloatArray:
+        """Return joint torques, (n,) [N m]."""
+        return np.array(per_mille) * self._signed_step

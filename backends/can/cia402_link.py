@@ -1,0 +1,385 @@
+"""Cia402Link: seven drives (or any number) over CANopen, in cycles that SYNC starts.
+
+The set-points of a cycle travel as RPDOs and take effect at its SYNC, which is also when drives
+measure; their TPDOs answer. A drive that leaves operation is told to stop, and has to be reset
+before it is enabled again, at the pose where it stands.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from backends.can.cia402 import Codec, Controlword, Mode, State, towards_enabled
+from backends.can.cia402_load import HEARTBEATS_PER_WATCHDOG, bus_load
+from backends.can.commissioning import Commissioning
+from backends.can.discovery import QUIET, require_answer, require_quiet
+from backends.can.drive import OPERATIONAL, Drive
+from backends.can.emergency import describe
+from backends.can.errors import DriveError
+from backends.can.frames import (
+    EMERGENCY,
+    HEARTBEAT,
+    NMT,
+    RPDO1,
+    RPDO2,
+    SYNC,
+    TPDO1,
+    TPDO2,
+    TPDO3,
+)
+from backends.can.link import DriveState, Link, Sample
+from backends.can.sdo import SdoClient
+from limo_driver.errors import BackendError, ConfigError
+from limo_driver.safety import VELOCITY_TOLERANCE
+from limo_driver.types import PositionCommand, TorqueCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from backends.can.config import ArmConfig, Cia402Joint
+    from backends.can.port import Frame, Port
+    from limo_driver.types import FloatArray, JointCommand
+
+START, PRE_OPERATIONAL = 0x01, 0x80  # NMT commands
+SLACK: Final = 0.01  # [rad] that a joint may be moved beyond what its velocity allows
+MODE_PATIENCE: Final = 3  # drive statuses after which a mode has to be taken
+BACKLOG: Final = 256  # frames that are still read once a cycle is due
+CLOSING_TIMEOUT: Final = 0.05  # [s] for answers of a drive that is left
+
+
+class Cia402Link(Link):
+    """The drives of an arm.
+
+    Args:
+        config: The arm.
+        port: Its bus.
+        reset: Whether faults that drives have already may be reset.
+
+    Raises:
+        ConfigError: The bus cannot carry the rate; shows the arithmetic.
+    """
+
+    def __init__(self, config: ArmConfig, port: Port, *, reset: bool = False) -> None:
+        bus_load(config).require(config.rate)
+        self.config, self.port, self._reset = config, port, reset
+        self._joints: tuple[Cia402Joint, ...] = config.joints  # type: ignore[assignment]
+        self._drives = [Drive(j, joint.node) for j, joint in enumerate(self._joints, start=1)]
+        self._handlers = self._dispatch()
+        self._codec = Codec(self._joints, [1.0] * len(self._joints))
+        self._period = 1.0 / config.rate
+        counts = np.abs(self._codec.counts_per_radian)
+        self._fastest = (counts * VELOCITY_TOLERANCE * config.model.limits.velocity).tolist()
+        self._slack = (counts * SLACK).tolist()
+        n = len(self._drives)
+        self._target = np.zeros(n)  # [rad]; not used before drives are enabled
+        self._torque = np.zeros(n)  # [N m]
+        self._pinned = np.ones(n, dtype=bool)  # joints that keep the pose they have
+        self._mode, self._mode_cycles = Mode.POSITION, 0
+        self._commanded = self._powered = False
+        self._heartbeat_due = 0.0
+
+    @property
+    def torque_step(self) -> FloatArray:
+        """Smallest change that the measured torques show, (n,) [N m]."""
+        return self._codec.torque_step
+
+    # start and end ------------------------------------------------------------------------------
+
+    def connect(self) -> None:
+        """Find every drive, check that it is the right one, and configure it; none moves."""
+        require_quiet(self.port, self.config)
+        for drive in self._drives:
+            self.port.send(NMT, bytes((PRE_OPERATIONAL, drive.node)))
+        rated: list[int] = []
+        for drive in self._drives:
+            commissioning = self._commissioning(drive)
+            require_answer(commissioning.sdo, [joint.node for joint in self._joints])
+            rated.append(commissioning.identify())
+        self._codec = Codec(self._joints, rated)
+        for drive in self._drives:
+            self._start(drive)
+        self._await_measurements()
+
+    def enable(self, *, reset: bool = False) -> None:
+        """Let the drives hold the pose that they measure."""
+        reset = reset or self._reset
+        until = time.monotonic() + self.config.answer_timeout
+        self._powered = True
+        self._mode, self._commanded = Mode.POSITION, False
+        if reset:
+            for drive in self._drives:
+                if drive.nmt not in {None, OPERATIONAL}:  # it restarted, and has forgotten all
+                    self._start(drive)
+        waiting = [drive for drive in self._drives if drive.state is not State.ENABLED]
+        for drive in waiting:
+            drive.silent = 0
+            self._pinned[drive.joint - 1] = True
+        while waiting:
+            for drive in waiting:
+                drive.controlword = towards_enabled(drive.state, drive.controlword, reset=reset)
+            self._follow(waiting)
+            self._run_cycle()
+            waiting = [drive for drive in waiting if drive.state is not State.ENABLED]
+            if waiting and time.monotonic() > until:
+                self._give_up(waiting[0])
+        self._reset = False
+
+    def disable(self) -> None:
+        """Switch the drives off, one after the other, the last joint first."""
+        if self._powered:
+            for drive in reversed(self._drives):
+                self._switch_off(drive)
+        self._powered = False
+        for drive in self._drives:
+            self.port.send(NMT, bytes((PRE_OPERATIONAL, drive.node)))
+            if drive.silent:
+                continue
+            try:
+                self._commissioning(drive, CLOSING_TIMEOUT).forget_master()
+            except DriveError:
+                continue  # it will complain to the next program
+
+    # the cycle ----------------------------------------------------------------------------------
+
+    def check(self, command: JointCommand) -> None:
+        """Refuse a command that the drives cannot carry out."""
+        if isinstance(command, PositionCommand):
+            return
+        if not isinstance(command, TorqueCommand):
+            raise BackendError(
+                "CiA 402 drives follow positions (CSP) or torques (CST), "
+                f"given {type(command).__name__}"
+            )
+        try:
+            bus_load(self.config, torque=True).require(self.config.rate)
+        except ConfigError as error:
+            raise BackendError(f"no torques at this rate: {error}") from None
+
+    def command(self, command: JointCommand) -> None:
+        """Take the set-points of the coming cycle."""
+        self._commanded = True
+        if isinstance(command, TorqueCommand):
+            self._set_mode(Mode.TORQUE)
+            most = self.config.model.limits.torque
+            gravity = self.config.model.gravity_torque(self._position())[0]
+            self._torque = np.clip(command.torque + gravity, -most, most)
+        elif isinstance(command, PositionCommand):
+            self._set_mode(Mode.POSITION)
+            self._target = np.where(self._pinned, self._target, command.position)
+
+    def begin(self) -> None:
+        """Follow commands again that start from the measured pose."""
+        self._pinned[:] = False
+
+    def send(self) -> None:
+        """Put the set-points of this cycle on the bus, commanded or not."""
+        fallen = [drive for drive in self._drives if drive.state is not State.ENABLED]
+        for drive in self._drives:
+            drive.controlword = Controlword.ENABLE
+        for drive in fallen:
+            drive.controlword = Controlword.QUICK_STOP  # until it is reset
+            self._pinned[drive.joint - 1] = True
+        self._follow(fallen)
+        if not self._commanded and self._mode is Mode.TORQUE:  # at rest: nobody wants torque
+            self._set_mode(Mode.POSITION)
+            self._pinned[:] = True
+            self._follow(self._drives)
+        self._commanded = False
+        self._put()
+
+    def listen(self, until: float) -> None:
+        """Take in what the drives say until then [s], of `time.monotonic`."""
+        backlog = BACKLOG
+        while (frame := self.port.receive(until)) is not None:
+            self._take(frame)
+            if time.monotonic() >= until:
+                backlog -= 1
+                if not backlog:  # a babbling node does not keep the arm from its cycles
+                    return
+
+    def measure(self, until: float) -> Sample | None:
+        """Start a cycle and return what all drives measured; None if one was not heard in time."""
+        if not self._sync(until):
+            return None
+        drives = self._drives
+        if self.config.status_every == 1 and all(drive.speed is not None for drive in drives):
+            speeds: list[float] = [drive.speed or 0 for drive in drives]
+        else:
+            speeds = [drive.velocity(self._period) for drive in drives]
+        return Sample(
+            position=self._position(),
+            velocity=self._codec.velocities(speeds),
+            torque=self._codec.measured_torques([drive.per_mille for drive in drives]),
+        )
+
+    def trouble(self) -> str:
+        """Say why the arm has to hold; empty if it need not."""
+        if self.port.bus_off:
+            return f"{self.port.name} is off: too many errors"
+        now = time.monotonic()
+        for drive in self._drives:
+            if text := drive.complaint(self.config.hold_after, self.config.watchdog, now):
+                return f"joint {drive.joint} (node {drive.node}) {text}"
+            if drive.mode not in {None, self._mode} and self._mode_is_late:
+                return f"joint {drive.joint} (node {drive.node}) stays in mode {drive.mode}"
+        return ""
+
+    def drives(self) -> tuple[DriveState, ...]:
+        """Return what is known of every drive."""
+        position = self._position()
+        velocity = self._codec.velocities(
+            [np.nan if drive.speed is None else drive.speed for drive in self._drives]
+        )
+        torque = self._codec.measured_torques([drive.per_mille for drive in self._drives])
+        heat = self.config.temperature
+        return tuple(
+            DriveState(
+                node=drive.node,
+                status=drive.state.words,
+                enabled=drive.state is State.ENABLED,
+                position=float(position[j]),
+                velocity=float(velocity[j]),
+                torque=float(torque[j]),
+                temperature=np.nan
+                if heat is None or drive.temperature is None
+                else heat.step * drive.temperature,
+                mode="" if drive.mode is None else _mode_words(drive.mode),
+                error=describe(drive.error),
+                silent=drive.silent,
+            )
+            for j, drive in enumerate(self._drives)
+        )
+
+    # within -------------------------------------------------------------------------------------
+
+    def _dispatch(self) -> dict[int, Callable[[bytes], None]]:
+        """Return who takes the frames of each id; no frame of this program is among them."""
+        handlers: dict[int, Callable[[bytes], None]] = {}
+        for drive in self._drives:
+            handlers[TPDO1 + drive.node] = drive.take_measured
+            handlers[TPDO2 + drive.node] = drive.take_status
+            handlers[TPDO3 + drive.node] = drive.take_temperature
+            handlers[EMERGENCY + drive.node] = drive.take_emergency
+            handlers[HEARTBEAT + drive.node] = lambda data, drive=drive: drive.take_heartbeat(
+                data, time.monotonic()
+            )
+        return handlers
+
+    def _take(self, frame: Frame) -> None:
+        if (handler := self._handlers.get(frame.id)) is not None:
+            handler(frame.data)
+
+    def _sync(self, until: float) -> bool:
+        """Start a cycle; say whether every drive answered until then."""
+        now = time.monotonic()
+        for drive, fastest, slack in zip(self._drives, self._fastest, self._slack, strict=True):
+            since = np.inf if drive.heard_at is None else now - drive.heard_at + self._period
+            drive.open_cycle(now, fastest * since + slack)
+        self.port.send(SYNC, b"")
+        backlog = BACKLOG
+        while not all(drive.heard for drive in self._drives):
+            if (frame := self.port.receive(until)) is None:
+                break
+            self._take(frame)
+            if time.monotonic() >= until:
+                backlog -= 1
+                if not backlog:
+                    break
+        for drive in self._drives:
+            drive.close_cycle()
+        return all(drive.heard for drive in self._drives)
+
+    def _put(self) -> None:
+        """Send the RPDOs, and the heartbeat when it is due."""
+        words = [drive.controlword for drive in self._drives]
+        frames = self._codec.targets(self._target, words)
+        for drive, data in zip(self._drives, frames, strict=True):
+            self.port.send(RPDO1 + drive.node, data)
+        others = [d for d in self._drives if d.mode not in {None, self._mode}]
+        changing = self._drives if self._mode is Mode.TORQUE else others
+        if changing or not self._mode_cycles:
+            torques = self._codec.torques(self._torque, self._mode)
+            for drive in changing or self._drives:
+                self.port.send(RPDO2 + drive.node, torques[drive.joint - 1])
+        self._mode_cycles += 1
+        if (now := time.monotonic()) >= self._heartbeat_due:
+            self._heartbeat_due = now + self.config.watchdog / HEARTBEATS_PER_WATCHDOG
+            self.port.send(HEARTBEAT + self.config.master, bytes((OPERATIONAL,)))
+
+    def _run_cycle(self) -> None:
+        """Run one cycle apart from the robot's own."""
+        began = time.monotonic()
+        self._put()
+        self._sync(began + self._period)
+        self.listen(began + self._period)
+
+    def _follow(self, drives: list[Drive]) -> None:
+        """Make what joints measure their target, so that none moves when it is enabled."""
+        if drives:
+            measured = self._position()
+            for drive in drives:
+                self._target[drive.joint - 1] = measured[drive.joint - 1]
+
+    def _position(self) -> FloatArray:
+        return self._codec.positions([drive.count for drive in self._drives])
+
+    def _set_mode(self, mode: Mode) -> None:
+        if mode is not self._mode:
+            self._mode, self._mode_cycles = mode, 0
+        if mode is Mode.TORQUE:
+            self._target = self._position()  # to be there when positions are followed again
+
+    @property
+    def _mode_is_late(self) -> bool:
+        return self._mode_cycles > MODE_PATIENCE * self.config.status_every
+
+    def _commissioning(self, drive: Drive, timeout: float | None = None) -> Commissioning:
+        wait = self.config.answer_timeout if timeout is None else timeout
+        sdo = SdoClient(self.port, drive.joint, drive.node, wait, self._take)
+        return Commissioning(self.config, self._joints[drive.joint - 1], drive, sdo)
+
+    def _start(self, drive: Drive) -> None:
+        """Configure a drive and let it send and take PDOs."""
+        commissioning = self._commissioning(drive)
+        commissioning.configure()
+        commissioning.start_values(reset=self._reset or self._powered)
+        drive.heard_at = drive.before = None
+        drive.cycle_at, drive.nmt = time.monotonic(), None
+        self.port.send(NMT, bytes((START, drive.node)))
+
+    def _await_measurements(self) -> None:
+        """Start cycles without set-points until every drive has measured."""
+        until = time.monotonic() + self.config.answer_timeout
+        while not self._sync(time.monotonic() + max(self._period, QUIET)):
+            if time.monotonic() > until:
+                drive = next(drive for drive in self._drives if not drive.heard)
+                raise DriveError(
+                    drive.joint,
+                    drive.node,
+                    "answers SDO, but sends no measurement (TPDO1) at SYNC",
+                )
+
+    def _give_up(self, drive: Drive) -> None:
+        text = describe(drive.error)
+        raise DriveError(
+            drive.joint,
+            drive.node,
+            f"is not enabled within {self.config.answer_timeout:g} s: it is in state "
+            f"{drive.state.words!r}" + (f", {text}" if text else ""),
+        )
+
+    def _switch_off(self, drive: Drive) -> None:
+        """Shut a drive down, while those nearer to the base still hold; then take its voltage."""
+        until = time.monotonic() + self.config.answer_timeout
+        drive.controlword = Controlword.SHUTDOWN
+        while drive.state is State.ENABLED and not drive.silent and time.monotonic() < until:
+            self._run_cycle()
+        drive.controlword = Controlword.DISABLE_VOLTAGE
+        self._run_cycle()
+
+
+def _mode_words(mode: int) -> str:
+    return Mode(mode).name.lower() if mode in set(Mode) else f"mode {mode}"

@@ -1,0 +1,130 @@
+"""One CiA 402 drive, as it is heard on the bus; nothing of it is known before it spoke."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from backends.can.cia402 import MEASURED, STATUS, TEMPERATURE, Controlword, State, state_of
+from backends.can.emergency import LAYOUT as EMERGENCY
+from backends.can.emergency import describe
+
+BOOTED: Final = 0x00
+STOPPED: Final = 0x04
+OPERATIONAL: Final = 0x05
+PRE_OPERATIONAL: Final = 0x7F
+_NMT_WORDS: Final = {
+    BOOTED: "restarted",
+    STOPPED: "was stopped",
+    PRE_OPERATIONAL: "left operation (pre-operational)",
+}
+
+
+@dataclass(slots=True)
+class Drive:
+    """What was heard of a drive, and what it was told last.
+
+    A position counts only if the joint can have got there: `reach` counts from the last one.
+    """
+
+    joint: int  # 1-based
+    node: int
+    statusword: int | None = None
+    state: State = State.UNKNOWN
+    count: int = 0  # meaningless before `heard_at` is set
+    per_mille: int = 0
+    heard: bool = False  # in the cycle that runs
+    heard_at: float | None = None  # start of the last cycle with a position [s]
+    before: tuple[int, float] | None = None  # the position before: count, start of its cycle [s]
+    silent: int = 0  # cycles without a position
+    reach: float = math.inf  # counts from the last position that can be true
+    speed: int | None = None  # [counts/s], by the drive
+    error: int = 0
+    mode: int | None = None
+    temperature: int | None = None
+    nmt: int | None = None
+    heartbeat_at: float | None = None  # [s]
+    broken: int = 0  # frames of another length than agreed
+    implausible: int = 0  # positions out of reach
+    controlword: int = Controlword.DISABLE_VOLTAGE
+    cycle_at: float = 0.0  # start of the cycle that runs [s]
+
+    def open_cycle(self, now: float, reach: float) -> None:
+        """Wait for a position of a new cycle, which started now [s]."""
+        if self.heard and self.silent:  # late, in the cycle before
+            self.silent = 0
+        self.heard, self.cycle_at, self.reach = False, now, reach
+
+    def close_cycle(self) -> None:
+        """Count a cycle without a position."""
+        self.silent = 0 if self.heard else self.silent + 1
+
+    def take_measured(self, data: bytes) -> None:
+        """Read TPDO1."""
+        if len(data) != MEASURED.size:
+            self.broken += 1
+            return
+        statusword, count, per_mille = MEASURED.unpack(data)
+        if abs(count - self.count) > self.reach:
+            self.implausible += 1
+            return
+        if self.heard_at is not None and self.heard_at != self.cycle_at:
+            self.before = (self.count, self.heard_at)
+        self.statusword, self.state = statusword, state_of(statusword)
+        self.count, self.per_mille = count, per_mille
+        self.heard, self.heard_at = True, self.cycle_at
+
+    def take_status(self, data: bytes) -> None:
+        """Read TPDO2."""
+        if len(data) != STATUS.size:
+            self.broken += 1
+            return
+        self.speed, self.error, self.mode = STATUS.unpack(data)
+
+    def take_temperature(self, data: bytes) -> None:
+        """Read TPDO3."""
+        if len(data) != TEMPERATURE.size:
+            self.broken += 1
+            return
+        (self.temperature,) = TEMPERATURE.unpack(data)
+
+    def take_emergency(self, data: bytes) -> None:
+        """Read an emergency message; code 0 says that the error is gone."""
+        if len(data) != EMERGENCY.size:
+            self.broken += 1
+            return
+        self.error = EMERGENCY.unpack(data)[0]
+
+    def take_heartbeat(self, data: bytes, now: float) -> None:
+        """Read a heartbeat, which came now [s]."""
+        if len(data) != 1:
+            self.broken += 1
+            return
+        self.nmt, self.heartbeat_at = data[0] & 0x7F, now
+
+    def velocity(self, period: float) -> float:
+        """Return the velocity between its last positions [counts/s].
+
+        A cycle that began late may be followed by one that is shorter than a period; drives that
+        move by one set-point a cycle would seem too fast there.
+        """
+        if self.before is None or self.heard_at is None:
+            return 0.0
+        count, at = self.before
+        return (self.count - count) / max(self.heard_at - at, period)
+
+    def complaint(self, hold_after: int, heartbeat_timeout: float, now: float) -> str:
+        """Say what keeps this drive from following set-points; empty if nothing does."""
+        if self.nmt in _NMT_WORDS:
+            return _NMT_WORDS[self.nmt]
+        if self.silent >= hold_after:
+            cycles = f"{self.silent} cycle" + ("s" if self.silent > 1 else "")
+            jumps = ", its positions jump" if self.implausible else ""
+            return f"is silent for {cycles}{jumps}"
+        if self.state is not State.ENABLED:
+            error = describe(self.error)
+            return f"is in state {self.state.words!r}" + (f": {error}" if error else "")
+        if self.heartbeat_at is not None and now - self.heartbeat_at > heartbeat_timeout:
+            return f"lost its heartbeat for {now - self.heartbeat_at:.3g} s"
+        return ""

@@ -1,0 +1,186 @@
+"""CanRobot: an arm of drives on a CAN bus; it keeps the time of the cycles."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path  # noqa: TC003  # the constructor's signature is read at run time
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from backends.can.config import CIA402, ArmConfig
+from backends.can.port import Port
+from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
+from limo_driver.latency import LatencyHistogram
+from limo_driver.robot import Measurement, Robot
+from limo_driver.safety import START_TOLERANCE, SafetyContract
+from limo_driver.types import JointState, PositionCommand, TorqueCommand
+
+if TYPE_CHECKING:
+    import can
+
+    from backends.can.link import DriveState, Link
+    from limo_driver.types import JointCommand, RobotSpec
+
+BRAKING_TIMEOUT: Final = 10.0  # [s] in which an arm that is closed comes to rest
+SHORTEST_CYCLE: Final = 0.5  # of a period, after a cycle that began late
+
+
+class CanRobot(Robot):
+    """An arm of CiA 402 drives, or of Damiao motors.
+
+    Opening it finds and configures the drives; the first `receive` enables them, and from then on
+    they stop by themselves once no set-points come for the arm's `watchdog`. A drive that is silent
+    or leaves operation leads to hold. Closing brakes, then switches off drive by drive.
+
+    Args:
+        config: The arm, or its `arm.yaml`.
+        reset_faults: Reset faults that drives have when they are enabled.
+        bus: An open python-can bus instead of the arm's; it is closed with the robot.
+        start_tolerance: How far the first position may be from the measured pose [rad].
+
+    Raises:
+        ConfigError: The file cannot be used, or the bus cannot carry the rate.
+        BackendError: No bus, or a drive that is missing, of another joint, or in fault.
+    """
+
+    def __init__(
+        self,
+        config: ArmConfig | Path | str | None = None,
+        *,
+        reset_faults: bool = False,
+        bus: can.BusABC | None = None,
+        start_tolerance: float = START_TOLERANCE,
+    ) -> None:
+        if config is None:
+            raise ConfigError("an arm on a CAN bus needs its arm.yaml (--config)")
+        self.config = config if isinstance(config, ArmConfig) else ArmConfig.load(config)
+        self._port = Port(self.config.bus, bus)
+        try:
+            self._link = _link(self.config, self._port, reset=reset_faults)
+            self._link.connect()
+            super().__init__(self.config.spec(self._link.torque_step), start_tolerance)
+        except BaseException:
+            self._port.close()
+            raise
+        _compile(self.spec)
+        self.lateness = LatencyHistogram()
+        self._enabled = False
+        self._began = self._due = self._last = 0.0  # [s], of time.monotonic
+        self._cycle = 0
+
+    @property
+    def drives(self) -> tuple[DriveState, ...]:
+        """What is known of every drive, of joint 1 first."""
+        return self._link.drives()
+
+    def reset_faults(self) -> None:
+        """Reset the faults of drives, and enable them where they stand; the arm goes on holding.
+
+        Raises:
+            ConnectionLostError: The robot is closed.
+            BackendError: A drive stays in fault.
+        """
+        if not self._open:
+            raise ConnectionLostError("the robot is closed; open it again")
+        self.hold("drives were reset")
+        self._link.enable(reset=True)
+        self._enabled = True
+        self._restart_clock()
+
+    def resume(self) -> None:
+        """Take commands again, starting from the measured pose.
+
+        Raises:
+            ConnectionLostError: The robot is closed.
+            BackendError: A drive is not ready for that.
+        """
+        if self._open and self._enabled and (reason := self._link.trouble()):
+            raise BackendError(f"{reason}; call reset_faults() once that is cured")
+        super().resume()
+
+    def _receive(self, timeout: float | None) -> Measurement | None:
+        period = self.spec.period
+        if not self._enabled:
+            self._link.enable()
+            self._enabled = True
+            self._restart_clock()
+        self._link.send()
+        self._link.listen(self._due)
+        now = time.monotonic()
+        self.lateness.add(max(now - self._due, 0.0))
+        self._advance_clock(now)
+        wait = period if timeout is None else min(timeout, period)
+        sample = self._link.measure(max(self._due, now + SHORTEST_CYCLE * wait))
+        if reason := self._link.trouble():
+            self.hold(reason)
+        if sample is None:
+            return None
+        return Measurement(
+            time=self._last - self._began,
+            position=sample.position,
+            velocity=sample.velocity,
+            torque=sample.torque,
+            sequence=self._cycle,
+        )
+
+    def _restart_clock(self) -> None:
+        now = time.monotonic()
+        if not self._began:
+            self._began, self._cycle = now, -1
+        else:  # what passed meanwhile shows as a gap
+            self._cycle += int((now - self._last) / self.spec.period)
+        self._due = now
+
+    def _advance_clock(self, now: float) -> None:
+        """Note the cycle that starts now, and when the next is due; whole cycles may be missed."""
+        period = self.spec.period
+        missed = max(int((now - self._due) / period), 0)
+        self._cycle += 1 + missed
+        self._last = now
+        self._due = max(self._due + (1 + missed) * period, now + SHORTEST_CYCLE * period)
+
+    def _send(self, command: JointCommand) -> None:
+        self._link.command(command)
+
+    def _check(self, command: JointCommand) -> None:
+        self._link.check(command)
+
+    def _begin(self) -> None:
+        self._link.begin()
+
+    def _close(self) -> None:
+        try:
+            with suppress(BackendError):  # a bus that is gone: the drives' watchdogs stop them
+                self._brake()
+                self._link.disable()
+        finally:
+            self._port.close()
+
+    def _brake(self) -> None:
+        """Come to rest within the limits."""
+        until = time.monotonic() + BRAKING_TIMEOUT
+        while self._enabled and not self.standing and time.monotonic() < until:
+            if (command := self._contract.stand_in()) is not None:
+                self._send(command)
+            state = self._state_of(self._receive(None), None)
+            self._contract.observe(state)
+
+
+def _compile(spec: RobotSpec) -> None:
+    """Let the arithmetic of the contract be compiled before drives wait for it."""
+    zero = np.zeros(spec.n)
+    for command in (PositionCommand(position=zero), TorqueCommand(torque=zero)):
+        contract = SafetyContract(spec)
+        for cycle in range(3):  # set-points from a measurement, and from set-points
+            contract.observe(JointState(cycle * spec.period, zero, zero, zero, cycle))
+            contract.admit(command)
+
+
+def _link(config: ArmConfig, port: Port, *, reset: bool) -> Link:
+    if config.convention == CIA402:
+        from backends.can.cia402_link import Cia402Link
+
+        return Cia402Link(config, port, reset=reset)
+    raise BackendError(f"drives of convention {config.convention} cannot be driven yet")

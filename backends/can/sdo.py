@@ -1,0 +1,105 @@
+"""SDO client: one object of one drive at a time, read or written in one frame.
+
+An answer counts only if it is from the drive that was asked, about the object that was asked for,
+and of the kind that was asked for; anything else, also a frame that this program sent itself, is
+not an answer.
+
+Source: CiA 301, section 7.2.4.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from backends.can.errors import DriveError, SdoAbortError
+from backends.can.frames import SDO_REPLY, SDO_REQUEST
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from backends.can.port import Frame, Port
+
+FRAME: Final = struct.Struct("<BHB4s")
+READ, WRITE = 0x40, 0x20
+READ_REPLY, WRITE_REPLY, ABORT = 0x40, 0x60, 0x80  # with sizes in the low bits
+_KIND: Final = 0xE0
+_EXPEDITED, _SIZED = 0x02, 0x01
+LONGEST: Final = 4  # bytes in one frame
+
+
+@dataclass(frozen=True)
+class SdoClient:
+    """Reads and writes objects of the drive of one joint.
+
+    Args:
+        port: The bus.
+        joint: 1-based joint, for messages.
+        node: Node id of the drive.
+        timeout: How long an answer may take [s].
+        others: Told every frame that is no answer.
+    """
+
+    port: Port
+    joint: int
+    node: int
+    timeout: float
+    others: Callable[[Frame], None]
+
+    def read(self, index: int, subindex: int = 0, *, signed: bool = False) -> int:
+        """Return a number of up to 32 bits.
+
+        Raises:
+            DriveError: No answer, or a value that is no number of one frame.
+            SdoAbortError: The drive refuses.
+        """
+        head, value = self._ask(READ, READ_REPLY, index, subindex, b"")
+        if not head & _EXPEDITED:
+            raise DriveError(
+                self.joint, self.node, f"has no number in object {index:04X}:{subindex:02X}"
+            )
+        size = LONGEST - (head >> 2 & 0x03) if head & _SIZED else LONGEST
+        return int.from_bytes(value[:size], "little", signed=signed)
+
+    def write(
+        self, index: int, subindex: int, value: int, size: int, *, signed: bool = False
+    ) -> None:
+        """Write a number of `size` bytes.
+
+        Raises:
+            DriveError: No answer.
+            SdoAbortError: The drive refuses.
+        """
+        head = WRITE | _EXPEDITED | _SIZED | (LONGEST - size) << 2
+        data = value.to_bytes(size, "little", signed=signed)
+        self._ask(head, WRITE_REPLY, index, subindex, data)
+
+    def _ask(
+        self, head: int, expected: int, index: int, subindex: int, data: bytes
+    ) -> tuple[int, bytes]:
+        self.port.send(SDO_REQUEST + self.node, FRAME.pack(head, index, subindex, data))
+        until = time.monotonic() + self.timeout
+        last = until + self.timeout  # a bus full of other frames is no answer either
+        while (now := time.monotonic()) < last:
+            if (frame := self.port.receive(until)) is None:
+                if now >= until:
+                    break
+                continue
+            if frame.id != SDO_REPLY + self.node or len(frame.data) != FRAME.size:
+                self.others(frame)
+                continue
+            reply, about, part, value = FRAME.unpack(frame.data)
+            if (about, part) != (index, subindex):
+                continue  # a late answer to an earlier question
+            if reply == ABORT:
+                code = int.from_bytes(value, "little")
+                raise SdoAbortError(self.joint, self.node, index, subindex, code)
+            if reply & _KIND == expected:
+                return reply, value
+        raise DriveError(
+            self.joint,
+            self.node,
+            f"does not answer within {self.timeout:g} s (object {index:04X}:{subindex:02X})",
+        )

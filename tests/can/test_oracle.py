@@ -1,0 +1,177 @@
+"""The driver on drives that are local nodes of the canopen package."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import NODES, START, arm_config, counts_at
+from canopen_drives import CanopenArm
+
+from backends.can import CanRobot, DriveError
+from limo_driver.errors import BackendError, HoldingError
+from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
+
+
+@pytest.fixture
+def config():
+    return arm_config()
+
+
+@pytest.fixture
+def arm(config):
+    with CanopenArm(config.bus.channel, NODES, counts_at(config, START)) as drives:
+        yield drives
+
+
+def follow(robot, targets):
+    states = [robot.receive()]
+    for target in targets:
+        robot.send(PositionCommand(position=target))
+        states.append(robot.receive())
+    return states
+
+
+@pytest.mark.usefixtures("arm")
+def test_measures_position_torque_temperature_and_status(config):
+    with CanRobot(config) as robot:
+        states = [robot.receive() for _ in range(15)]
+        assert np.abs(states[-1].position - START).max() < 2e-5
+        assert [s.sequence for s in states] == sorted({s.sequence for s in states})
+        assert all(drive.enabled for drive in robot.drives)
+        assert robot.drives[2].temperature == pytest.approx(30.5)
+        assert robot.drives[2].status == "operation enabled"
+        assert robot.drives[2].mode == "position"
+        assert robot.spec.torque_step == pytest.approx([0.1] * 7)
+
+
+def test_follows_positions_and_ends_disabled(config, arm):
+    targets = START + 0.01 * (1 - np.cos(np.linspace(0, np.pi, 40)))[:, None]
+    with CanRobot(config) as robot:
+        states = follow(robot, targets)
+        last = robot.receive()
+        assert np.abs(last.position - targets[-1]).max() < 2e-5
+        assert not last.holding
+        assert np.abs(states[20].velocity).max() > 0.01
+    assert all(drive.state == 0x40 for drive in arm.drives)
+    assert all(drive.node.nmt.state == "PRE-OPERATIONAL" for drive in arm.drives)
+
+
+def test_no_drive_moves_when_it_is_enabled(config, arm):
+    before = [drive.count for drive in arm.drives]
+    with CanRobot(config) as robot:
+        for _ in range(5):
+            robot.receive()
+    assert [drive.count for drive in arm.drives] == before
+
+
+def test_configures_watchdogs_and_reactions(config, arm):
+    with CanRobot(config):
+        store = arm.drives[3].node.sdo
+        assert store[0x1016][1].raw == 127 << 16 | 1000
+        assert store[0x1017].raw == 250
+        assert store[0x1400][5].raw == 1000
+        assert store[0x6007].raw == 3
+        assert store[0x605A].raw == 6
+        assert store[0x1006].raw == 10_000
+        assert (store[0x60C2][1].raw, store[0x60C2][2].raw) == (1, -2)
+    assert store[0x1016][1].raw == 0
+
+
+def test_torques_go_out_with_gravity_and_stop_at_rest(config, arm):
+    gravity = config.model.gravity_torque(START)[0]
+    with CanRobot(config) as robot:
+        robot.receive()
+        for _ in range(10):
+            robot.send(TorqueCommand(torque=np.zeros(7)))
+            state = robot.receive()
+        assert state.torque == pytest.approx(gravity, abs=0.06)
+        assert {drive.mode for drive in arm.drives} == {10}
+        robot.hold()
+        for _ in range(5):
+            robot.receive()
+        assert {drive.mode for drive in arm.drives} == {8}
+
+
+@pytest.mark.usefixtures("arm")
+def test_impedance_is_refused(config):
+    with CanRobot(config) as robot:
+        state = robot.receive()
+        zero = np.zeros(7)
+        with pytest.raises(BackendError, match="given ImpedanceCommand"):
+            robot.send(
+                ImpedanceCommand(position=state.position, stiffness=zero, damping=zero, torque=zero)
+            )
+
+
+def test_fault_leads_to_hold_and_is_reset_only_when_told(config, arm):
+    with CanRobot(config) as robot:
+        follow(robot, [START] * 3)
+        arm.drives[2].trip(0x4310)
+        states = [robot.receive() for _ in range(5)]
+        assert states[-1].holding
+        with pytest.raises(HoldingError, match=r"joint 3 \(node 13\).*motor too hot"):
+            robot.send(PositionCommand(position=START))
+        with pytest.raises(BackendError, match="reset_faults"):
+            robot.resume()
+        assert arm.drives[2].state == 0x08
+        robot.reset_faults()
+        assert robot.receive().holding
+        robot.resume()
+        state = follow(robot, [START] * 3)[-1]
+        assert not state.holding
+
+
+def test_fault_at_the_start_is_named(config, arm):
+    arm.drives[4].trip(0x8611)
+    with pytest.raises(DriveError, match=r"joint 5 \(node 15\) is in fault: following error"):
+        CanRobot(config)
+    with CanRobot(config, reset_faults=True) as robot:
+        robot.receive()
+        assert all(drive.enabled for drive in robot.drives)
+
+
+def test_silent_joint_is_stale_within_two_cycles_and_holds(config, arm):
+    with CanRobot(replace(config, hold_after=2)) as robot:
+        follow(robot, [START] * 3)
+        arm.drives[5].mute = True
+        states = [robot.receive() for _ in range(3)]
+        assert any(state.stale for state in states[:2])
+        assert states[-1].holding
+        assert robot.drives[5].stale
+        with pytest.raises(HoldingError, match=r"joint 6 \(node 16\) is silent"):
+            robot.send(PositionCommand(position=START))
+
+
+def test_missing_drive_is_named_with_those_that_answer(config):
+    nodes = [*NODES[:3], 24, *NODES[4:]]
+    fast = replace(config, answer_timeout=0.1)
+    with (
+        CanopenArm(config.bus.channel, nodes),
+        pytest.raises(DriveError, match=r"joint 4 \(node 14\) does not answer.*node id 24\?"),
+    ):
+        CanRobot(fast)
+
+
+def test_swapped_drives_are_named(config):
+    joints = tuple(replace(joint, serial=joint.node) for joint in config.joints)
+    serials = [11, 12, 14, 13, 15, 16, 17]
+    with (
+        CanopenArm(config.bus.channel, NODES, serials=serials),
+        pytest.raises(
+            DriveError, match=r"joint 3 .*serial number 14, expected 13.*joint 4: swapped"
+        ),
+    ):
+        CanRobot(replace(config, joints=joints))
+
+
+@pytest.mark.usefixtures("arm")
+def test_another_rating_is_another_drive(config):
+    joints = (*config.joints[:6], replace(config.joints[6], rated_torque=40.0))
+    with pytest.raises(DriveError, match=r"joint 7 .*rated 100000 mN m .*expected 40000"):
+        CanRobot(replace(config, joints=joints))
+
+
+def test_drive_that_cannot_stop_by_itself_is_refused(config, arm):
+    arm.drives[1].node.object_dictionary[0x6007].access_type = "ro"
+    with pytest.raises(DriveError, match=r"joint 2 .*would go on moving.*6007"):
+        CanRobot(config)
