@@ -69,7 +69,8 @@ class CanopenNode:
         objects.array(0x1003, *(Variable(U32) for _ in range(REMEMBERED)))
         history = objects.find(0x1003, 0)
         history.value, history.writable, history.bounds = 0, True, (0, 0)  # 0 clears it
-        objects.add(0x1005, 0, Variable(U32, frames.SYNC))
+        only = (frames.SYNC, frames.SYNC)  # it makes no SYNC, and hears no other
+        objects.add(0x1005, 0, Variable(U32, frames.SYNC, writable=True, bounds=only))
         self._sync_period = objects.add(0x1006, 0, Variable(U32, writable=True))
         objects.add(0x1008, 0, Variable(TEXT, name))
         objects.add(0x1014, 0, Variable(U32, frames.EMERGENCY + node))

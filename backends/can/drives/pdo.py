@@ -141,10 +141,13 @@ class Pdo:
         return index << 16 | subindex << 8 | 8 * self._objects.find(index, subindex).size
 
     def _check_id(self, cob: int) -> None:
-        if cob & ~(INVALID | NO_REMOTE | LARGEST_ID) or cob & LARGEST_ID in _RESERVED:
+        if cob & ~(INVALID | NO_REMOTE | LARGEST_ID):
             raise SdoAbort(OUT_OF_RANGE)
-        is_on = not int(self._cob.value) & INVALID
-        if is_on and not cob & INVALID and (int(self._cob.value) ^ cob) & LARGEST_ID:
+        if cob & INVALID:
+            return
+        before = int(self._cob.value)
+        changes = (before ^ cob) & LARGEST_ID
+        if cob & LARGEST_ID in _RESERVED or (changes and not before & INVALID):
             raise SdoAbort(OUT_OF_RANGE)  # an id changes only while the PDO is off
 
     def _check_type(self, transmission: int) -> None:

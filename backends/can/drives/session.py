@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import signal
 import threading
@@ -60,10 +61,13 @@ def run_drives(
         )
     with (
         _interrupts() as interrupted,
-        Station(config, Port(config.bus), simulation, position, seed, scenario) as station,
+        Port(config.bus) as port,
+        Station(config, port, simulation, position, seed, scenario) as station,
     ):
         ends = math.inf if duration is None else time.monotonic() + duration
         station.start()
+        gc.collect()
+        gc.freeze()  # what is there stays; to go through it again takes longer than a cycle
         ready()
         while not interrupted.is_set() and time.monotonic() < ends:
             station.turn()
