@@ -95,6 +95,31 @@ def compliant(
 
 
 @part
+def uncompensated(
+    arrays: Arrays,
+    memory: FloatArray,
+    target: FloatArray,
+    command: FloatArray,
+    rate: FloatArray,
+    torque: FloatArray,
+    damping: FloatArray,
+) -> None:
+    """Give each joint what its own drive makes, where the position servo does not run.
+
+    A drive on a bus knows its motor and not the arm, so nothing is compensated.
+    """
+    for j in range(target.size):
+        if command[row.SERVO, j] != 0.0:
+            torque[j] += command[row.FEED_FORWARD, j]
+            continue
+        encoder = arrays.position[j] + memory[row.STATIC_WIND_UP, j]
+        damping[j] = command[row.DAMPING, j]
+        torque[j] = command[row.FEED_FORWARD, j] - damping[j] * rate[j]
+        torque[j] += command[row.STIFFNESS, j] * (target[j] - encoder)
+        memory[row.INTEGRAL, j] = 0.0
+
+
+@part
 def saturate(servo: Servo, velocity: FloatArray, torque: FloatArray, damping: FloatArray) -> None:
     """Keep the drives within their torque; a saturated drive does not damp."""
     for j in range(torque.size):

@@ -23,7 +23,15 @@ from numba import carray, njit, types  # pyright: ignore[reportPrivateImportUsag
 from numba.extending import intrinsic
 
 from backends.mujoco_sim import layout as row
-from backends.mujoco_sim.drives import compliant, deflection, multiply, part, saturate, servo_torque
+from backends.mujoco_sim.drives import (
+    compliant,
+    deflection,
+    multiply,
+    part,
+    saturate,
+    servo_torque,
+    uncompensated,
+)
 from backends.mujoco_sim.friction_laws import friction_damping
 from backends.mujoco_sim.layout import Arrays, Servo
 from backends.mujoco_sim.realisation import Plant
@@ -55,7 +63,7 @@ class Engine:
         plant: Joint physics.
         servo: Drives and sensors.
         memory: What the robot remembers, (9, n).
-        command: Other rows of the command, (4, n).
+        command: Other rows of the command, (5, n).
         added: What effects without a native form add, (4, n).
     """
 
@@ -189,7 +197,7 @@ def _advance_at(
         _floats(at[21], n),
         _floats(at[22], n),
     )
-    memory, command = _table(at[23], row.MEMORY_ROWS, n), _table(at[24], 4, n)
+    memory, command = _table(at[23], row.MEMORY_ROWS, n), _table(at[24], row.COMMAND_ROWS, n)
     added = _table(at[25], 4, n)
     return _advance(
         model, data, arrays, plant, servo, memory, mode, targets, command, added, noise, log
@@ -221,10 +229,12 @@ def _advance(
         for j in range(n):  # an array assignment would compile its error messages for seconds
             position[j], velocity[j] = arrays.position[j], arrays.velocity[j]
         _wind_up(arrays, plant, servo, memory, added, rate)
-        if mode == row.POSITION:
+        if mode in (row.POSITION, row.DRIVES):
             servo_torque(
                 arrays, plant, servo, memory, added, targets[t], rate, torque, damping, inertial
             )
+            if mode == row.DRIVES:
+                uncompensated(arrays, memory, targets[t], command, rate, torque, damping)
         else:
             compliant(arrays, memory, mode, targets[t], command, rate, torque, damping)
         saturate(servo, velocity, torque, damping)

@@ -14,10 +14,11 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-POSITION, IMPEDANCE, TORQUE = 0, 1, 2  # control modes
+POSITION, IMPEDANCE, TORQUE, DRIVES = 0, 1, 2, 3  # control modes; DRIVES: each joint its own
 
-# Rows of the command, (4, n).
-TARGET, STIFFNESS, DAMPING, FEED_FORWARD = 0, 1, 2, 3
+# Rows of the command, (5, n); a joint whose drive is not 0 runs its position servo under DRIVES.
+TARGET, STIFFNESS, DAMPING, FEED_FORWARD, SERVO = 0, 1, 2, 3, 4
+COMMAND_ROWS = 5
 
 # Rows of the memory, (9, n): all that the robot remembers beside MuJoCo's own state.
 LOAD = 0  # nominal rigid-body torque through the gear, last cycle [N m]

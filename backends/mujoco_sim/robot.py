@@ -127,7 +127,7 @@ class MujocoRobot(SimulatedRobot):
         )
         self._sensors = TorqueSensors(draft.sensed, self._servo.torque_resolution)
         self._memory = np.zeros((layout.MEMORY_ROWS, n))
-        self._command = np.zeros((4, n))
+        self._command = np.zeros((layout.COMMAND_ROWS, n))
         self._engine = Engine(
             self._model,
             self._data,

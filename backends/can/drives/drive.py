@@ -1,0 +1,44 @@
+"""Drive: what the bus, the arm and a scenario can ask of a simulated drive of any convention."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+
+class Drive(ABC):
+    """One drive on the bus, built into one joint."""
+
+    node: int  # id under which it is spoken to
+
+    @property
+    @abstractmethod
+    def period(self) -> float:
+        """Communication period that it was told [s]; 0 if none."""
+
+    @abstractmethod
+    def start(self, now: float) -> None:
+        """Be switched on."""
+
+    @abstractmethod
+    def hear(self, frame_id: int, data: bytes, now: float) -> None:
+        """Take a frame that may be for it; never a SYNC."""
+
+    @abstractmethod
+    def synchronise(self, now: float) -> None:
+        """Hear a SYNC."""
+
+    @abstractmethod
+    def tick(self, now: float) -> None:
+        """Let time pass, for heartbeats and watchdogs."""
+
+    @abstractmethod
+    def demand(self, period: float) -> None:
+        """Tell the joint what to do in the coming period [s]."""
+
+    @abstractmethod
+    def fail(self, code: int) -> None:
+        """Have a fault, with an error code of its convention."""
+
+    @abstractmethod
+    def recover(self) -> None:
+        """Be back on the bus after it was off."""

@@ -1,0 +1,190 @@
+"""What can go wrong on a bus of simulated drives: one class, one kind of fault.
+
+Times are in seconds since the first set-points came, which is when a run begins to move.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+from backends.can.entries import REAL, TEXT, WHOLE, Section, entry
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy as np
+
+    from backends.can.config import Joint
+    from backends.can.drives.drive import Drive
+
+TO_DRIVES, FROM_DRIVES, BOTH = "to_drives", "from_drives", "both"
+MOST_BABBLE: Final = 100  # frames at once
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault(Section, ABC):
+    """Something that goes wrong at some time, for some time."""
+
+    name: ClassVar[str]
+    at: float = entry(REAL, 0.0, lower=0.0)  # [s]
+    lasts: float | None = entry(REAL, None, lower=0.0, above=True)  # [s]; for ever if not given
+
+    @property
+    def ends(self) -> float:
+        """When it is over [s]."""
+        return math.inf if self.lasts is None else self.at + self.lasts
+
+    def check(self, joints: Sequence[Joint]) -> None:
+        """Refuse a fault that this arm cannot have.
+
+        Raises:
+            ConfigError: Begins with the entry that is wrong.
+        """
+        for name in ("joint", "other"):
+            if (joint := getattr(self, name, None)) is not None and joint > len(joints):
+                raise ConfigError(f"{name} is {joint}, but the arm has {len(joints)} joints")
+
+    def rewire(self, nodes: list[int]) -> None:
+        """Change the node ids of the drives, joint by joint, before they are switched on."""
+
+    def loses(self, joint: int, way: str, random: np.random.Generator) -> bool:  # noqa: ARG002
+        """Say whether a frame to or from the drive of a joint (from 1) is lost."""
+        return False
+
+    def begin(self, drives: Sequence[Drive]) -> None:
+        """Go wrong."""
+
+    def end(self, drives: Sequence[Drive]) -> None:
+        """Be over."""
+
+    def disturb(self, elapsed: float, send: Callable[[int, bytes], None]) -> None:
+        """Send what nobody asked for, `elapsed` seconds after the last time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LostFrames(Fault):
+    """Frames are lost at random."""
+
+    name = "lose_frames"
+    probability: float = entry(REAL, lower=0.0, upper=1.0)
+    way: str = entry(TEXT, BOTH, of=(TO_DRIVES, FROM_DRIVES, BOTH))
+    joint: int | None = entry(WHOLE, None, lower=1)  # all if not given
+
+    def loses(self, joint: int, way: str, random: np.random.Generator) -> bool:
+        """Say whether a frame to or from the drive of a joint (from 1) is lost."""
+        concerns = self.joint in {None, joint} and self.way in {BOTH, way}
+        return concerns and random.random() < self.probability
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusOff(Fault):
+    """A drive is off the bus: it neither hears nor speaks, but it has its watchdogs."""
+
+    name = "bus_off"
+    joint: int = entry(WHOLE, lower=1)
+
+    def loses(self, joint: int, way: str, random: np.random.Generator) -> bool:  # noqa: ARG002
+        """Say whether a frame to or from the drive of a joint (from 1) is lost."""
+        return joint == self.joint
+
+    def end(self, drives: Sequence[Drive]) -> None:
+        """Be back on the bus."""
+        drives[self.joint - 1].recover()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Babble(Fault):
+    """A node that belongs to nobody fills the bus with frames."""
+
+    name = "babble"
+    id: int = entry(WHOLE, 0x7F0, lower=0, upper=0x7FF)
+    rate: float = entry(REAL, 2000.0, lower=1.0, upper=20_000.0)  # [Hz]
+    data: str = entry(TEXT, "5555555555555555")  # hexadecimal
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        try:
+            length = len(bytes.fromhex(self.data))
+        except ValueError:
+            length = -1
+        if not 0 <= length <= 8:  # noqa: PLR2004  # bytes of a frame
+            raise ConfigError(f"data is {self.data!r}, expected up to 8 bytes in hexadecimal")
+
+    def disturb(self, elapsed: float, send: Callable[[int, bytes], None]) -> None:
+        """Send as many frames as are due."""
+        data = bytes.fromhex(self.data)
+        for _ in range(min(round(elapsed * self.rate), MOST_BABBLE)):
+            send(self.id, data)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveFault(Fault):
+    """A drive has a fault of its own."""
+
+    name = "drive_fault"
+    joint: int = entry(WHOLE, lower=1)
+    code: int = entry(WHOLE, 0x4310, lower=1, upper=0xFFFF)  # 4310: the drive is too hot
+
+    def begin(self, drives: Sequence[Drive]) -> None:
+        """Have the fault."""
+        drives[self.joint - 1].fail(self.code)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrongNode(Fault):
+    """A drive has another node id than the configuration says."""
+
+    name = "wrong_node"
+    joint: int = entry(WHOLE, lower=1)
+    node: int = entry(WHOLE, lower=1, upper=127)
+
+    def check(self, joints: Sequence[Joint]) -> None:
+        """Refuse a node id that another drive has."""
+        super().check(joints)
+        for j, joint in enumerate(joints, start=1):
+            if j != self.joint and joint.node == self.node:
+                raise ConfigError(f"node is {self.node}, which joint {j} has")
+
+    def rewire(self, nodes: list[int]) -> None:
+        """Give the drive its other id."""
+        nodes[self.joint - 1] = self.node
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwappedJoints(Fault):
+    """The drives of two joints have each other's node id."""
+
+    name = "swap_joints"
+    joint: int = entry(WHOLE, lower=1)
+    other: int = entry(WHOLE, lower=1)
+
+    def check(self, joints: Sequence[Joint]) -> None:
+        """Refuse a joint swapped with itself."""
+        super().check(joints)
+        if self.joint == self.other:
+            raise ConfigError(f"other is {self.other}, which is the joint itself")
+
+    def rewire(self, nodes: list[int]) -> None:
+        """Swap the ids."""
+        a, b = self.joint - 1, self.other - 1
+        nodes[a], nodes[b] = nodes[b], nodes[a]
+
+
+KINDS: Final[dict[str, type[Fault]]] = {
+    kind.name: kind for kind in (LostFrames, BusOff, Babble, DriveFault, WrongNode, SwappedJoints)
+}
+
+
+def rewired(joints: Sequence[Joint], faults: Sequence[Fault]) -> tuple[Joint, ...]:
+    """Return the joints with the node ids that their drives really have."""
+    nodes = [joint.node for joint in joints]
+    for fault in faults:
+        fault.rewire(nodes)
+    changed: list[Any] = [
+        replace(joint, node=node) for joint, node in zip(joints, nodes, strict=True)
+    ]
+    return tuple(changed)

@@ -1,0 +1,85 @@
+"""A bus for each test, and a master of few words."""
+
+import socket
+import time
+
+from backends.can.drives.station import Station
+from limo_driver.physics import Simulation
+
+GROUP = "239.74.163.45"
+
+
+def free_port():
+    """Return a UDP port that nobody uses: multicast frames cross groups on the same port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        return probe.getsockname()[1]
+
+
+class Master:
+    """A master of few words in the process of the drives, so that nothing depends on time.
+
+    Time stands still for the drives but for `wait`.
+    """
+
+    def __init__(self, config, scenario=None, position=None):
+        self.heard = []
+        simulation = Simulation(robot=config.robot)
+        self.now = 100.0
+        self.station = Station(
+            config, self, simulation, position, scenario=scenario, clock=lambda: self.now
+        )
+        self.station.start()
+
+    # The station's port.
+    def send(self, frame_id, data):
+        self.heard.append((frame_id, bytes(data)))
+
+    def receive(self, until):
+        self.now = until
+
+    def close(self):
+        pass
+
+    # The master.
+    def say(self, frame_id, data=b""):
+        """Put a frame on the bus and return what is answered at once."""
+        seen = len(self.heard)
+        self.station.hear(frame_id, bytes(data))
+        return self.heard[seen:]
+
+    def wait(self, duration):
+        """Let time pass [s] and return what is said meanwhile."""
+        seen, until = len(self.heard), self.now + duration
+        while self.now < until:
+            self.station.turn()
+        return self.heard[seen:]
+
+    def write(self, node, index, subindex, data):
+        """Write an object; return the abort code, 0 if there was none."""
+        head = 0x23 | (4 - len(data)) << 2
+        request = bytes([head, index & 0xFF, index >> 8, subindex]) + data.ljust(4, b"\0")
+        [(reply, answer)] = self.say(0x600 + node, request)
+        assert reply == 0x580 + node
+        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
+
+    def read(self, node, index, subindex=0, signed=False):
+        """Read a number; an abort is an error."""
+        request = bytes([0x40, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0])
+        [(_, answer)] = self.say(0x600 + node, request)
+        assert answer[0] & 0xE3 == 0x43, answer.hex()
+        size = 4 - (answer[0] >> 2 & 3)
+        return int.from_bytes(answer[4 : 4 + size], "little", signed=signed)
+
+    def cycle(self, period=0.004):
+        """Say SYNC, then let its period pass."""
+        answers = self.say(0x080)
+        return answers + self.wait(period)
+
+
+def wait_until(found, timeout=10.0):
+    """Wait for something to become true."""
+    ends = time.monotonic() + timeout
+    while not found():
+        assert time.monotonic() < ends, "it did not come about"
+        time.sleep(0.001)
