@@ -167,7 +167,9 @@ class ArmConfig(Section):
             torque_step: Smallest change that its measured torques show, (n,) [N m].
         """
         model = self.model
-        return RobotSpec(model.name, model.joint_names, model.limits, 1.0 / self.rate, torque_step)
+        return RobotSpec(
+            model.name, model.joint_names, model.limits, 1.0 / self.rate, torque_step=torque_step
+        )
 
     def _check_nodes(self) -> None:
         counted = Counter(joint.node for joint in self.joints)

@@ -37,12 +37,10 @@ _STRONGEST: Final = 1e5  # [N m] that no joint has felt
 class Outlet(Protocol):
     """Where results go; none of it may wait."""
 
+    external_wanted: bool  # whether anyone listens to external torques, which estimates hold, too
+
     def estimate(self, payload: bytes, attachment: bytes, stamp_ns: int) -> None:
         """Publish a torque estimate."""
-
-    @property
-    def external_wanted(self) -> bool:
-        """Whether anyone listens to external torques; estimates hold them, too."""
 
     def external(self, payload: bytes, attachment: bytes) -> None:
         """Publish an external torque, -Jᵀ F of the wrench that the environment exerts."""
