@@ -224,9 +224,10 @@ class ArmService:
         self.history.append(now, state.position, torque)
         answer = self._flagged(self._step(now, state.position, torque), state.position)
         reset = now < self._settled
-        for contact in self.watchdog.step(now, answer.external) if not reset else ():
+        known = not (reset or self._rate.doubtful)
+        for contact in self.watchdog.step(now, answer.external) if known else ():
             self._tell(contact, now)
-        self._note(answer, reset=reset)
+        self._note(answer, known=known)
         self._publish(state, about, answer, reset=reset)
 
     def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> Answer:
@@ -249,7 +250,13 @@ class ArmService:
             return self._fallback.step(now, position, torque)
 
     def _flagged(self, answer: Answer, position: FloatArray) -> Answer:
-        """Return the answer with joints outside that have not turned enough since memory began."""
+        """Return the answer with joints outside that have not turned enough since memory began.
+
+        States that seem to come at another rate give velocities that nobody knows the error of.
+        """
+        if self._rate.doubtful:
+            every = np.ones_like(answer.outside)
+            answer = replace(answer, outside=every, std=np.full(answer.std.shape, np.nan))
         if not self._unturned.any():
             return answer
         np.minimum(self._lowest, position, out=self._lowest)
@@ -319,12 +326,12 @@ class ArmService:
                 cut_off=contact.cut_off,
             )
 
-    def _note(self, answer: Answer, *, reset: bool) -> None:
+    def _note(self, answer: Answer, *, known: bool) -> None:
         window = self.window
         window.count += 1
         window.clipped += answer.clipped
         window.outside += answer.outside
-        if reset:
+        if not known:
             return
         free = ~self.watchdog.active & ~self._unturned & np.isfinite(answer.external)
         window.squares += np.where(free, answer.external, 0.0) ** 2
