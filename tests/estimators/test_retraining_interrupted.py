@@ -47,7 +47,7 @@ class FailingTraining:
 
 @pytest.fixture
 def training_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("estimators.service.keeper.TrainingProcess", FailingTraining)
+    monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FailingTraining)
 
 
 def left(store: ModelStore, what: Unfinished | None = None) -> RetrainingFile:
@@ -169,7 +169,7 @@ class TestTraining:
         true_arm: Simulation,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        monkeypatch.setattr("estimators.service.keeper.TrainingProcess", FailingTraining)
+        monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FailingTraining)
         monkeypatch.setattr(FailingTraining, "result", lambda _: None)  # goes on for ever
         left(store, Unfinished(GATHERING, "drift on joint 1", tries=3))
         arm = Arm(10.0)
