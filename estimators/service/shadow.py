@@ -75,8 +75,11 @@ class Shadow:
                 return
             self._judge(history.since(self._next, most))
 
-    def comparison(self) -> Comparison | None:
+    def comparison(self, looks: int = 1) -> Comparison | None:
         """Compare what was judged so far; None before the first block.
+
+        Args:
+            looks: How often this is done, in all.
 
         Raises:
             DivergedError: An error is not finite.
@@ -84,7 +87,7 @@ class Shadow:
         if self._kept < self.block:
             return None
         champion, challenger = np.concatenate(self._errors, axis=1)
-        return compare(champion, challenger, self.block)
+        return compare(champion, challenger, self.block, looks)
 
     def _begin(self, first: int) -> None:
         """Begin the memory of both anew at a row."""
