@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from math import floor, log2
 from typing import TYPE_CHECKING, Any, Final
 
@@ -45,6 +46,11 @@ class Judge:
         self._server, self._store = server, store
         self._settings, self._stage = settings, stage
         self._aside = thread_aside("limo-shadow")
+        self._stopped = threading.Event()
+
+    def stop(self) -> None:
+        """Leave what is being compared; nothing is judged any more."""
+        self._stopped.set()
 
     def close(self) -> None:
         """End the thread."""
@@ -63,7 +69,7 @@ class Judge:
         while True:
             yield
             self._check_serving(champion, challenger)
-            self._aside.submit(shadow.take).result()
+            self._aside.submit(shadow.take, self._stopped).result()
             self._stage.note(judged=shadow.seconds)
             ended = self._now - began >= limit
             if shadow.seconds < due and not ended:
@@ -107,7 +113,7 @@ class Judge:
                 yield from self._send_back(old, new, f"version {new} failed on probation")
                 return
             self._check_probation(old, new, serving.version)
-            self._aside.submit(shadow.take).result()
+            self._aside.submit(shadow.take, self._stopped).result()
             self._stage.note(judged=shadow.seconds)
             if shadow.seconds < due:
                 continue

@@ -48,6 +48,7 @@ class Keeper:
     def close(self) -> None:
         """Stop, and end a training that is under way; the next service goes on from here."""
         self._stopped.set()
+        self._retraining.stop()
         if self._thread is not None:
             self._thread.join()
         self._retraining.close()

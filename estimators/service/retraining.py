@@ -75,6 +75,10 @@ class Retraining:
         self._process: TrainingProcess | None = None
         self._drift = self._watch()
 
+    def stop(self) -> None:
+        """Leave what takes long, so that the thread can end."""
+        self._judge.stop()
+
     def close(self) -> None:
         """End a training that is under way; the next service goes on from here."""
         self._judge.close()

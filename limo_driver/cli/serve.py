@@ -332,6 +332,8 @@ def _retraining(
         raise ConfigError("--retrain needs --store for the models and --log to learn from")
     if hours is not None and (wanted is False or not possible):
         raise ConfigError("--retrain-every is for a service that retrains: give --store and --log")
+    if possible and wanted is not False:
+        _refuse_shared_stores(arms)
     if kind != "same":
         from estimators.service.learning import check_kind
 
@@ -339,6 +341,23 @@ def _retraining(
     every = None if hours is None else 3600.0 * hours
     settings = RetrainingSettings(seconds, every, kind=kind)
     return settings if possible and wanted is not False else None
+
+
+def _refuse_shared_stores(arms: dict[str, ServedModels]) -> None:
+    """Refuse to retrain two arms in one store, where one would let the other's models serve."""
+    from estimators.service.models import StoreModels
+    from limo_driver.errors import ConfigError
+
+    homes: dict[Path, str] = {}
+    for name, models in arms.items():
+        assert isinstance(models, StoreModels)  # noqa: S101  # checked before
+        home = models.store.home.resolve()
+        if home in homes:
+            raise ConfigError(
+                f"arms {homes[home]} and {name} share the store {models.store.root}, which has one "
+                "champion: give each a store of its own, or --no-retrain"
+            )
+        homes[home] = name
 
 
 def _keep(server: ArmServer, log: Path | None, settings: RetrainingSettings) -> None:
