@@ -222,9 +222,10 @@ class ArmService:
         self._last, self._came = now, time.monotonic()
         torque = state.torque if measured else None
         self.history.append(now, state.position, torque)
-        answer = self._flagged(self._step(now, state.position, torque), state.position)
         reset = now < self._settled
-        known = not (reset or self._rate.doubtful)
+        known = not (reset or self._rate.doubtful)  # velocities, but for noise
+        answer = self._step(now, state.position, torque)
+        answer = self._flagged(answer, state.position, known=known)
         for contact in self.watchdog.step(now, answer.external) if known else ():
             self._tell(contact, now)
         self._note(answer, known=known)
@@ -249,12 +250,13 @@ class ArmService:
             )
             return self._fallback.step(now, position, torque)
 
-    def _flagged(self, answer: Answer, position: FloatArray) -> Answer:
+    def _flagged(self, answer: Answer, position: FloatArray, *, known: bool) -> Answer:
         """Return the answer with joints outside that have not turned enough since memory began.
 
-        States that seem to come at another rate give velocities that nobody knows the error of.
+        Until the filter is full of motion, and while states seem to come at another rate, nobody
+        knows how wrong velocities are, nor then the torque.
         """
-        if self._rate.doubtful:
+        if not known:
             every = np.ones_like(answer.outside)
             answer = replace(answer, outside=every, std=np.full(answer.std.shape, np.nan))
         if not self._unturned.any():
