@@ -222,14 +222,16 @@ class ArmService:
         self._last, self._came = now, time.monotonic()
         torque = state.torque if measured else None
         self.history.append(now, state.position, torque)
-        answer = self._flagged(self._step(now, state.position, torque), state.position)
         reset = now < self._settled
+        known = not (reset or self._rate.doubtful)  # velocities, but for noise
+        answer = self._step(now, state.position, torque)
+        answer = self._flagged(answer, state.position, known=known)
         self._publish(state, about, answer, reset=reset)
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
-        for contact in self.watchdog.step(now, answer.external) if not reset else ():
+        for contact in self.watchdog.step(now, answer.external) if known else ():
             self._tell(contact, now)
-        self._note(answer, reset=reset)
+        self._note(answer, known=known)
 
     def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> Answer:
         try:
@@ -250,8 +252,15 @@ class ArmService:
             )
             return self._fallback.step(now, position, torque)
 
-    def _flagged(self, answer: Answer, position: FloatArray) -> Answer:
-        """Return the answer with joints outside that have not turned enough since memory began."""
+    def _flagged(self, answer: Answer, position: FloatArray, *, known: bool) -> Answer:
+        """Return the answer with joints outside that have not turned enough since memory began.
+
+        Until the filter is full of motion, and while states seem to come at another rate, nobody
+        knows how wrong velocities are, nor then the torque.
+        """
+        if not known:
+            every = np.ones_like(answer.outside)
+            answer = replace(answer, outside=every, std=np.full(answer.std.shape, np.nan))
         if not self._unturned.any():
             return answer
         np.minimum(self._lowest, position, out=self._lowest)
@@ -321,12 +330,12 @@ class ArmService:
                 cut_off=contact.cut_off,
             )
 
-    def _note(self, answer: Answer, *, reset: bool) -> None:
+    def _note(self, answer: Answer, *, known: bool) -> None:
         window = self.window
         window.count += 1
         window.clipped += answer.clipped
         window.outside += answer.outside
-        if reset:
+        if not known:
             return
         free = ~self.watchdog.active & ~self._unturned & np.isfinite(answer.external)
         window.squares += np.where(free, answer.external, 0.0) ** 2

@@ -11,6 +11,11 @@ with K - 1 degrees of freedom gives its interval. What a block still shares with
 their correlation ρ, widens it by √((1 + ρ)/(1 - ρ)). Both models see the same motion and noise;
 most of that cancels in d_k.
 
+Who looks again and again as blocks come in is lucky more often than who looks once. So the mean
+ratio has to be below 1 beyond an interval that holds it in all of so many looks together, and a
+joint that seems worse keeps from promotion, but is surely worse only beyond an interval that holds
+the ratios of all joints in all looks (Bonferroni).
+
 Source: Politis, Romano and Wolf, "Subsampling", 1999, ch. 3 (means of blocks); Efron and
 Tibshirani, "An Introduction to the Bootstrap", 1993, ch. 21 (influence of an observation).
 """
@@ -54,6 +59,7 @@ class Comparison:
     difference: Interval  # challenger - champion, (n,) [N m]
     ratio: Interval  # of the mean squared errors, challenger / champion, (n,)
     mean_ratio: Interval  # geometric mean of the joints, so that each counts the same, ()
+    surely_worse: tuple[int, ...]  # joints, 1-based, whatever was looked at how often
     blocks: int
     needed: int  # blocks after which the mean ratio, if it is as it looks, is told from 1
 
@@ -76,6 +82,11 @@ class Comparison:
     def promote(self) -> bool:
         """Whether to promote: better on average, and worse on no joint."""
         return self.enough and self.better and not self.worse
+
+    @property
+    def drop(self) -> bool:
+        """Whether nothing more has to be seen: worse on average, or surely worse on a joint."""
+        return self.enough and bool(self.mean_ratio.low > 1.0 or self.surely_worse)
 
     @property
     def reason(self) -> str:
@@ -105,18 +116,20 @@ class Comparison:
                 for name in intervals
             },
             "level": LEVEL,
+            "surely_worse": list(self.surely_worse),
             "blocks": self.blocks,
             "blocks_needed": self.needed,
         }
 
 
-def compare(champion: FloatArray, challenger: FloatArray, block: int) -> Comparison:
+def compare(champion: FloatArray, challenger: FloatArray, block: int, looks: int = 1) -> Comparison:
     """Compare errors of two models at the same instants.
 
     Args:
         champion: Its errors, (T, n) [N m].
         challenger: Its errors at the same instants, (T, n) [N m].
         block: Samples of a block: some seconds, and longer than the errors remember.
+        looks: How often a verdict is looked for as blocks come in, in all.
 
     Returns:
         The figures; with fewer than `FEWEST_BLOCKS` blocks the intervals are infinite.
@@ -134,13 +147,16 @@ def compare(champion: FloatArray, challenger: FloatArray, block: int) -> Compari
     rmse_a, rmse_b = np.sqrt(mean_a), np.sqrt(mean_b)
     influence = a / mean_a - b / mean_b  # (K, n), of log(mean_a / mean_b)
     logs = np.log(mean_a / mean_b)
-    mean = _interval(logs.mean(), influence.mean(axis=1))
+    each = (1 - LEVEL) / looks
+    mean = _interval(logs.mean(), influence.mean(axis=1), 1 - each)
+    surely = _interval(logs, influence, 1 - each / logs.size)
     return Comparison(
         rmse_b,
         rmse_a,
         _interval(rmse_a - rmse_b, a / (2 * rmse_a) - b / (2 * rmse_b)),
         _exponential(_interval(logs, influence)),
         _exponential(mean),
+        tuple(int(j) + 1 for j in np.flatnonzero(surely.low > 0.0)),
         len(a),
         _needed(mean, len(a)),
     )
@@ -186,7 +202,7 @@ def _block_means(errors: FloatArray, block: int) -> FloatArray:
     return np.mean(errors[: K * block].reshape(K, block, -1) ** 2, axis=1)
 
 
-def _interval(value: FloatArray, influence: FloatArray) -> Interval:
+def _interval(value: FloatArray, influence: FloatArray, level: float = LEVEL) -> Interval:
     """Return the interval of a mean from what each of K blocks adds to it, (K,) or (K, n)."""
     K = len(influence)
     if K < FEWEST_BLOCKS:
@@ -197,7 +213,7 @@ def _interval(value: FloatArray, influence: FloatArray) -> Interval:
     shared = np.sum(centred[1:] * centred[:-1], axis=0) / np.maximum(variance * (K - 1), 1e-300)
     shared = np.clip(shared, 0.0, _MOST_SHARED)
     width = np.sqrt(variance / K * (1 + shared) / (1 - shared))
-    width = width * float(student.ppf((1 + LEVEL) / 2, K - 1))
+    width = width * float(student.ppf((1 + level) / 2, K - 1))
     return Interval(np.asarray(value), value - width, value + width)
 
 

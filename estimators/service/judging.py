@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from math import floor, log2
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -44,6 +46,11 @@ class Judge:
         self._server, self._store = server, store
         self._settings, self._stage = settings, stage
         self._aside = thread_aside("limo-shadow")
+        self._stopped = threading.Event()
+
+    def stop(self) -> None:
+        """Leave what is being compared; nothing is judged any more."""
+        self._stopped.set()
 
     def close(self) -> None:
         """End the thread."""
@@ -57,27 +64,28 @@ class Judge:
         """
         shadow = self._compared(champion, challenger)
         began = self._now
-        due = self._settings.shadow
+        due, limit = self._settings.shadow, self._settings.shadow_limit
+        looks = 2 + max(0, floor(log2(limit / due)))  # at the end, too; few, so that none is lucky
         while True:
             yield
             self._check_serving(champion, challenger)
-            self._aside.submit(shadow.take).result()
+            self._aside.submit(shadow.take, self._stopped).result()
             self._stage.note(judged=shadow.seconds)
-            ended = self._now - began >= self._settings.shadow_limit
+            ended = self._now - began >= limit
             if shadow.seconds < due and not ended:
                 continue
-            verdict = shadow.comparison()
-            due *= 2.0  # few looks, so that none is lucky
+            verdict = shadow.comparison(looks)
+            due *= 2.0
             if verdict is not None:
                 self._stage.note(verdict=verdict.reason)
                 if verdict.promote:
                     self._tell_verdict(challenger, verdict)
                     return verdict
-                if verdict.enough and (verdict.worse or verdict.mean_ratio.low > 1.0):
+                if verdict.drop:
                     raise LimoError(verdict.reason)
             if ended:
                 told = "nothing could be judged" if verdict is None else verdict.reason
-                raise LimoError(f"undecided after {self._settings.shadow_limit:g} s: {told}")
+                raise LimoError(f"undecided after {limit:g} s: {told}")
 
     def probation(self, old: str, new: str, foretold: FloatArray) -> Generator[None]:
         """Send the new champion back if it is worse than the old one, or fails.
@@ -105,7 +113,7 @@ class Judge:
                 yield from self._send_back(old, new, f"version {new} failed on probation")
                 return
             self._check_probation(old, new, serving.version)
-            self._aside.submit(shadow.take).result()
+            self._aside.submit(shadow.take, self._stopped).result()
             self._stage.note(judged=shadow.seconds)
             if shadow.seconds < due:
                 continue

@@ -91,6 +91,8 @@ class Contacts:
             case "contact", {"joint": int(joint), "state_stamp": int(stamp)}:
                 self._open.setdefault(joint, stamp)
             case "contact_end", {"joint": int(joint), "state_stamp": int(stamp)}:
+                began = event.facts.get("began_stamp")  # in a log that is not read, perhaps
+                self._open.setdefault(joint, began if isinstance(began, int) else 0)
                 self._end(joint, stamp)
             case _:
                 pass

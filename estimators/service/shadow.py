@@ -15,6 +15,8 @@ from estimators.service.gate import BLOCK, compare
 from estimators.service.watchdog import MARGIN
 
 if TYPE_CHECKING:
+    import threading
+
     from numpy.typing import NDArray
 
     from estimators.service.arm_service import ArmService
@@ -58,15 +60,18 @@ class Shadow:
         """Kept errors in a block."""
         return max(1, round(BLOCK * self._service.arm.rate / self._stride))
 
-    def take(self) -> None:
+    def take(self, stopped: threading.Event | None = None) -> None:
         """Take the states that came since, but for the latest, which may turn out to be a contact.
+
+        Args:
+            stopped: Ends it when it is set; there may be a minute of states to take.
 
         Raises:
             LimoError: A model cannot follow the states.
         """
         rate, history = self._service.arm.rate, self._service.history
         notice = MARGIN + float(self._service.watchdog.duration.max())
-        while True:
+        while stopped is None or not stopped.is_set():
             if self._next < history.first:
                 self._begin(history.first)
             stop = history.count - ceil(notice * rate)
@@ -75,8 +80,11 @@ class Shadow:
                 return
             self._judge(history.since(self._next, most))
 
-    def comparison(self) -> Comparison | None:
+    def comparison(self, looks: int = 1) -> Comparison | None:
         """Compare what was judged so far; None before the first block.
+
+        Args:
+            looks: How often this is done, in all.
 
         Raises:
             DivergedError: An error is not finite.
@@ -84,7 +92,7 @@ class Shadow:
         if self._kept < self.block:
             return None
         champion, challenger = np.concatenate(self._errors, axis=1)
-        return compare(champion, challenger, self.block)
+        return compare(champion, challenger, self.block, looks)
 
     def _begin(self, first: int) -> None:
         """Begin the memory of both anew at a row."""

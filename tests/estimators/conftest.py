@@ -112,3 +112,13 @@ def versions(
 def store(versions: Path, tmp_path: Path) -> ModelStore:
     shutil.copytree(versions, tmp_path / "models")
     return ModelStore(tmp_path / "models")
+
+
+@pytest.fixture(scope="session")
+def learned(rigid: Simulation, training_recording: Recording) -> JointPhysics:
+    return JointPhysics(rigid).fit([training_recording])
+
+
+@pytest.fixture
+def motion(test_recording: Recording) -> Recording:
+    return test_recording[slice(0, 600)]

@@ -123,3 +123,51 @@ def test_errors_that_do_not_fit_together_are_refused() -> None:
         compare(errors, errors, 300)
     with pytest.raises(ShapeError, match=r"errors of the champion has shape \(200,\)"):
         compare(errors[:, 0], errors[:, 0], BLOCK)
+
+
+LOOKS = (12, 24, 48, 96, 192)  # blocks, after which a verdict is looked for
+JOINTS = 7
+
+
+def block_errors(random: np.random.Generator, better: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors of two models whose blocks are of varying size, alike for both in part.
+
+    Args:
+        random: Source of what is drawn.
+        better: Part of the champion's squared error that the challenger has, on three joints.
+    """
+    shape = LOOKS[-1], JOINTS
+    common, models = random.standard_normal(shape), []
+    for factor in (1.0, better):
+        size = np.exp(0.5 * (common + 0.5 * random.standard_normal(shape)))
+        size[:, :3] *= np.sqrt(factor)
+        models.append(size[:, None] * random.standard_normal((shape[0], 5, JOINTS)))
+    champion, challenger = (errors.reshape(-1, JOINTS) for errors in models)
+    return champion, challenger
+
+
+@pytest.mark.parametrize(("better", "least", "most"), [(1.0, 0.0, 0.1), (0.3, 0.85, 1.0)])
+def test_looking_often_promotes_few_by_luck_and_drops_few_that_are_better(
+    better: float, least: float, most: float
+) -> None:
+    random, promoted = np.random.default_rng(3), 0
+    for _ in range(80):
+        champion, challenger = block_errors(random, better)
+        for blocks in LOOKS:
+            rows = slice(0, 5 * blocks)
+            verdict = compare(champion[rows], challenger[rows], 5, len(LOOKS))
+            if verdict.promote or verdict.drop:
+                promoted += verdict.promote
+                break
+    assert least <= promoted / 80 <= most
+
+
+def test_what_is_worse_on_one_joint_is_dropped_by_name() -> None:
+    random = np.random.default_rng(4)
+    champion, challenger = random.standard_normal((2, 500, 3))
+    challenger[:, 1] *= 2.0
+    verdict = compare(champion, challenger, 5, 6)
+    assert verdict.surely_worse == (2,)
+    assert verdict.drop
+    assert not verdict.promote
+    assert verdict.as_values()["surely_worse"] == [2]

@@ -43,6 +43,42 @@ def test_another_rate_is_told(came: float, told: bool) -> None:
     assert set(found) <= {None, came}
 
 
+def doubts(
+    stamps: np.ndarray, numbers: np.ndarray | None = None, rate: float = 100.0
+) -> list[bool]:
+    """Return which states, after those of a service that runs, are doubtful."""
+    watch, told = RateWatch(rate), []
+    for k, stamp in zip(range(len(stamps)) if numbers is None else numbers, stamps, strict=True):
+        watch.take(int(k), int(stamp))
+        told.append(watch.doubtful)
+    return told
+
+
+@pytest.mark.parametrize("came", [50.0, 80.0, 97.0, 103.0, 125.0, 250.0, 1000.0])
+def test_another_rate_is_doubted_before_it_is_told(came: float) -> None:
+    steps = np.r_[np.full(300, 1e7), np.full(150, 1e9 / came)]
+    told = doubts(np.cumsum(steps))
+    assert not any(told[:300])
+    assert all(told[310:])
+    if abs(came - 100.0) >= 20.0:
+        assert all(told[303:])
+
+
+def test_losses_and_gaps_are_no_reason_to_doubt() -> None:
+    kept = np.flatnonzero(np.random.default_rng(0).random(3000) < 0.5)
+    assert not any(doubts(1e7 * kept, kept))
+    steps = np.full(1000, 1e7)
+    steps[100:900:50] *= np.random.default_rng(0).integers(2, 6, 16)  # not numbered
+    assert not any(doubts(np.cumsum(steps)))
+
+
+def test_uneven_stamps_are_seldom_doubted() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 5e5, 5000)  # [ns], of 10 ms
+    told = doubts(1e7 * np.arange(5000) + noise)
+    assert sum(told) < 50
+    assert not any(told[300:])
+
+
 def test_uneven_stamps_are_no_other_rate() -> None:
     watch, noise = RateWatch(1000.0), np.random.default_rng(0).normal(0.0, 2e4, 5000)
     assert not any(watch.take(k, round(1e6 * k + noise[k])) for k in range(5000))

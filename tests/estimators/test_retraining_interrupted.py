@@ -47,7 +47,7 @@ class FailingTraining:
 
 @pytest.fixture
 def training_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("estimators.service.keeper.TrainingProcess", FailingTraining)
+    monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FailingTraining)
 
 
 def left(store: ModelStore, what: Unfinished | None = None) -> RetrainingFile:
@@ -169,7 +169,7 @@ class TestTraining:
         true_arm: Simulation,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        monkeypatch.setattr("estimators.service.keeper.TrainingProcess", FailingTraining)
+        monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FailingTraining)
         monkeypatch.setattr(FailingTraining, "result", lambda _: None)  # goes on for ever
         left(store, Unfinished(GATHERING, "drift on joint 1", tries=3))
         arm = Arm(10.0)
@@ -230,6 +230,41 @@ class TestByHand:
             run.server.load("2")
             with pytest.raises(LimoError, match="2 serves, but the champion is 1"):
                 run.server.retrain("to see")
+
+
+class TestVetting:
+    def test_that_refuses_a_challenger_drops_it(
+        self,
+        store: ModelStore,
+        tmp_path: Path,
+        true_arm: Simulation,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        def vet(*_: object) -> None:
+            raise ModelStoreError("version 2 is refused, crashed: ended with status -11")
+
+        store.challenge(2, "left over")
+        arm = Arm(10.0)
+        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
+            monkeypatch.setattr(type(run.server.models), "vet", vet)
+            run.feed(arm.states(true_arm, 3.0))
+            assert run.stage == "idle"
+        assert run.event("refused").facts["stage"] == "vetting"
+        assert "challenger 2 is dropped: version 2 is refused, crashed" in run.event("refused").text
+        assert (store.aliases.champion, store.aliases.challenger) == (1, None)
+
+    def test_waits_for_no_minute_of_states_when_the_service_ends(
+        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
+    ) -> None:
+        store.challenge(2, "left over")
+        arm = Arm(30.0)
+        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
+            run.feed(arm.states(true_arm, 20.0))
+            before = run.keeper.status()["judged"]
+            run.keeper.close()
+            run.feed(arm.states(true_arm, 0.5))
+        assert run.keeper.status()["judged"] == before
+        assert store.aliases.challenger == 2
 
 
 class TestFile:

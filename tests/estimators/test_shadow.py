@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_arm_service import feed, live, messages, service_of
+from fed_service import feed, live, messages, service_of
 
 from estimators.joint_physics import JointPhysics
 from estimators.service.shadow import Shadow

@@ -91,6 +91,13 @@ class TestMotion:
         assert max(stamps) == 23.99  # the last contact has not ended
         assert motion.contact == pytest.approx(4.0 + 6.0, abs=0.1)
 
+    def test_a_contact_that_began_before_the_log_is_left_out(
+        self, test_recording, tmp_path
+    ) -> None:
+        write_log(tmp_path, test_recording, ("contact_end", 9.0))
+        motion = newest_motion(tmp_path, "arm", NAMES, Span(60.0), margin=1.0)
+        assert motion.recording.time[0] == pytest.approx(10.01)
+
     def test_a_service_that_began_anew_ended_the_contacts(self, test_recording, tmp_path) -> None:
         write_log(tmp_path, test_recording, ("contact", 5.0), ("serving", 9.0))
         motion = newest_motion(tmp_path, "arm", NAMES, Span(60.0), margin=1.0)

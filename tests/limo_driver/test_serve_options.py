@@ -5,36 +5,36 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from limo_driver.cli import serve
+from limo_driver.cli.serve.options import log_limits, per_joint
 from limo_driver.errors import ConfigError
 
 
 class TestLogLimits:
     def test_are_shared_by_the_arms_and_hold_with_the_file_under_way(self):
-        limits = serve._log_limits(20.0, 30.0, arms=2)
+        limits = log_limits(20.0, 30.0, arms=2)
         assert (limits.total_bytes, limits.total_seconds) == (10e9, 30 * 86400)
-        small = serve._log_limits(0.1, 1.0, arms=1)
+        small = log_limits(0.1, 1.0, arms=1)
         assert small.file_bytes == pytest.approx(0.01e9)
 
     def test_can_be_none(self):
-        limits = serve._log_limits(np.inf, np.inf, arms=1)
+        limits = log_limits(np.inf, np.inf, arms=1)
         assert (limits.total_bytes, limits.total_seconds) == (np.inf, np.inf)
         assert limits.file_bytes < np.inf
 
     @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
     def test_are_refused_by_the_name_of_their_option(self, value):
         with pytest.raises(ConfigError, match=rf"--log-size is {value:g} GB, expected above 0"):
-            serve._log_limits(value, 30.0, arms=1)
+            log_limits(value, 30.0, arms=1)
         with pytest.raises(ConfigError, match=rf"--log-age is {value:g} days, expected above 0"):
-            serve._log_limits(20.0, value, arms=1)
+            log_limits(20.0, value, arms=1)
 
 
 class TestContact:
     ARMS = {"left": SimpleNamespace(physics=SimpleNamespace(model=SimpleNamespace(n=7)))}  # noqa: RUF012
 
     def test_is_one_number_or_one_for_each_joint(self):
-        assert serve._per_joint("--contact", "4", "N m", self.ARMS) == (4.0,)
-        assert serve._per_joint("--contact", "8,8, 6,6,4,2,1", "N m", self.ARMS)[-1] == 1.0
+        assert per_joint("--contact", "4", "N m", self.ARMS) == (4.0,)
+        assert per_joint("--contact", "8,8, 6,6,4,2,1", "N m", self.ARMS)[-1] == 1.0
 
     @pytest.mark.parametrize(
         ("text", "message"),
@@ -52,7 +52,7 @@ class TestContact:
     )
     def test_is_refused_by_the_name_of_its_option(self, text, message):
         with pytest.raises(ConfigError, match=message):
-            serve._per_joint("--contact", text, "N m", self.ARMS)
+            per_joint("--contact", text, "N m", self.ARMS)
 
 
 @pytest.mark.parametrize("command", [("serve", "--arm", "a"), ("watch",)])

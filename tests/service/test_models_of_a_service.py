@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from limo_driver.cli import serve
 from limo_driver.cli.models import command
-from limo_driver.errors import ConfigError, ConnectionLostError, ModelStoreError
+from limo_driver.errors import ConfigError, ConnectionLostError, LimoError, ModelStoreError
 from limo_driver.streaming import open_session
 
 if TYPE_CHECKING:
@@ -115,6 +115,10 @@ def test_several_arms_are_served_from_stores_of_their_own(
         ("--arm a=STORE --store STORE", "names a store, and so does --store"),
         ("--arm a", "give --arm NAME=STORE, --store or --model, one of them"),
         ("--arm a/b=STORE", "the arm's name is 'a/b'"),
+        ("--arm a=STORE --arm b=STORE --log LOGS", "arms a and b share the store"),
+        ("--arm a --model STORE --sign KEY", "--trust and --sign are for the versions"),
+        ("--arm a=STORE --sign KEY", "KEY: cannot be read"),
+        ("--arm a=STORE --log LOGS --challenger x", "no kind of challenger is 'x'"),
         ("--arm a=STORE --arm b=STORE --ros joint_states", "--ros is the topic of one arm"),
     ],
 )
@@ -122,5 +126,5 @@ def test_arms_that_cannot_be_served_are_refused(given: str, told: str, stored: P
     app = typer.Typer()
     app.command()(serve.command)
     found = CliRunner().invoke(app, given.replace("STORE", str(stored)).split())
-    assert isinstance(found.exception, ConfigError)
+    assert isinstance(found.exception, LimoError)
     assert told in str(found.exception)

@@ -1,0 +1,204 @@
+"""`limo serve`: estimate the torque of arms whose joint states are on the network."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.cli.serve.options import (
+    SigningKeys,
+    log_limits,
+    per_joint,
+    retraining_of,
+    served_models,
+)
+from limo_driver.cli.serve.showing import status_printer, teller
+from limo_driver.network_options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
+
+if TYPE_CHECKING:
+    from estimators.service.arm_server import ArmServer
+    from estimators.service.settings import RetrainingSettings
+    from limo_driver.mcap_log import McapLog
+
+
+def command(
+    arm: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME[=STORE]",
+            help="Name of the arm, as its driver publishes it, and its store if --store is not of "
+            "it; give it several times to serve several arms.",
+        ),
+    ],
+    store: Annotated[
+        Path | None, typer.Option(help="Model store, whose champion serves; see `limo models`.")
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model folder of `limo train`, instead of a store.")
+    ] = None,
+    sim: Annotated[
+        Path | None, typer.Option(help="Physics that serves where no model does (sim.yaml).")
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Folder for logs (MCAP) of states, estimates and events.")
+    ] = None,
+    log_size: Annotated[
+        float,
+        typer.Option(
+            metavar="GB",
+            help="All logs together; the oldest are deleted beyond it. inf for no limit.",
+        ),
+    ] = 20.0,
+    log_age: Annotated[
+        float,
+        typer.Option(metavar="DAYS", help="Logs that are older are deleted. inf for no limit."),
+    ] = 30.0,
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ConfigFile = None,
+    ros: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TOPIC",
+            help="Take joint states from this topic of ROS 2 (rmw_zenoh) instead of a driver.",
+        ),
+    ] = None,
+    ros_domain: RosDomain = 0,
+    rate: Annotated[
+        float | None, typer.Option(help="Rate of the joint states [Hz]; measured if not given.")
+    ] = None,
+    delay: Annotated[
+        float, typer.Option(help="By which estimates are late \\[s]; less hears more noise.")
+    ] = 0.1,
+    bound: Annotated[
+        float | None,
+        typer.Option(
+            help="Most that a learned part may add [N m]; else a tenth of the joint's limit."
+        ),
+    ] = None,
+    contact: Annotated[
+        str,
+        typer.Option(
+            metavar="N_M",
+            help="External torque that is a contact [N m]; 8,8,6,6,4,2,1 says it joint by joint.",
+        ),
+    ] = "4",
+    contact_for: Annotated[
+        str,
+        typer.Option(metavar="SECONDS", help="How long it has to last; also joint by joint."),
+    ] = "0.15",
+    retrain: Annotated[
+        bool | None,
+        typer.Option(
+            "--retrain/--no-retrain",
+            help="Train a challenger from the logs where the arm has changed, and let it serve if "
+            "it proves better; done where --store and --log are given.",
+        ),
+    ] = None,
+    retrain_every: Annotated[
+        float | None, typer.Option(metavar="HOURS", help="Also train after every so many hours.")
+    ] = None,
+    training_seconds: Annotated[
+        float, typer.Option(help="Seconds of the newest motion that a challenger learns from.")
+    ] = 300.0,
+    challenger: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="Kind of the challengers: same as the champion, joint-physics, or a network, for "
+            "example lstm-fcl.",
+        ),
+    ] = "same",
+    trust: Annotated[
+        list[Path] | None,
+        typer.Option(help="Public key (PEM); versions that none of these signed are refused."),
+    ] = None,
+    sign: Annotated[
+        Path | None,
+        typer.Option(help="Private key (PEM), with which challengers are signed that are trained."),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="Stop after this time \\[s]; else at Ctrl-C.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print events and status as JSON, one a line.")
+    ] = False,
+) -> None:
+    """Subscribe to joint states, and publish torque estimates, external torque and events.
+
+    Estimates are of `delay` before the state that they answer, with a standard deviation and the
+    version of the model. Where a model fails, the physics alone serves. Ctrl-C stops.
+
+    Arms share one Python process and one core: serve each from a process of its own unless they
+    are slow.
+
+    [bold]Examples[/bold]
+
+        limo serve --arm iiwa14 --store models/ --log logs/
+
+        limo serve --arm iiwa14 --model model/ --connect tcp/192.168.1.2:7447
+
+        limo serve --arm iiwa14 --model model/ --ros joint_states --connect tcp/127.0.0.1:7447
+
+        limo serve --arm left=models/left --arm right=models/right
+    """
+    from estimators.service.arm_server import ArmServer
+    from estimators.service.server import serve
+    from estimators.service.settings import ServiceSettings
+    from limo_driver.errors import ConfigError
+    from limo_driver.mcap_log import McapLog
+    from limo_driver.ros import RosTopic
+    from limo_driver.streaming import open_session
+
+    topic = None if ros is None else RosTopic(ros, ros_domain)
+    if topic is not None and config is not None:
+        from limo_driver.network_config import require_passage
+
+        require_passage(config, topic.key_of_any_hash, "ingress", "--ros")
+    keys = SigningKeys(tuple(trust or ()), sign)
+    keys.check(model)
+    arms = served_models(arm, store, model, sim, keys)
+    settings = ServiceSettings(
+        rate=rate,
+        delay=delay,
+        bound=bound,
+        contact_torque=per_joint("--contact", contact, "N m", arms),
+        contact_duration=per_joint("--contact-for", contact_for, "s", arms),
+    )
+    limits = log_limits(log_size, log_age, len(arms))
+    retraining = retraining_of(arms, log, retrain, retrain_every, training_seconds, challenger)
+    if topic is not None and len(arms) > 1:
+        raise ConfigError(f"--ros is the topic of one arm, and {len(arms)} are to be served")
+    with ExitStack() as open_:
+        session = open_.enter_context(open_session(connect or (), listen or (), config))
+        servers: list[ArmServer] = []
+        for name, models in arms.items():
+            kept = None if log is None else McapLog(log, name, limits)
+            tell = teller(name if len(arms) > 1 else None, as_json=as_json)
+            if kept is not None:
+                open_.callback(_close, kept)
+            servers.append(ArmServer(session, name, models, settings, kept, tell, ros=topic))
+            open_.callback(servers[-1].close)
+            if retraining is not None:
+                _keep(servers[-1], log, retraining)
+        serve(servers, duration, status_printer(as_json=as_json))
+
+
+def _close(log: McapLog) -> None:
+    """Finish a log, and say where its end could not be written."""
+    log.close()
+    if log.failure is not None:
+        typer.echo(f"log: ends before the service did: {log.failure}", err=True)
+
+
+def _keep(server: ArmServer, log: Path | None, settings: RetrainingSettings) -> None:
+    from estimators.service.keeper import Keeper
+    from estimators.service.models import StoreModels
+
+    assert isinstance(server.models, StoreModels)  # noqa: S101  # checked by `_retraining`
+    assert log is not None  # noqa: S101
+    server.keeper = Keeper(server, server.models.store, log, settings)
+    server.keeper.start()

@@ -1,0 +1,46 @@
+"""What `limo serve` prints of events and status."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from limo_driver.messages import Event
+
+
+def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
+    """Return what shows an event to whoever watches the service, with the arm if it has several."""
+    import json
+
+    from rich.console import Console
+
+    console = Console(stderr=not as_json)
+
+    def tell(event: Event) -> None:
+        if as_json:
+            line = {"event": event.kind, "time_ns": event.stamp_ns, "text": event.text}
+            line |= {} if arm is None else {"arm": arm}
+            typer.echo(json.dumps({**line, **event.facts}))
+            return
+        style = {10: "dim", 20: "", 30: "yellow", 40: "red", 50: "bold red"}[event.level]
+        whose = "" if arm is None else f"{arm}: "
+        console.print(
+            f"{whose}{event.kind}: {event.text}", style=style, highlight=False, markup=False
+        )
+
+    return tell
+
+
+def status_printer(*, as_json: bool) -> Callable[[dict[str, object]], None]:
+    """Return what shows the status of an arm, where it is asked for as JSON."""
+    import json
+
+    def show(status: dict[str, object]) -> None:
+        if as_json:
+            typer.echo(json.dumps({"status": status}))
+
+    return show

@@ -1,0 +1,135 @@
+"""Contact: what is one, when it is told, and what a user may choose of it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fed_service import DELAY, NAMES, START, feed, live, messages, service_of
+
+from estimators.service.settings import ServiceSettings
+from estimators.service.watchdog import ContactWatchdog
+from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.messages import (
+    Attachment,
+    JointStateCodec,
+)
+
+
+class TestContact:
+    def test_a_push_is_told_when_it_begins_and_ends(self, rigid, learned, motion) -> None:
+        pushed = motion.torque.copy()
+        pushed[200:300, 1] -= 8.0
+        service, kept = service_of(rigid, live(learned))
+        feed(service, messages(replace(motion, torque=pushed)))
+        assert [kind for kind, _ in kept.events] == ["contact", "contact_end"]
+        (_, began), (_, ended) = kept.events
+        assert began["joint"] == ended["joint"] == 2
+        # A step through the filter overshoots by a tenth.
+        assert ended["torque"] == pytest.approx(-8.0, abs=1.0)
+        assert ended["lasted"] == pytest.approx(1.0, abs=0.05)
+        assert (began["began_stamp"] - START) * 1e-9 == pytest.approx(2.0, abs=0.05)
+        assert (ended["ended_stamp"] - START) * 1e-9 == pytest.approx(3.0, abs=0.05)
+        latest = (began["state_stamp"] - START) * 1e-9
+        assert 2.0 + DELAY < latest < 2.0 + DELAY + 0.15 + 0.1
+
+    @pytest.mark.parametrize("how", ["a gap", "no torque"])
+    def test_ends_where_memory_begins_anew(self, rigid, motion, how) -> None:
+        pushed = motion.torque.copy()
+        pushed[200:, 1] -= 8.0
+        service, kept = service_of(rigid)
+        sent = messages(replace(motion, torque=pushed))
+        feed(service, sent[:300])
+        assert service.watchdog.active.tolist() == [False, True]
+        if how == "a gap":
+            feed(service, sent[400:401])
+        else:
+            nothing = np.empty(0)
+            codec, stamp = JointStateCodec(NAMES, "arm"), START + 3_000_000_000
+            payload = codec.encode(stamp, motion.position[300], nothing, nothing)
+            service.handle(payload, Attachment(300, 300).encode())
+        _, ended = next(event for event in kept.events if event[0] == "contact_end")
+        assert ended["cut_off"]
+        assert (ended["ended_stamp"] - START) * 1e-9 == pytest.approx(2.99 - DELAY)
+        assert not service.watchdog.active.any()
+
+    def test_ends_when_states_no_longer_come(self, rigid, motion, monkeypatch) -> None:
+        pushed = motion.torque.copy()
+        pushed[200:, 1] -= 8.0
+        service, kept = service_of(rigid)
+        feed(service, messages(replace(motion, torque=pushed))[:300])
+        service.end_silent_contacts()
+        assert service.watchdog.active.any()
+        later = time.monotonic() + 2.0
+        monkeypatch.setattr(time, "monotonic", lambda: later)
+        service.end_silent_contacts()
+        assert not service.watchdog.active.any()
+        assert kept.kinds[-1] == "contact_end"
+
+    def test_is_no_part_of_the_error_of_the_model(self, rigid, learned, motion) -> None:
+        pushed = motion.torque.copy()
+        pushed[200:300, 1] -= 8.0
+        with_push, _ = service_of(rigid, live(learned))
+        without, _ = service_of(rigid, live(learned))
+        feed(with_push, messages(replace(motion, torque=pushed)))
+        feed(without, messages(motion))
+        assert with_push.window.rms[0] == pytest.approx(without.window.rms[0], rel=0.1)
+        assert with_push.window.samples[1] < without.window.samples[1] - 80
+
+
+class TestWatchdog:
+    def test_a_short_push_is_no_contact(self) -> None:
+        watchdog = ContactWatchdog(np.array([1.0]), np.array([0.2]))
+        told = [watchdog.step(0.1 * k, np.array([2.0 if k in {3, 4} else 0.0])) for k in range(10)]
+        assert not any(told)
+
+    def test_ends_only_below_the_release(self) -> None:
+        watchdog = ContactWatchdog(np.array([1.0]), np.array([0.2]), release=0.5)
+        values = [2.0] * 5 + [0.8] * 5 + [0.3] * 5
+        told = [c for k, v in enumerate(values) for c in watchdog.step(0.1 * k, np.array([v]))]
+        assert [c.ended is None for c in told] == [True, False]
+        assert told[1].ended == pytest.approx(1.0)  # when it fell, not when that was due
+        assert not told[1].cut_off
+        assert told[1].torque == 2.0
+
+    def test_each_joint_has_a_threshold_of_its_own(self) -> None:
+        watchdog = ContactWatchdog(np.array([8.0, 1.0]), np.array([0.2, 0.5]))
+        told = [
+            (k, c.joint) for k in range(9) for c in watchdog.step(0.1 * k, np.array([4.0, 4.0]))
+        ]
+        assert told == [(5, 2)]
+
+    def test_ends_where_torque_stays_unknown(self) -> None:
+        watchdog = ContactWatchdog(np.array([1.0]), np.array([0.2]))
+        values = [2.0] * 5 + [np.nan, 2.0] + [np.nan] * 4
+        told = [c for k, v in enumerate(values) for c in watchdog.step(0.1 * k, np.array([v]))]
+        assert [c.ended is None for c in told] == [True, False]
+        assert told[1].ended == pytest.approx(0.7)
+        assert told[1].cut_off
+
+    def test_unknown_torque_begins_nothing(self) -> None:
+        watchdog = ContactWatchdog(np.array([1.0]), np.array([0.2]))
+        assert not [c for k in range(9) for c in watchdog.step(0.1 * k, np.array([np.nan]))]
+
+    @pytest.mark.parametrize("threshold", [0.0, -1.0, np.nan, np.inf])
+    def test_refuses_thresholds_that_cannot_be(self, threshold) -> None:
+        with pytest.raises(ConfigError, match="contact threshold"):
+            ContactWatchdog(np.array([threshold]), np.array([0.2]))
+
+    def test_refuses_as_many_durations_as_no_joints(self) -> None:
+        with pytest.raises(ShapeError, match="duration"):
+            ContactWatchdog(np.ones(2), np.ones(3))
+
+
+class TestSettings:
+    def test_of_contact_are_for_all_joints_or_one_by_one(self) -> None:
+        torque, duration = ServiceSettings(contact_torque=(8.0, 2.0)).contact(2)
+        assert (torque.tolist(), duration.tolist()) == ([8.0, 2.0], [0.15, 0.15])
+
+    def test_of_contact_are_refused_for_other_joints(self) -> None:
+        with pytest.raises(ConfigError, match="contact_duration has 3 values, expected one, or"):
+            ServiceSettings(contact_duration=(0.1, 0.2, 0.3)).contact(2)
+        with pytest.raises(ConfigError, match="contact_torque = nan has to be above 0"):
+            ServiceSettings(contact_torque=(1.0, np.nan))
