@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from backends.fri.advice import advice
-from backends.fri.answers import TAKES, answer_to, application_position, command_mode
+from backends.fri.answers import answer_to, application_position, command_mode, taken_in
 from backends.fri.connection import Connection, connect, pace, unusable
 from backends.fri.messages import (
     DEFAULT_PORT,
@@ -21,7 +21,7 @@ from backends.fri.session import LinkFigures, Order, Session, Visit
 from backends.fri.template import CommandTemplate, MonitoringTemplate
 from backends.fri.velocity import VelocityFilter
 from backends.fri.version import FriVersion
-from backends.fri.wire_limits import WireLimits
+from backends.fri.wire_limits import WireLimits, numbers
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
@@ -226,7 +226,7 @@ class FriRobot(Robot):
                 "for which wait_until_ready() waits"
             )
         mode = command_mode(self.monitoring)
-        taken = TAKES.get(mode)
+        taken = taken_in(mode)
         if taken is None:
             raise BackendError(
                 f"the session's command mode is {mode.name}, which limo cannot command"
@@ -329,14 +329,15 @@ class FriRobot(Robot):
         if leaves and state is not None:
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._contract.hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
-        told = application_position(message, self._wire)
         if state is not active or leaves:
             self._wire.reset()
             self._commanded = False
-            self._contract.lead(self._position if told is None else told)
-        elif not self._commanded and self._contract.at_rest and told is not None:
+            told = application_position(message, self._wire)
+            self._contract.lead(self._position if told is None else np.array(told))
+        elif not self._commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be.
-            self._contract.lead(self._wire.reachable(told))
+            told = application_position(message, self._wire) or numbers(self._contract.setpoint)
+            self._contract.lead(np.array(self._wire.reachable(told)))
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1
