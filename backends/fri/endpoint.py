@@ -98,6 +98,10 @@ class Endpoint:
             return False
         return True
 
+    def fileno(self) -> int:
+        """Return the descriptor, to wait for several ports at a time."""
+        return self._socket.fileno()
+
     def close(self) -> None:
         """Give the port back."""
         self._socket.close()

@@ -122,6 +122,11 @@ class FriRobot(Robot):
         return self._link.generation
 
     @property
+    def send_period(self) -> int:
+        """Time from one packet to the next [ms]."""
+        return self._link.send_period
+
+    @property
     def monitoring(self) -> Monitoring:
         """All that the robot said last.
 

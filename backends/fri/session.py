@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _MODULUS: Final = 1 << 32
 _LONGEST_JUMP: Final = 1.0  # [s] beyond the expected step that a robot's clock is believed
 _REORDERED: Final = 1000  # packets; further back is a new session
+_LONGEST_GAP: Final = 100_000  # packets; further ahead is a new session
 MOST_VISITS: Final = 256  # of states that are remembered
 MOST_UNCONFIRMED: Final = 1024  # commands of which an answer is still awaited
 
@@ -121,12 +122,12 @@ class Session:
         if last is None:
             return Order.NEXT
         ahead = (sequence - last.sequence) % _MODULUS
-        if 0 < ahead < _MODULUS // 2:
+        if 0 < ahead <= _LONGEST_GAP:
             return Order.NEXT
-        if stamp is not None and last.stamp is not None and stamp > last.stamp:
-            restarted = True  # it counts from the start, but later than what came before
+        if stamp is not None and last.stamp is not None:
+            restarted = stamp > last.stamp  # it counts anew, but later than what came before
         else:
-            restarted = stamp is None and -ahead % _MODULUS > _REORDERED
+            restarted = -ahead % _MODULUS > _REORDERED
         if not restarted:
             return Order.OLD
         self.figures.restarts += 1
