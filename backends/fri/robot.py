@@ -112,6 +112,7 @@ class FriRobot(Robot):
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
         self._commanded = False  # since COMMANDING_ACTIVE was entered
+        self._joined = False  # while it was COMMANDING_ACTIVE already
         self._missed = 0  # cycles in a row
         self._most_unconfirmed = max(FEWEST_UNCONFIRMED, round(UNCONFIRMED / spec.period))
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
@@ -329,7 +330,10 @@ class FriRobot(Robot):
         if leaves and state is not None:
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._contract.hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
-        told = application_position(message, self._wire)
+        self._joined = state is active and (self._joined or before is None)
+        told = self._taken_over(message) if self._joined else None
+        if told is None:
+            told = application_position(message, self._wire)
         if state is not active or leaves:
             self._wire.reset()
             self._commanded = False
@@ -337,6 +341,16 @@ class FriRobot(Robot):
         elif not self._commanded and self._contract.at_rest and told is not None:
             # Once commanded, the arm stays where that took it, not where the application would be.
             self._contract.lead(self._wire.reachable(told))
+
+    def _taken_over(self, message: Monitoring) -> FloatArray | None:
+        """Return where another client left the arm, in a session that was active before this one.
+
+        That need not be where the robot's application would have it.
+        """
+        data = message.data
+        commanded = None if data is None else data.commanded_position  # only 1.x says
+        position = self._position if commanded is None else np.array(commanded)
+        return position if self._wire.usable(position) else None
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1
