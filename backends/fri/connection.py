@@ -106,7 +106,8 @@ def unusable(message: Monitoring) -> str:
         values = getattr(data, name, None)
         if values is None:
             return f"no {name.replace('_', ' ')}"
-        if not all(-most <= value <= most for value in values):  # NaN is not
+        # A NaN may hide from the extremes, but not in the sum.
+        if not (-most <= min(values) and max(values) <= most and sum(values) == sum(values)):
             return f"a {name.replace('_', ' ')} that no arm has"
     return ""
 

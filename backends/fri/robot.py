@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from backends.fri.advice import advice
-from backends.fri.answers import TAKES, answer_to, application_position, command_mode
+from backends.fri.answers import answer_to, application_position, command_mode, taken_in
 from backends.fri.connection import Connection, connect, pace, unusable
 from backends.fri.messages import (
     DEFAULT_PORT,
@@ -21,7 +21,7 @@ from backends.fri.session import LinkFigures, Order, Session, Visit
 from backends.fri.template import CommandTemplate, MonitoringTemplate
 from backends.fri.velocity import VelocityFilter
 from backends.fri.version import FriVersion
-from backends.fri.wire_limits import WireLimits
+from backends.fri.wire_limits import WireLimits, numbers
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from backends.fri.endpoint import Datagram
+    from backends.fri.messages import Joints
     from backends.fri.version import Generation
     from limo_driver.types import FloatArray, JointCommand
 
@@ -227,7 +228,7 @@ class FriRobot(Robot):
                 "for which wait_until_ready() waits"
             )
         mode = command_mode(self.monitoring)
-        taken = TAKES.get(mode)
+        taken = taken_in(mode)
         if taken is None:
             raise BackendError(
                 f"the session's command mode is {mode.name}, which limo cannot command"
@@ -331,25 +332,27 @@ class FriRobot(Robot):
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._contract.hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
         self._joined = state is active and (self._joined or before is None)
-        told = self._taken_over(message) if self._joined else None
-        if told is None:
-            told = application_position(message, self._wire)
         if state is not active or leaves:
             self._wire.reset()
             self._commanded = False
-            self._contract.lead(self._position if told is None else told)
-        elif not self._commanded and self._contract.at_rest and told is not None:
+            told = application_position(message, self._wire)
+            self._contract.lead(self._position if told is None else np.array(told))
+        elif not self._commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be.
-            self._contract.lead(self._wire.reachable(told))
+            told = self._start(message) or numbers(self._contract.setpoint)
+            self._contract.lead(np.array(self._wire.reachable(told)))
 
-    def _taken_over(self, message: Monitoring) -> FloatArray | None:
-        """Return where another client left the arm, in a session that was active before this one.
+    def _start(self, message: Monitoring) -> Joints | None:
+        """Return where commands start from, in an active session; None if the robot does not say.
 
-        That need not be where the robot's application would have it.
+        A session that was active before this driver heard of it was another client's: it starts
+        where that left the arm, which need not be where the robot's application would have it.
         """
+        if not self._joined:
+            return application_position(message, self._wire)
         data = message.data
         commanded = None if data is None else data.commanded_position  # only 1.x says
-        position = self._position if commanded is None else np.array(commanded)
+        position = numbers(self._position) if commanded is None else commanded
         return position if self._wire.usable(position) else None
 
     def _refuse(self, problem: str) -> None:
