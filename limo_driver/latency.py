@@ -52,6 +52,15 @@ class LatencyHistogram:
         taken.longest, self.longest = self.longest, 0.0
         return taken
 
+    def summary(self) -> str:
+        """Return percentiles as text [ms]."""
+        if not self.count:
+            return "none counted"
+        return (
+            f"p50 {1e3 * self.percentile(50):.3f}, p99 {1e3 * self.percentile(99):.3f}, "
+            f"p99.9 {1e3 * self.percentile(99.9):.3f}, longest {1e3 * self.longest:.3f} ms"
+        )
+
     def as_json(self) -> dict[str, Any]:
         """Return percentiles [s] and the counts per decade, as JSON values."""
         if not self.count:

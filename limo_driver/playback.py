@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from collections import Counter
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from inspect import signature
 from typing import TYPE_CHECKING, Any
@@ -14,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.interrupts import interrupts
 from limo_driver.recorder import Recorder
 from limo_driver.registry import ROBOTS, find
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand, same_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from limo_driver.physics import Simulation
@@ -91,7 +90,8 @@ class Playback:
         errors = np.zeros((2, robot.spec.n))  # sum of squares, maximum
         limited: Counter[str] = Counter()
         done, reached = 0, 0.0
-        with _interrupts() as interrupted, self._recorder(robot, start) as recorder:
+        interrupted = threading.Event()
+        with interrupts(interrupted.set), self._recorder(robot, start) as recorder:
             for done, target in enumerate(targets, start=1):  # how far it came
                 sent = robot.send(self._command(target))
                 limited.update(sent.limited_by)
@@ -239,28 +239,3 @@ def _check_robot(n: int, name: str, trajectory: Trajectory) -> None:
         )
     if trajectory.n != n:
         raise ConfigError(f"the trajectory moves {trajectory.n} joints, but {name} has {n}")
-
-
-@contextmanager
-def _interrupts() -> Generator[threading.Event]:
-    """Turn the first SIGINT or SIGTERM into an event; a second one acts as usual."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event
-        return
-    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def restore() -> None:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-    def note(*_: object) -> None:
-        event.set()
-        restore()
-
-    for number in previous:
-        signal.signal(number, note)
-    try:
-        yield event
-    finally:
-        restore()

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from backends.fri.endpoint import Datagram
+    from backends.fri.messages import Joints
     from backends.fri.version import Generation
     from limo_driver.types import FloatArray, JointCommand
 
@@ -112,6 +113,7 @@ class FriRobot(Robot):
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
         self._commanded = False  # since COMMANDING_ACTIVE was entered
+        self._joined = False  # while it was COMMANDING_ACTIVE already
         self._missed = 0  # cycles in a row
         self._most_unconfirmed = max(FEWEST_UNCONFIRMED, round(UNCONFIRMED / spec.period))
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
@@ -329,6 +331,7 @@ class FriRobot(Robot):
         if leaves and state is not None:
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._contract.hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
+        self._joined = state is active and (self._joined or before is None)
         if state is not active or leaves:
             self._wire.reset()
             self._commanded = False
@@ -336,8 +339,21 @@ class FriRobot(Robot):
             self._contract.lead(self._position if told is None else np.array(told))
         elif not self._commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be.
-            told = application_position(message, self._wire) or numbers(self._contract.setpoint)
+            told = self._start(message) or numbers(self._contract.setpoint)
             self._contract.lead(np.array(self._wire.reachable(told)))
+
+    def _start(self, message: Monitoring) -> Joints | None:
+        """Return where commands start from, in an active session; None if the robot does not say.
+
+        A session that was active before this driver heard of it was another client's: it starts
+        where that left the arm, which need not be where the robot's application would have it.
+        """
+        if not self._joined:
+            return application_position(message, self._wire)
+        data = message.data
+        commanded = None if data is None else data.commanded_position  # only 1.x says
+        position = numbers(self._position) if commanded is None else commanded
+        return position if self._wire.usable(position) else None
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1

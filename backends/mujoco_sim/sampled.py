@@ -90,6 +90,11 @@ class SampledEffects:
         for index, effect in enumerate(self.effects):
             self._states[index] = self._add(effect, self._states[index], cycle)
 
+    def push(self, torque: FloatArray) -> None:
+        """Lean on the links with a torque, (n,) [N m], until told otherwise."""
+        self._always[layout.ADDED_TORQUE] = -torque  # what is added resists the motion
+        self.added[layout.ADDED_TORQUE] = -torque
+
     def settle(self, position: FloatArray, load: FloatArray) -> None:
         """Evaluate displacements at rest, without touching any memory."""
         rest = np.zeros_like(position)

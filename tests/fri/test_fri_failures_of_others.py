@@ -89,10 +89,12 @@ def test_reconnecting_under_motion_does_not_jerk():
 
 def test_arm_moved_by_hand_is_commanded_from_where_its_application_has_it():
     aside = np.array(POSE) + 0.3  # pushed away under impedance control
-    with stepped() as robot:
+    with stepped(state=SessionState.COMMANDING_WAIT) as robot:
         arm = robot.arm
         arm.obey = lambda: None
         arm.position = aside
+        robot.receive()
+        arm.state = ACTIVE
         state = robot.receive()
         assert state.position == pytest.approx(aside)
         for _ in range(50):

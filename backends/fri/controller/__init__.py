@@ -1,0 +1,1 @@
+"""A simulated FRI controller: an iiwa in MuJoCo that real FRI clients cannot tell from a robot."""

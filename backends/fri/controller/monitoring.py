@@ -1,0 +1,175 @@
+"""What the controller says in every packet."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from backends.fri.messages import (
+    JOINTS,
+    CommandMode,
+    ConnectionInfo,
+    DriveState,
+    Header,
+    IpoData,
+    MonitorData,
+    Monitoring,
+    OperationMode,
+    OverlayType,
+    Quality,
+    Redundancy,
+    RedundancyStrategy,
+    RobotInfo,
+    SafetyState,
+    SessionState,
+    Timestamp,
+    Transformation,
+)
+from backends.fri.template import MonitoringTemplate
+from backends.fri.version import Generation
+
+if TYPE_CHECKING:
+    from backends.fri.controller.arm import ArmState
+    from backends.fri.messages import ControlMode
+    from backends.fri.version import FriVersion
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+POSE_NAME: Final = "flange"  # of the Cartesian pose, from 2.5 on
+_ELBOW: Final = 2  # 0-based joint whose angle is the redundancy E1
+_ON: Final = (DriveState.ACTIVE,) * JOINTS
+_OFF: Final = (DriveState.OFF,) * JOINTS
+_NANO: Final = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How the session and the arm stand in a cycle."""
+
+    session: SessionState
+    quality: Quality
+    safety: SafetyState
+    control: ControlMode
+    arm: ArmState
+    setpoint: FloatArray  # (7,) [rad]
+    ipo: FloatArray  # (7,) [rad], of the robot's own program
+    commanded_torque: FloatArray  # (7,) [N m]
+    tracking: float  # 0 to 1
+
+
+class MonitoringWriter:
+    """Writes the packets of one session.
+
+    Args:
+        version: Of FRI.
+        mode: What the application lets the client command.
+        period_ms: Send period [ms].
+        multiplier: Receive multiplier.
+        model: The robot's own model, for Cartesian poses.
+    """
+
+    def __init__(
+        self,
+        version: FriVersion,
+        mode: CommandMode,
+        period_ms: int,
+        multiplier: int,
+        model: RobotModel,
+    ) -> None:
+        self._template = MonitoringTemplate(version)
+        self._generation = version.generation
+        self._mode, self._period, self._multiplier = mode, period_ms, multiplier
+        self._model = model
+        wrench = mode is CommandMode.WRENCH
+        self._overlay = OverlayType.CARTESIAN if wrench else OverlayType.JOINT
+
+    def write(self, sequence: int, reflected: int, at: Standing) -> bytes:
+        """Return the packet of a cycle.
+
+        Args:
+            sequence: The controller's own counter.
+            reflected: The client's last counter.
+            at: How things stand.
+        """
+        return self._template.encode(
+            Monitoring(
+                header=Header(sequence, reflected),
+                robot=RobotInfo(
+                    number_of_joints=JOINTS,
+                    safety_state=at.safety,
+                    drive_states=_OFF if at.safety is SafetyState.STOP0_OR_1 else _ON,
+                    operation_mode=OperationMode.AUT,
+                    control_mode=at.control,
+                ),
+                data=self._data(at),
+                connection=ConnectionInfo(at.session, at.quality, self._period, self._multiplier),
+                ipo=self._ipo(at),
+            )
+        )
+
+    def _data(self, at: Standing) -> MonitorData:
+        arm, one = at.arm, self._generation is Generation.ONE
+        external = at.arm.external_torque
+        return MonitorData(
+            measured_position=tuple(arm.position.tolist()),
+            measured_torque=tuple(arm.torque.tolist()),
+            commanded_position=tuple(at.setpoint.tolist()) if one else None,
+            commanded_torque=tuple(at.commanded_torque.tolist()),
+            external_torque=tuple(external.tolist()),
+            external_force=self._force(arm) if self._generation is Generation.TWO_SEVEN else None,
+            measured_pose=None if one else self._pose(arm.position),
+            measured_redundancy=None if one else _redundancy(arm.position),
+            timestamp=Timestamp(*divmod(time.time_ns(), _NANO)),
+        )
+
+    def _ipo(self, at: Standing) -> IpoData:
+        if at.session < SessionState.COMMANDING_WAIT:
+            return IpoData(
+                command_mode=CommandMode.NONE,
+                overlay_type=OverlayType.NONE,
+                tracking_performance=0.0,
+            )
+        one = self._generation is Generation.ONE
+        return IpoData(
+            joint_position=tuple(at.ipo.tolist()),
+            pose=None if one else self._pose(at.ipo),
+            redundancy=None if one else _redundancy(at.ipo),
+            command_mode=self._mode,
+            overlay_type=self._overlay,
+            tracking_performance=at.tracking,
+        )
+
+    def _pose(self, position: FloatArray) -> Transformation:
+        """Return the flange in the base, [x y z qw qx qy qz]."""
+        pose = self._model.flange_pose(position)
+        return Transformation(POSE_NAME, (*pose[:3, 3].tolist(), *quaternion(pose[:3, :3])))
+
+    def _force(self, arm: ArmState) -> tuple[float, ...]:
+        """Return the force and moment at the flange that explain the external torque best."""
+        jacobian = self._model.flange_jacobian(arm.position)
+        return tuple(np.linalg.lstsq(jacobian.T, arm.external_torque, rcond=1e-3)[0].tolist())
+
+
+def _redundancy(position: FloatArray) -> Redundancy:
+    return Redundancy(RedundancyStrategy.E1, float(position[_ELBOW]))
+
+
+def quaternion(rotation: FloatArray) -> tuple[float, float, float, float]:
+    """Return [w x y z] of a rotation matrix, with w >= 0."""
+    xx, yy, zz = (float(rotation[k, k]) for k in range(3))
+    squares = np.array([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz])
+    largest = int(np.argmax(squares))
+    R = rotation
+    products = np.array(
+        [
+            [squares[0], R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]],
+            [R[2, 1] - R[1, 2], squares[1], R[1, 0] + R[0, 1], R[0, 2] + R[2, 0]],
+            [R[0, 2] - R[2, 0], R[1, 0] + R[0, 1], squares[2], R[2, 1] + R[1, 2]],
+            [R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[2, 1] + R[1, 2], squares[3]],
+        ]
+    )
+    w, x, y, z = (products[largest] / np.linalg.norm(products[largest])).tolist()
+    return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)

@@ -1,0 +1,214 @@
+"""A scenario: what goes wrong when, read from a YAML file and looked up once every cycle.
+
+```yaml
+seed: 7                                    # of what is lost, delayed, reordered and doubled
+events:
+  - {event: loss, at: 2.0, for: 0.5, fraction: 0.1, direction: to_client}
+  - {event: delay, at: 3.0, for: 1.0, delay: 0.002, jitter: 0.001}
+  - {event: quality, at: 5.0, for: 0.2, quality: fair}
+  - {event: safety_stop, at: 6.0, for: 0.5, state: stop2}
+  - {event: session, at: 8.0, for: 0.3, state: monitoring_ready}
+  - {event: push, at: 9.0, for: 0.5, joint: 2, torque: 10}
+```
+"""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import yaml
+
+from backends.fri.controller.events import (
+    ENUMS,
+    EVENTS,
+    Delay,
+    Direction,
+    Duplicate,
+    Event,
+    Loss,
+    ProgramMotion,
+    Push,
+    QualityDrop,
+    Reorder,
+    SafetyStop,
+    SessionCap,
+    Silence,
+    keys,
+    words,
+)
+from backends.fri.controller.link import UNDISTURBED, Disturbance
+from backends.fri.messages import JOINTS, Quality, SafetyState, SessionState
+from limo_driver.yaml_reader import YamlReader, is_null
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+_EPSILON: Final = 1e-9  # [s]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Events in order of time.
+
+    Args:
+        events: What happens.
+        seed: Of what is lost, delayed, reordered and doubled.
+    """
+
+    events: tuple[Event, ...] = ()
+    seed: int = 0
+
+    @classmethod
+    def load(cls, path: Path) -> Scenario:
+        """Read a scenario file.
+
+        Raises:
+            ConfigError: Names the line, what was given and what exists.
+        """
+        return _Reader(path).scenario()
+
+
+@dataclass(frozen=True)
+class Now:
+    """What a scenario asks for at one moment."""
+
+    to_client: Disturbance = UNDISTURBED
+    to_robot: Disturbance = UNDISTURBED
+    quality: Quality = Quality.EXCELLENT  # at most
+    safety: SafetyState = SafetyState.NORMAL
+    session: SessionState = SessionState.COMMANDING_ACTIVE  # at most
+    silent: bool = False
+    pushes: tuple[Push, ...] = ()
+    motions: tuple[ProgramMotion, ...] = ()
+
+
+class ScenarioClock:
+    """Says what a scenario asks for, cycle by cycle, at little cost between its events.
+
+    Args:
+        scenario: The events.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._coming = sorted(scenario.events, key=lambda event: event.at, reverse=True)
+        self._active: list[Event] = []
+        self._next_change = 0.0  # [s]
+        self._now = Now()
+
+    def at(self, time: float) -> Now:
+        """Return what holds at a time [s]; times never go back."""
+        if time < self._next_change - _EPSILON:
+            return self._now
+        while self._coming and self._coming[-1].at <= time + _EPSILON:
+            self._active.append(self._coming.pop())
+        self._active = [event for event in self._active if event.until > time + _EPSILON]
+        ahead = [event.until for event in self._active]
+        if self._coming:
+            ahead.append(self._coming[-1].at)
+        self._next_change = min(ahead, default=float("inf"))
+        self._now = together(self._active)
+        return self._now
+
+
+def together(events: Iterable[Event]) -> Now:
+    """Return what events ask for at once: of two of a kind, the worse."""
+    now = Now()
+    for event in events:
+        match event:
+            case Loss() | Delay() | Reorder() | Duplicate():
+                now = _disturbed(now, event)
+            case QualityDrop():
+                now = replace(now, quality=min(now.quality, event.quality))
+            case SafetyStop():
+                now = replace(now, safety=event.state)
+            case SessionCap():
+                now = replace(now, session=min(now.session, event.state))
+            case Silence():
+                now = replace(now, silent=True)
+            case Push():
+                now = replace(now, pushes=(*now.pushes, event))
+            case ProgramMotion():
+                now = replace(now, motions=(*now.motions, event))
+            case _:
+                raise TypeError(f"the controller has no form for {type(event).__name__}")
+    return now
+
+
+def _disturbed(now: Now, event: Loss | Delay | Reorder | Duplicate) -> Now:
+    for name in ("to_client", "to_robot"):
+        if event.direction in {Direction.BOTH, Direction(name)}:
+            now = replace(now, **{name: _worse(getattr(now, name), event)})
+    return now
+
+
+def _worse(before: Disturbance, event: Loss | Delay | Reorder | Duplicate) -> Disturbance:
+    match event:
+        case Loss():
+            return replace(before, loss=max(before.loss, event.fraction))
+        case Reorder():
+            return replace(before, reorder=max(before.reorder, event.fraction))
+        case Duplicate():
+            return replace(before, duplicate=max(before.duplicate, event.fraction))
+        case Delay():
+            return replace(
+                before,
+                delay=max(before.delay, event.delay),
+                jitter=max(before.jitter, event.jitter),
+            )
+
+
+class _Reader(YamlReader):
+    """Reads a scenario entry by entry."""
+
+    def scenario(self) -> Scenario:
+        given = self._optional(self.root, "the file", ("seed", "events"))
+        seed = self._whole(given["seed"]) if "seed" in given else 0
+        return Scenario(tuple(self._events(given.get("events"))), seed)
+
+    def _events(self, node: yaml.Node | None) -> Iterable[Event]:
+        if node is None or is_null(node):
+            return
+        if not isinstance(node, yaml.SequenceNode):
+            self._fail(node, "events: has to be a list of `- {event: ..., at: ..., for: ...}`")
+        for entry in node.value:
+            yield self._event(entry)
+
+    def _event(self, entry: yaml.Node) -> Event:
+        given = self._mapping(entry, "an event", None)
+        if "event" not in given:
+            self._fail(entry, "lacks `event:`, one of " + ", ".join(sorted(EVENTS)))
+        name = self._text(given["event"])
+        if name not in EVENTS:
+            known = ", ".join(sorted(EVENTS))
+            self._fail(given["event"], f"event {name!r} is unknown; known: {known}")
+        kind = EVENTS[name]
+        self._mapping(entry, name, keys(kind))
+        values: dict[str, Any] = {}
+        for item in fields(kind):
+            key = "for" if item.name == "duration" else item.name
+            if key in given:
+                values[item.name] = self._value(given[key], key, item)
+            elif item.default is MISSING:
+                self._fail(entry, f"{name} lacks {key}")
+        return kind(**values)
+
+    def _value(self, node: yaml.Node, key: str, item: Any) -> Any:  # noqa: ANN401  # of the field
+        if item.type in ENUMS:
+            known = words(ENUMS[item.type])
+            text = self._text(node)
+            if text not in known:
+                self._fail(node, f"{key} {text!r} is unknown; known: {', '.join(known)}")
+            return known[text]
+        if key == "joint":
+            joint = self._whole(node)
+            if not 1 <= joint <= JOINTS:
+                self._fail(node, f"joint {joint} does not exist; joints are 1 to {JOINTS}")
+            return joint
+        lowest, highest = item.metadata["bounds"]
+        number = self._number(node)
+        if not lowest <= number <= highest:
+            given = f"{key} = {number:g} {item.metadata['unit']}".strip()
+            self._fail(node, f"{given} has to be {lowest:g} to {highest:g}")
+        return number

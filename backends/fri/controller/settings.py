@@ -1,0 +1,96 @@
+"""What a simulated controller is set to, and which of it lets a client command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from backends.fri.controller.arm import Compliance
+from backends.fri.controller.judge import CommandLimits
+from backends.fri.controller.port import Address
+from backends.fri.controller.quality import QualityModel
+from backends.fri.controller.session import SessionTimes
+from backends.fri.messages import CommandMode, ControlMode
+from backends.fri.version import FriVersion
+from limo_driver.errors import ConfigError
+
+SHORTEST_PERIOD, LONGEST_PERIOD = 1, 100  # [ms]
+COMMANDING_INTERVAL: Final = 10  # [ms], longest receive interval in which positions are commanded
+COMPLIANT_INTERVAL: Final = 5  # [ms], for torque and wrench
+ANYWHERE: Final = Address("0.0.0.0", 0)  # noqa: S104  # as a controller listens
+POSE: Final = (0.0, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0)  # [rad], where the arm stands at first
+MODES: Final = {
+    "position": CommandMode.POSITION,
+    "torque": CommandMode.TORQUE,
+    "wrench": CommandMode.WRENCH,
+}
+_CONTROL: Final = {
+    CommandMode.POSITION: ControlMode.POSITION,
+    CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
+    CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
+}
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """Settings of one controller.
+
+    Raises:
+        ConfigError: Out of bounds.
+    """
+
+    client: Address
+    version: FriVersion = FriVersion.V1_15
+    bind: Address = ANYWHERE
+    mode: CommandMode = CommandMode.POSITION
+    period_ms: int = 2
+    multiplier: int = 1  # packets in one receive interval
+    duration: float | None = None  # [s]; until told to stop if None
+    late_after: float | None = None  # [s], answers slower than that are counted as slow
+    position: tuple[float, ...] = POSE  # [rad]
+    seed: int = 0  # of the sensors' noise
+    fifo: bool = False  # ask for SCHED_FIFO
+    quality: QualityModel = field(default_factory=QualityModel)
+    times: SessionTimes = field(default_factory=SessionTimes)
+    limits: CommandLimits = field(default_factory=CommandLimits)
+    compliance: Compliance = field(default_factory=Compliance)
+
+    def __post_init__(self) -> None:
+        if not SHORTEST_PERIOD <= self.period_ms <= LONGEST_PERIOD:
+            raise ConfigError(
+                f"send period {self.period_ms} ms has to be {SHORTEST_PERIOD} to "
+                f"{LONGEST_PERIOD} ms"
+            )
+        if not 1 <= self.multiplier <= LONGEST_PERIOD:
+            raise ConfigError(f"receive multiplier {self.multiplier} has to be 1 to 100")
+        if self.duration is not None and not self.duration > 0:
+            raise ConfigError(f"duration {self.duration:g} s has to be positive")
+        if self.client.port == 0:
+            raise ConfigError(f"client {self.client} has no port to send to")
+
+    @property
+    def interval_ms(self) -> int:
+        """Time in which one answer is expected [ms]."""
+        return self.period_ms * self.multiplier
+
+    @property
+    def note(self) -> str:
+        """What to know before the first packet, in one line."""
+        about = f"{self.mode.name.lower()} mode, every {self.period_ms} ms"
+        return f"{about}; {self.monitoring_only}" if self.monitoring_only else about
+
+    @property
+    def control(self) -> ControlMode:
+        """How the arm is controlled while the client commands it."""
+        return _CONTROL[self.mode]
+
+    @property
+    def monitoring_only(self) -> str:
+        """Why a client cannot command with these settings; empty if it can."""
+        most = COMMANDING_INTERVAL if self.mode is CommandMode.POSITION else COMPLIANT_INTERVAL
+        if self.interval_ms <= most:
+            return ""
+        return (
+            f"period x multiplier is {self.interval_ms} ms; to command {self.mode.name.lower()} "
+            f"it has to be at most {most} ms, so the session stays in MONITORING_READY"
+        )

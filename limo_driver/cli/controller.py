@@ -1,0 +1,109 @@
+"""`limo controller`: an FRI controller without a robot."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import Annotated
+
+import typer
+
+
+class Mode(StrEnum):
+    """What the client may command."""
+
+    POSITION = "position"
+    TORQUE = "torque"
+    WRENCH = "wrench"
+
+
+def command(
+    client: Annotated[
+        str, typer.Option(help="Where the client listens, HOST:PORT; the controller speaks first.")
+    ] = "127.0.0.1:30200",
+    fri: Annotated[str, typer.Option(help="Version: 1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")] = "1.15",
+    bind: Annotated[
+        str | None, typer.Option(help="Own address, HOST or HOST:PORT; else any free port.")
+    ] = None,
+    mode: Annotated[Mode, typer.Option(help="What the client commands.")] = Mode.POSITION,
+    period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 [ms].")] = 2,
+    multiplier: Annotated[
+        int, typer.Option(help="Receive multiplier: the client answers every that many packets.")
+    ] = 1,
+    duration: Annotated[
+        float | None, typer.Option(help="End the session after this time \\[s]; else at Ctrl-C.")
+    ] = None,
+    sim: Annotated[
+        Path | None, typer.Option(help="A sim.yaml for the arm; else the iiwa's rigid body alone.")
+    ] = None,
+    scenario: Annotated[
+        Path | None, typer.Option(help="What goes wrong when (YAML, see docs/fri_controller.md).")
+    ] = None,
+    position: Annotated[
+        str | None, typer.Option(help="Where the arm stands at first, seven angles \\[rad].")
+    ] = None,
+    late_ms: Annotated[
+        float | None, typer.Option(min=0.0, help="Count answers slower than this \\[ms].")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
+    fifo: Annotated[
+        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Be an FRI controller with a simulated iiwa, for any FRI client.
+
+    At its end it tells what was sent and answered, how the session went, and what the client did
+    wrong. A client that never answers is waited for; the robot speaks first.
+
+    [bold]Examples[/bold]
+
+        limo controller --fri 1.15 --client 127.0.0.1:30200
+
+        limo controller --fri 2.7 --mode torque --period-ms 1 --duration 10 --json
+
+        limo controller --client 192.168.1.5:30200 --sim sim.yaml --scenario lossy.yaml
+    """
+    from backends.fri.controller.controller import SimulatedController
+    from backends.fri.controller.port import Address
+    from backends.fri.controller.scenario import Scenario
+    from backends.fri.controller.settings import ANYWHERE, MODES, POSE, ControllerSettings
+    from backends.fri.version import FriVersion
+    from limo_driver.interrupts import interrupts
+    from limo_driver.physics import Simulation
+
+    settings = ControllerSettings(
+        client=Address.parse(client, "--client"),
+        version=FriVersion.named(fri),
+        bind=ANYWHERE if bind is None else Address.parse(bind, "--bind", port=ANYWHERE.port),
+        mode=MODES[mode.value],
+        period_ms=period_ms,
+        multiplier=multiplier,
+        duration=duration,
+        late_after=None if late_ms is None else 1e-3 * late_ms,
+        position=POSE if position is None else _angles(position),
+        seed=seed,
+        fifo=fifo,
+    )
+    simulation = None if sim is None else Simulation.load(sim)
+    played = None if scenario is None else Scenario.load(scenario)
+    with SimulatedController(settings, simulation, played) as controller:
+        told = f"FRI {fri} from {controller.address} to {settings.client}, {settings.note}"
+        typer.echo(f"limo: {told}; end it with Ctrl-C", err=True)
+        with interrupts(controller.stop):
+            report = controller.run()
+    typer.echo(json.dumps(report.as_json()) if as_json else report.as_text())
+
+
+def _angles(text: str) -> tuple[float, ...]:
+    from backends.fri.messages import JOINTS
+    from limo_driver.errors import ConfigError
+
+    try:
+        angles = tuple(float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        angles = ()
+    if len(angles) != JOINTS:
+        raise ConfigError(f"--position {text!r} has to be {JOINTS} angles in rad, with commas")
+    return angles

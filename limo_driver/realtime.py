@@ -1,0 +1,203 @@
+"""What a loop of a millisecond needs of the machine: absolute times, priority, no collector.
+
+    with Realtime(fifo=True) as realtime:
+        pace = Pace(period=1e-3)
+        while ...:
+            pace.wait()
+            ...
+            realtime.tidy()
+    print(pace.summary())
+
+What the machine does not permit is left out, and said in `Realtime.refused`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import gc
+import os
+import resource
+import sys
+import time
+from typing import TYPE_CHECKING, Any, Final
+
+from limo_driver.closing import Closing
+from limo_driver.errors import ConfigError
+from limo_driver.latency import LatencyHistogram
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PRIORITY: Final = 40  # of SCHED_FIFO: above all that is not real time, below the kernel's 50
+YOUNG_LIMIT: Final = 5000  # containers that may wait for the collector while it is off
+_NANO: Final = 1_000_000_000
+_CLOCK_MONOTONIC, _ABSOLUTE = 1, 1  # of Linux
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
+_FINE_SLACK: Final = 1  # [ns]; the kernel adds up to 50 µs to every sleep otherwise
+
+
+class Pace:
+    """Wakes at absolute times, a period apart, and counts how late.
+
+    A loop that is late by whole periods leaves those out, so that it never hurries after lost time;
+    they are counted as `skipped`.
+
+    Args:
+        period: Time between two wakes [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        if not 0 < period < float("inf"):
+            raise ConfigError(f"period = {period} s has to be positive")
+        self.period_ns: Final = round(period * _NANO)
+        self.lateness: Final = LatencyHistogram()
+        self.skipped = 0
+        self.due_ns = 0  # of the last wake, on CLOCK_MONOTONIC
+        self._sleep: Final = sleeper()
+
+    def wait(self) -> int:
+        """Sleep until the next wake is due; the first is at once.
+
+        Returns:
+            How late it is [ns].
+        """
+        due = self.next_ns()
+        self._sleep(due)
+        late = time.monotonic_ns() - due
+        if late >= self.period_ns:
+            missed = late // self.period_ns
+            self.skipped += missed
+            due += missed * self.period_ns
+        self.due_ns = due
+        self.lateness.add(1e-9 * late)
+        return late
+
+    def next_ns(self) -> int:
+        """Return when the next wake is due, on CLOCK_MONOTONIC."""
+        return self.due_ns + self.period_ns if self.due_ns else time.monotonic_ns()
+
+    def summary(self) -> str:
+        """Return how late the wakes were, in one line."""
+        skipped = f", {self.skipped} skipped" if self.skipped else ""
+        return f"{self.lateness.count} wakes, late by {self.lateness.summary()}{skipped}"
+
+
+class Realtime(Closing):
+    """Keeps the process ready for a loop: what there is by now is frozen, the collector is off.
+
+    Only cycles of references wait for the collector; `tidy` collects the young ones when there are
+    too many, in well under a millisecond, so that memory stays bounded. `close` undoes everything.
+
+    Args:
+        fifo: Ask for SCHED_FIFO, for the calling thread.
+        lock_memory: Ask for pages that stay in memory; by default with `fifo`.
+        priority: Of SCHED_FIFO.
+    """
+
+    def __init__(
+        self, *, fifo: bool = False, lock_memory: bool | None = None, priority: int = PRIORITY
+    ) -> None:
+        self.refused: list[str] = []
+        self.collections = 0
+        self._undo: list[Callable[[], None]] = []
+        self._freeze()
+        self._fine_timers()
+        if fifo:
+            self._fifo(priority)
+        if fifo if lock_memory is None else lock_memory:
+            self._lock_memory()
+
+    def tidy(self) -> None:
+        """Collect young garbage if there is much of it; call it where a cycle has time left."""
+        if gc.get_count()[0] > YOUNG_LIMIT:
+            gc.collect(0)
+            self.collections += 1
+
+    def freeze(self) -> None:
+        """Freeze what came about since, too, in microseconds: call it when all is connected.
+
+        Else the first `tidy` would look through it.
+        """
+        gc.freeze()
+
+    def close(self) -> None:
+        """Put everything back as it was."""
+        while self._undo:
+            self._undo.pop()()
+
+    def _freeze(self) -> None:
+        if not gc.isenabled():  # an outer loop has done so
+            return
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        self._undo += [gc.enable, gc.unfreeze]
+
+    def _fine_timers(self) -> None:
+        if not sys.platform.startswith("linux"):
+            return
+        libc = _libc()
+        before = libc.prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
+        if libc.prctl(_PR_SET_TIMERSLACK, _FINE_SLACK, 0, 0, 0) == 0:
+            self._undo.append(lambda: libc.prctl(_PR_SET_TIMERSLACK, max(before, 0), 0, 0, 0))
+
+    def _fifo(self, priority: int) -> None:
+        if not hasattr(os, "sched_setscheduler"):
+            self.refused.append("this system has no SCHED_FIFO")
+            return
+        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        except OSError as error:
+            self.refused.append(
+                f"SCHED_FIFO {priority} was not permitted ({error.strerror}): run as root, or give "
+                "the user `rtprio` in /etc/security/limits.conf; scheduled as any other process"
+            )
+            return
+        self._undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
+
+    def _lock_memory(self) -> None:
+        if not sys.platform.startswith("linux"):
+            self.refused.append("memory is locked on Linux only")
+            return
+        libc = _libc()
+        endless = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+        # With a limit, memory asked for later would be refused when the limit is reached.
+        flags = _MCL_CURRENT | (_MCL_FUTURE if endless or os.geteuid() == 0 else 0)
+        if libc.mlockall(flags):
+            self.refused.append(
+                f"memory was not locked ({os.strerror(ctypes.get_errno())}): give the user "
+                "`memlock unlimited` in /etc/security/limits.conf; pages may be swapped out"
+            )
+            return
+        self._undo.append(libc.munlockall)
+
+
+def sleeper() -> Callable[[int], None]:
+    """Return a function that sleeps until a time on CLOCK_MONOTONIC [ns], for one thread.
+
+    An absolute time is kept also if the process is set aside on its way to sleep. Signals are
+    handled meanwhile, and what their handlers raise goes through.
+    """
+    if not sys.platform.startswith("linux"):
+        return _sleep_relative
+    until = (ctypes.c_long * 2)()  # struct timespec: seconds, nanoseconds
+    nanosleep, address = _libc().clock_nanosleep, ctypes.addressof(until)
+    nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+
+    def sleep(due_ns: int, until: Any = until) -> None:  # noqa: ANN401  # kept alive with it
+        until[0], until[1] = divmod(due_ns, _NANO)
+        while nanosleep(_CLOCK_MONOTONIC, _ABSOLUTE, address, None) == errno.EINTR:
+            pass
+
+    return sleep
+
+
+def _sleep_relative(due_ns: int) -> None:
+    time.sleep(max(due_ns - time.monotonic_ns(), 0) / _NANO)
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)

@@ -1,0 +1,133 @@
+"""Clients that share no code with limo, as processes, against `limo controller`, as another."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import subprocess
+
+import pytest
+from controller_runs import LIMO, PATIENCE, free_port, process, session
+
+ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMMANDING_ACTIVE"]
+
+
+@pytest.mark.parametrize(
+    ("version", "generation", "mode", "period", "multiplier"),
+    [
+        ("1.15", "1", "position", 2, 3),
+        ("1.11", "1", "torque", 2, 1),
+        ("1.16", "1", "wrench", 2, 1),
+        ("2.5", "2.5", "position", 4, 1),
+        ("2.7", "2.7", "torque", 2, 2),
+        ("2.7", "2.7", "wrench", 4, 1),
+    ],
+)
+def test_an_unmodified_client_is_led_through_a_session(
+    version: str, generation: str, mode: str, period: int, multiplier: int
+) -> None:
+    amplitude = 0.02 if mode == "position" else 2.0
+    run = session(
+        ("--fri", version, "--mode", mode, "--period-ms", str(period), "--multiplier",
+         str(multiplier)),
+        ("--generation", generation, "--mode", mode, "--amplitude", str(amplitude)),
+    )  # fmt: skip
+    assert run.client_status == 0, run.client  # it left at IDLE, and could read all before
+    assert run.client["states"][-1] == 0
+    seen = [ORDER[state] for state in dict.fromkeys(run.client["states"])]
+    assert seen == [*ORDER[1:], "IDLE"]
+    assert list(dict.fromkeys(run.states)) == ORDER
+    assert run.client["period"] == period
+    assert run.client["quality"] >= 2
+    assert run.client["tracking"] > 0.5
+    packets = run.report["packets"]
+    assert packets["answered"] == run.client["answers"]
+    assert packets["malformed"] == packets["repeated"] == packets["unknown"] == 0
+    assert packets["gaps"] == packets["restarts"] == 0
+    assert run.client["answers"] <= run.client["received"] / multiplier
+    control = {"position": {0}, "wrench": {0, 1}, "torque": {0, 2}}[mode]
+    assert set(run.client["control"]) == control
+    _check_commands(run.report["commands"], mode, amplitude)
+    assert run.complaints == ""
+
+
+def _check_commands(commands: dict, mode: str, amplitude: float) -> None:
+    """Compare what the controller understood with what the client packed."""
+    if mode == "position":
+        assert 0.3 * amplitude < commands["position"]["upper"][6] <= amplitude + 1e-12
+    elif mode == "torque":
+        assert 0.3 * amplitude < commands["torque"]["upper"][6] <= amplitude
+    else:
+        assert commands["wrench"]["upper"][2] == 20.0 * amplitude
+        assert commands["wrench"]["upper"][:2] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "complaint"),
+    [
+        ("garbage", "no command of FRI 1.15"),
+        ("stale", "an answer reflects a packet that was answered before"),
+        ("jump", "illegal axis delta: joint 1 is told to jump by 0.5"),
+    ],
+)
+def test_a_wrong_client_is_told_what_is_wrong_and_does_no_harm(wrong: str, complaint: str) -> None:
+    run = session(("--period-ms", "2"), ("--wrong", wrong))
+    assert complaint in run.complaints
+    assert run.client["states"][-1] == 0
+    assert run.report["states"][-1]["state"] == "IDLE"
+    assert math.fabs(run.client["measured"][0]) < 0.01  # the arm went nowhere
+    assert run.client["safety"] == (1 if wrong == "jump" else 0)
+    if wrong == "jump":
+        assert run.states[run.states.index("COMMANDING_ACTIVE") + 1] == "MONITORING_READY"
+        assert run.report["stops"][0]["reason"] in run.complaints
+
+
+def test_a_client_that_leaves_is_missed() -> None:
+    with_client = session(("--duration", "3"), ("--wrong", "leave"), ends=True)
+    assert with_client.client_status == 0
+    assert with_client.report["packets"]["lost"] > 10
+    assert "the quality of the connection is" in json.dumps(with_client.report["states"])
+    assert with_client.states[-1] == "IDLE"
+
+
+def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> None:
+    port = free_port()
+    with process(*LIMO, "controller", "--client", f"127.0.0.1:{port}") as robot:
+        assert robot.stderr is not None
+        robot.stderr.readline()  # it runs
+        with pytest.raises(subprocess.TimeoutExpired):
+            robot.wait(timeout=0.5)
+        robot.send_signal(signal.SIGTERM)
+        said, _ = robot.communicate(timeout=PATIENCE)
+        assert robot.returncode == 0
+    assert "nobody answered" in said
+    assert "MONITORING_READY" not in said
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--fri", "1.12"), "FRI version '1.12' is not known"),
+        (("--period-ms", "0"), "send period 0 ms has to be 1 to 100 ms"),
+        (("--multiplier", "0"), "receive multiplier 0"),
+        (("--client", "30200"), "--client '30200' is no HOST:PORT"),
+        (("--client", "127.0.0.1:99999"), "no HOST:PORT"),
+        (("--bind", "192.0.2.1:0"), "cannot bind 192.0.2.1:0"),
+        (("--position", "1,2"), "has to be 7 angles"),
+        (("--scenario", "none.yaml"), "none.yaml: cannot be read"),
+    ],
+)
+def test_bad_options_are_one_clear_line(
+    options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from limo_driver import cli
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["limo", "controller", "--duration", "0.1", *options])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    assert ended.value.code == 2
+    told = capsys.readouterr().err.strip()
+    assert message in told
+    assert len(told.splitlines()) == 1
