@@ -15,8 +15,9 @@ finite, wrong length) or that the backend cannot carry out is refused before any
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -332,16 +333,21 @@ def check_readable(command: JointCommand, n: int) -> None:
         raise ConfigError(
             f"valid_for = {command.valid_for} s has to be positive, at most {LONGEST_VALIDITY:g} s"
         )
-    for name, unit, lowest in _READ:
-        values = getattr(command, name, None)
-        if values is None:
-            continue
+    for name, unit, lowest in _read_of(type(command)):
+        values: FloatArray = getattr(command, name)
         length = _NO_WRENCH.size if name == "wrench" else n
         if values.shape != (length,):
             raise ShapeError(name, values.shape, f"({length},)")
         if j := first_unreadable(values, lowest):
             given = float(values[j - 1])
             raise JointLimitError(j, name, given, (lowest, np.inf), unit, "nothing was sent")
+
+
+@cache
+def _read_of(kind: type[JointCommand]) -> tuple[tuple[str, str, float], ...]:
+    """Return what is to be read of a kind of command: name, unit, lowest value."""
+    names = {item.name for item in fields(kind)}
+    return tuple(row for row in _READ if row[0] in names)
 
 
 _READ = (

@@ -12,22 +12,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from backends.fri.messages import Command, CommandData, CommandMode, Header, SessionState
 from backends.fri.version import Generation
+from backends.fri.wire_limits import numbers
 from limo_driver.types import PositionCommand, TorqueCommand, WrenchCommand
 
 if TYPE_CHECKING:
-    from backends.fri.messages import IoValue, Monitoring
+    from backends.fri.messages import IoValue, Joints, Monitoring
     from backends.fri.wire_limits import WireLimits
     from limo_driver.types import FloatArray, JointCommand
 
-TAKES = {
-    CommandMode.POSITION: PositionCommand,
-    CommandMode.TORQUE: TorqueCommand,
-    CommandMode.WRENCH: WrenchCommand,
-}
+
+def taken_in(mode: CommandMode) -> type[JointCommand] | None:
+    """Return the kind of command that a command mode takes; None if limo has none."""
+    if mode is CommandMode.POSITION:
+        return PositionCommand
+    if mode is CommandMode.TORQUE:
+        return TorqueCommand
+    return WrenchCommand if mode is CommandMode.WRENCH else None
 
 
 def command_mode(message: Monitoring) -> CommandMode:
@@ -36,15 +38,13 @@ def command_mode(message: Monitoring) -> CommandMode:
     return CommandMode.NONE if ipo is None or ipo.command_mode is None else ipo.command_mode
 
 
-def application_position(message: Monitoring, wire: WireLimits) -> FloatArray | None:
-    """Return where the robot's own application has the arm, (n,) [rad]; None if it does not say.
+def application_position(message: Monitoring, wire: WireLimits) -> Joints | None:
+    """Return where the robot's own application has the arm [rad]; None if it does not say.
 
     A position that is not finite, or out of the arm's range, is none.
     """
-    if message.ipo is None or message.ipo.joint_position is None:
-        return None
-    position = np.array(message.ipo.joint_position)
-    return position if wire.usable(position) else None
+    told = None if message.ipo is None else message.ipo.joint_position
+    return told if told is not None and wire.usable(told) else None
 
 
 def answer_to(
@@ -69,12 +69,13 @@ def answer_to(
     """
     state = SessionState.IDLE if message.connection is None else message.connection.session_state
     mode, header = command_mode(message), Header(sequence, message.header.sequence)
+    if state is SessionState.COMMANDING_ACTIVE and taken_in(mode) is not None:
+        active = _active(message, mode, wire, setpoint, command, outputs)
+        return None if active is None else Command(header, active)
     if state is SessionState.IDLE:
         return None
-    if state in {SessionState.MONITORING_WAIT, SessionState.MONITORING_READY}:
+    if state < SessionState.COMMANDING_WAIT:
         return Command(header, _monitored(message, generation, wire, outputs))
-    if state is SessionState.COMMANDING_ACTIVE and mode in TAKES:
-        return Command(header, _active(message, mode, wire, setpoint, command, outputs))
     mirrored = _mirrored(message, mode, wire, outputs)
     return None if mirrored is None else Command(header, mirrored)
 
@@ -87,7 +88,7 @@ def _monitored(
     if generation is not Generation.ONE or data is None:
         return CommandData(io=outputs) if outputs else None
     told = data.commanded_position
-    usable = told is not None and wire.usable(np.array(told))
+    usable = told is not None and wire.usable(told)
     return CommandData(told if usable else data.measured_position, io=outputs)
 
 
@@ -98,17 +99,22 @@ def _active(
     setpoint: FloatArray,
     command: JointCommand | None,
     outputs: tuple[IoValue, ...],
-) -> CommandData:
+) -> CommandData | None:
+    """Return a command; None where the arm and its application stand outside the range."""
     if mode is CommandMode.POSITION:
-        wanted = command.position if isinstance(command, PositionCommand) else setpoint
-        return CommandData(_floats(wire.position(wanted)), io=outputs)
-    told = application_position(message, wire)
-    position = _floats(wire.position(setpoint if told is None else told))
+        wanted = numbers(command.position if isinstance(command, PositionCommand) else setpoint)
+    else:
+        wanted = application_position(message, wire) or numbers(setpoint)
+    position = wire.position(wanted)
+    if position is None:
+        return None
     if mode is CommandMode.TORQUE:
-        torque = wire.torque(command.torque if isinstance(command, TorqueCommand) else None)
-        return CommandData(position, joint_torque=_floats(torque), io=outputs)
-    wrench = wire.wrench(command.wrench if isinstance(command, WrenchCommand) else None)
-    return CommandData(position, wrench=_floats(wrench), io=outputs)
+        torque = numbers(command.torque) if isinstance(command, TorqueCommand) else None
+        return CommandData(position, joint_torque=wire.torque(torque), io=outputs)
+    if mode is CommandMode.WRENCH:
+        wrench = numbers(command.wrench) if isinstance(command, WrenchCommand) else None
+        return CommandData(position, wrench=wire.wrench(wrench), io=outputs)
+    return CommandData(position, io=outputs)
 
 
 def _mirrored(
@@ -120,13 +126,9 @@ def _mirrored(
     told = application_position(message, wire)
     if told is None:
         return None
-    position = _floats(wire.position(told))
+    position = wire.position(told)
     if mode is CommandMode.TORQUE:
-        return CommandData(position, joint_torque=_floats(wire.torque(None)), io=outputs)
+        return CommandData(position, joint_torque=wire.torque(None), io=outputs)
     if mode is CommandMode.WRENCH:
-        return CommandData(position, wrench=_floats(wire.wrench(None)), io=outputs)
+        return CommandData(position, wrench=wire.wrench(None), io=outputs)
     return CommandData(position, io=outputs)
-
-
-def _floats(values: FloatArray) -> tuple[float, ...]:
-    return tuple(values.tolist())

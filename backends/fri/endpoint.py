@@ -7,8 +7,7 @@ import socket
 import struct
 import time
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from backends.fri.messages import MAX_DATAGRAM
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
@@ -22,8 +21,7 @@ _LAST_PORT: Final = 0xFFFF
 _OLDEST: Final = 10.0  # [s]; a greater age is a step of the clock
 
 
-@dataclass(frozen=True)
-class Datagram:
+class Datagram(NamedTuple):
     """What came in, and how long it had been waiting."""
 
     data: bytes
@@ -97,6 +95,10 @@ class Endpoint:
         except OSError:  # unplugged, or the queue is full: the robot sees a lost answer
             return False
         return True
+
+    def fileno(self) -> int:
+        """Return the descriptor, to wait for several ports at a time."""
+        return self._socket.fileno()
 
     def close(self) -> None:
         """Give the port back."""

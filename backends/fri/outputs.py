@@ -24,7 +24,7 @@ class Outputs:
     @property
     def waiting(self) -> tuple[IoValue, ...]:
         """What the next answer has to say; what does not fit waits for its turn."""
-        return tuple(self._values.values())[:MAX_IO]
+        return tuple(self._values.values())[:MAX_IO] if self._values else ()
 
     def set(self, name: str, value: float | bool, known: Sequence[IoValue]) -> None:
         """Take a value for an output that the robot's application named.

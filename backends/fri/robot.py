@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from backends.fri.advice import advice
-from backends.fri.answers import TAKES, answer_to, application_position, command_mode
+from backends.fri.answers import answer_to, application_position, command_mode, taken_in
 from backends.fri.connection import Connection, connect, pace, unusable
 from backends.fri.messages import (
     DEFAULT_PORT,
@@ -21,7 +21,7 @@ from backends.fri.session import LinkFigures, Order, Session, Visit
 from backends.fri.template import CommandTemplate, MonitoringTemplate
 from backends.fri.velocity import VelocityFilter
 from backends.fri.version import FriVersion
-from backends.fri.wire_limits import WireLimits
+from backends.fri.wire_limits import WireLimits, numbers
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from backends.fri.endpoint import Datagram
+    from backends.fri.messages import Joints
     from backends.fri.version import Generation
     from limo_driver.types import FloatArray, JointCommand
 
@@ -112,6 +113,7 @@ class FriRobot(Robot):
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
         self._commanded = False  # since COMMANDING_ACTIVE was entered
+        self._joined = False  # while it was COMMANDING_ACTIVE already
         self._missed = 0  # cycles in a row
         self._most_unconfirmed = max(FEWEST_UNCONFIRMED, round(UNCONFIRMED / spec.period))
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
@@ -120,6 +122,11 @@ class FriRobot(Robot):
     def generation(self) -> Generation:
         """The versions whose messages the robot speaks."""
         return self._link.generation
+
+    @property
+    def send_period(self) -> int:
+        """Time from one packet to the next [ms]."""
+        return self._link.send_period
 
     @property
     def monitoring(self) -> Monitoring:
@@ -179,6 +186,15 @@ class FriRobot(Robot):
         data = self.monitoring.data
         return {} if data is None else {io.name: io.value for io in data.io}
 
+    def link_figures(self) -> dict[str, Any]:
+        """Return what was counted on the link, and how fast packets were answered."""
+        return {
+            **self.figures.as_json(),
+            "foreign": self.foreign,
+            "limited_at_wire": self.limited_at_wire,
+            "answer": self.latency.as_json(),
+        }
+
     def set_output(self, name: str, value: float | bool) -> None:
         """Set an output with the next answers, until the robot has received one of them.
 
@@ -221,7 +237,7 @@ class FriRobot(Robot):
                 "for which wait_until_ready() waits"
             )
         mode = command_mode(self.monitoring)
-        taken = TAKES.get(mode)
+        taken = taken_in(mode)
         if taken is None:
             raise BackendError(
                 f"the session's command mode is {mode.name}, which limo cannot command"
@@ -324,14 +340,29 @@ class FriRobot(Robot):
         if leaves and state is not None:
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._contract.hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
-        told = application_position(message, self._wire)
+        self._joined = state is active and (self._joined or before is None)
         if state is not active or leaves:
             self._wire.reset()
             self._commanded = False
-            self._contract.lead(self._position if told is None else told)
-        elif not self._commanded and self._contract.at_rest and told is not None:
+            told = application_position(message, self._wire)
+            self._contract.lead(self._position if told is None else np.array(told))
+        elif not self._commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be.
-            self._contract.lead(self._wire.reachable(told))
+            told = self._start(message, before) or numbers(self._contract.setpoint)
+            self._contract.lead(np.array(self._wire.reachable(told)))
+
+    def _start(self, message: Monitoring, before: SessionState | None) -> Joints | None:
+        """Return where commands start from, in an active session; None to stay at the set-point.
+
+        A session that was active before this driver heard of it was another client's: it starts
+        where that left the arm, which need not be where the robot's application would have it.
+        """
+        if not self._joined:
+            return application_position(message, self._wire)
+        told = None if message.data is None else message.data.commanded_position  # only 1.x says
+        if told is None and before is None:  # once: an arm told to be where it is would sink
+            told = numbers(self._position)
+        return told if told is not None and self._wire.usable(told) else None
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1

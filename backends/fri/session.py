@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 _MODULUS: Final = 1 << 32
 _LONGEST_JUMP: Final = 1.0  # [s] beyond the expected step that a robot's clock is believed
 _REORDERED: Final = 1000  # packets; further back is a new session
+_MOST_STRAYS: Final = 20  # packets
+_LONGEST_GAP: Final = 100_000  # packets; further ahead is a new session
 MOST_VISITS: Final = 256  # of states that are remembered
 MOST_UNCONFIRMED: Final = 1024  # commands of which an answer is still awaited
 
@@ -59,14 +61,6 @@ class Visit:
 
 
 @dataclass
-class _Place:
-    """The packet last taken."""
-
-    sequence: int
-    stamp: int | None  # [ns]
-
-
-@dataclass
 class Session:
     """Follows one robot through its sessions.
 
@@ -80,7 +74,10 @@ class Session:
     packets: int = 0  # send periods of the robot since the first packet
     state: SessionState | None = None
     visits: deque[Visit] = field(default_factory=lambda: deque(maxlen=MOST_VISITS))
-    _last: _Place | None = None
+    _last: int | None = None  # sequence of the packet last taken
+    _stamp: int | None = None  # its time [ns]
+    _strays: int = 0  # packets in a row that stood behind it, in an order of their own
+    _last_stray: int = 0
     _sequence: int = 0  # of the next command
     _unconfirmed: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED))
 
@@ -95,7 +92,7 @@ class Session:
         self.figures.received += 1
         self._keep_time(message.header.sequence, stamp, order)
         self._confirm(message.header.reflected, order)
-        self._last = _Place(message.header.sequence, stamp)
+        self._last, self._stamp, self._strays = message.header.sequence, stamp, 0
         if message.connection is not None and message.connection.session_state is not self.state:
             self.state = message.connection.session_state
             self.visits.append(Visit(self.state, self.time))
@@ -120,32 +117,39 @@ class Session:
         last = self._last
         if last is None:
             return Order.NEXT
-        ahead = (sequence - last.sequence) % _MODULUS
-        if 0 < ahead < _MODULUS // 2:
+        ahead = (sequence - last) % _MODULUS
+        if 0 < ahead <= _LONGEST_GAP:
             return Order.NEXT
-        if stamp is not None and last.stamp is not None and stamp > last.stamp:
-            restarted = True  # it counts from the start, but later than what came before
+        if stamp is not None and self._stamp is not None:
+            restarted = stamp > self._stamp  # it counts anew, but later than what came before
         else:
-            restarted = stamp is None and -ahead % _MODULUS > _REORDERED
-        if not restarted:
+            restarted = -ahead % _MODULUS > _REORDERED
+        if not restarted and not self._strays_on(sequence):
             return Order.OLD
         self.figures.restarts += 1
         return Order.RESTARTED
 
+    def _strays_on(self, sequence: int) -> bool:
+        """Say whether packets that look old go on and on: then the robot's clock was set back."""
+        follows = 0 < (sequence - self._last_stray) % _MODULUS <= _REORDERED
+        self._strays = self._strays + 1 if follows else 1
+        self._last_stray = sequence
+        return self._strays > _MOST_STRAYS
+
     def _keep_time(self, sequence: int, stamp: int | None, order: Order) -> None:
         """Advance time by the robot's clock, or by its send period where that does not fit."""
-        last = self._last
-        if last is None:
+        if self._last is None:
             return
-        steps = 1 if order is Order.RESTARTED else (sequence - last.sequence) % _MODULUS
+        restarted = order is Order.RESTARTED
+        steps = 1 if restarted else (sequence - self._last) % _MODULUS
         self.packets += steps
         self.figures.lost += steps - 1
         expected = steps * self.period
-        if stamp is None or last.stamp is None:
+        if stamp is None or self._stamp is None:
             self.time += expected
             return
-        passed = 1e-9 * (stamp - last.stamp)
-        if order is Order.RESTARTED or 0.0 < passed <= expected + _LONGEST_JUMP:
+        passed = 1e-9 * (stamp - self._stamp)
+        if passed > 0.0 and (restarted or passed <= expected + _LONGEST_JUMP):
             self.time += passed
         else:
             self.figures.clock_steps += 1

@@ -46,6 +46,8 @@ class _Node:
     counters: list[tuple[str, int]] = field(default_factory=list)
     children: list[tuple[str, _Node]] = field(default_factory=list)
     fixed: list[tuple[str, Any]] = field(default_factory=list)  # what must not change
+    written: dict[str, bytes] = field(default_factory=dict[str, bytes])  # counters read last,
+    counted: dict[str, int] = field(default_factory=dict[str, int])  # and what they say
 
     def build(self, values: tuple[Any, ...]) -> Any:  # noqa: ANN401  # the like of `like`
         """Return the value of a datagram, whose numbers are `values`."""
@@ -57,7 +59,10 @@ class _Node:
         for name, at in self.numbers:
             content[name] = values[at]
         for name, at in self.counters:
-            content[name] = _counter(values[at])
+            written = values[at]
+            if written != self.written.get(name):  # seconds, for one, seldom change
+                self.written[name], self.counted[name] = written, _counter(written)
+            content[name] = self.counted[name]
         for name, child in self.children:
             content[name] = child.build(values)
         return made
@@ -235,9 +240,9 @@ def _same(one: Any, other: Any) -> bool:  # noqa: ANN401
 
 def _counter(written: bytes) -> int:
     """Return the integer of a varint that is known to end in its last byte."""
-    value = 0
-    for byte in reversed(written):
-        value = value << 7 | byte & 0x7F
+    value = written[0] & 0x7F
+    for k, byte in enumerate(written[1:], start=1):
+        value |= (byte & 0x7F) << 7 * k
     if value > _HIGHEST:
         raise OverflowError
     return value

@@ -35,6 +35,8 @@ class VelocityFilter:
             if step > LONGEST_STEP:
                 self.velocity = np.zeros(position.size)
             elif step > 0.0:
-                change = (position - self._position) / step - self.velocity
-                self.velocity = self.velocity + step / (step + TIME_CONSTANT) * change
+                share = step / (step + TIME_CONSTANT)
+                self.velocity = (1.0 - share) * self.velocity + (share / step) * (
+                    position - self._position
+                )
         self._time, self._position = time, position

@@ -3,11 +3,14 @@
 The safety contract makes set-points; this only compares numbers that leave this machine, one after
 the other, whoever made them: a set-point, a mirrored position of the robot's own application, or a
 hold. Torques and wrenches that are no longer wanted go to zero at their rate, not at once.
+
+Seven numbers are quicker in plain Python than in arrays, and the wire takes plain numbers anyway.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+import math
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
@@ -15,6 +18,8 @@ from limo_driver.safety import RANGE_TOLERANCE
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, RobotSpec
+
+Numbers: TypeAlias = tuple[float, ...]
 
 _ROUNDING: Final = 2e-6  # relative, twice the contract's own for a step of position
 _LAST_DIGITS: Final = 1e-9  # relative, of a step of torque
@@ -28,58 +33,76 @@ class WireLimits:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
-        limits, more = spec.limits, 1 + _LAST_DIGITS
-        self._step = limits.velocity * spec.period * (1 + _ROUNDING)  # [rad]
-        self._lower = limits.position_min - RANGE_TOLERANCE
-        self._upper = limits.position_max + RANGE_TOLERANCE
-        self._torque, self._torque_step = limits.torque, limits.torque_rate * spec.period * more
-        wrench = spec.wrench_limits
-        self._wrench = np.zeros(6) if wrench is None else wrench.wrench
-        self._wrench_step = np.zeros(6) if wrench is None else wrench.rate * spec.period * more
+        limits, period, wrench = spec.limits, spec.period, spec.wrench_limits
+        self._step = numbers(limits.velocity * period * (1 + _ROUNDING))  # [rad]
+        self._lower = numbers(limits.position_min - RANGE_TOLERANCE)
+        self._upper = numbers(limits.position_max + RANGE_TOLERANCE)
+        self._torque = numbers(limits.torque)
+        self._torque_step = numbers(limits.torque_rate * period * (1 + _LAST_DIGITS))
+        none = np.zeros(6)
+        self._wrench = numbers(none if wrench is None else wrench.wrench)
+        rate = none if wrench is None else wrench.rate
+        self._wrench_step = numbers(rate * period * (1 + _LAST_DIGITS))
         self.changed = 0  # commands that had to be changed here
         self.reset()
 
     def reset(self) -> None:
         """Begin anew: the robot is under its own command."""
-        self._position: FloatArray | None = None  # [rad], sent last
-        self._effort: FloatArray | None = None  # torque or wrench, sent last
+        self._position: Numbers | None = None  # [rad], sent last
+        self._effort: Numbers | None = None  # torque or wrench, sent last
 
-    def usable(self, position: FloatArray) -> bool:
+    def usable(self, position: Numbers) -> bool:
         """Say whether a position that the robot names may be mirrored."""
-        return bool(((self._lower <= position) & (position <= self._upper)).all())  # NaN is not
+        # A NaN compares false.
+        return all(map(_between, position, self._lower, self._upper))
 
-    def reachable(self, wanted: FloatArray) -> FloatArray:
+    def reachable(self, wanted: Numbers) -> Numbers:
         """Return how close to a position the next command may come, (n,) [rad]."""
-        last = self._position
-        return wanted if last is None else _near(wanted, last, self._step)
+        return wanted if self._position is None else _near(wanted, self._position, self._step)
 
-    def position(self, wanted: FloatArray) -> FloatArray:
-        """Return the position to send, (n,) [rad]."""
-        sent = self.reachable(wanted)
-        self._note(sent, wanted)
+    def position(self, wanted: Numbers) -> Numbers | None:
+        """Return the position to send, (n,) [rad]; None if there is none within the arm's range."""
+        sent: Numbers | None = self.reachable(wanted)
+        if not self.usable(sent):
+            sent = self._position
+        self.changed += sent is not wanted
         self._position = sent
         return sent
 
-    def torque(self, wanted: FloatArray | None) -> FloatArray:
+    def torque(self, wanted: Numbers | None) -> Numbers:
         """Return the torque to send, (n,) [N m]; None asks for no torque."""
         return self._limited(wanted, self._torque, self._torque_step)
 
-    def wrench(self, wanted: FloatArray | None) -> FloatArray:
+    def wrench(self, wanted: Numbers | None) -> Numbers:
         """Return the wrench to send, (6,) [N, N m]; None asks for no wrench."""
         return self._limited(wanted, self._wrench, self._wrench_step)
 
-    def _limited(self, wanted: FloatArray | None, most: FloatArray, step: FloatArray) -> FloatArray:
-        last = np.zeros(most.size) if self._effort is None else self._effort
-        target = np.zeros(most.size) if wanted is None else wanted
-        sent = _near(np.minimum(np.maximum(target, -most), most), last, step)
-        if wanted is not None:
-            self._note(sent, wanted)
+    def _limited(self, wanted: Numbers | None, most: Numbers, step: Numbers) -> Numbers:
+        zero = (0.0,) * len(most)
+        target = zero if wanted is None else _near(wanted, zero, most)
+        sent = _near(target, zero if self._effort is None else self._effort, step)
+        self.changed += wanted is not None and sent is not wanted
         self._effort = sent
         return sent
 
-    def _note(self, sent: FloatArray, wanted: FloatArray) -> None:
-        self.changed += not np.array_equal(sent, wanted)
+
+def numbers(values: FloatArray) -> Numbers:
+    """Return an array as the wire takes it."""
+    return tuple(values.tolist())
 
 
-def _near(wanted: FloatArray, last: FloatArray, step: FloatArray) -> FloatArray:
-    return np.minimum(np.maximum(wanted, last - step), last + step)
+def _between(value: float, lower: float, upper: float) -> bool:
+    return lower <= value <= upper
+
+
+def _near(wanted: Numbers, last: Numbers, step: Numbers) -> Numbers:
+    """Return `wanted` itself, or what is closest to it within a step of `last`."""
+    for value, before, most in zip(wanted, last, step, strict=True):
+        if not -most <= value - before <= most:
+            break
+    else:
+        return wanted
+    return tuple(
+        min(max(value, before - most), before + most) if math.isfinite(value) else before
+        for value, before, most in zip(wanted, last, step, strict=True)
+    )

@@ -181,6 +181,19 @@ def test_the_set_point_reaches_a_command_without_steps_of_velocity(steps: int) -
     assert np.abs(np.diff(velocity, axis=0)).max() <= 1.0 / steps + 1e-9
 
 
+@pytest.mark.parametrize("steps", [1, 5])
+def test_one_lost_command_is_bridged_and_more_lead_to_rest_on_the_last(steps: int) -> None:
+    def told(lost: set[int]) -> np.ndarray:
+        path = SetpointPath(np.zeros(7), np.full(7, 5.0), steps)
+        commands = (None if k in lost else np.full(7, 1e-3 * k) for k in range(40))
+        return np.concatenate([path.follow(command, steps) for command in commands])
+
+    assert told({20}) == pytest.approx(told(set()))
+    many = told(set(range(20, 60)))
+    assert many[-1] == pytest.approx(np.full(7, 0.019))
+    assert np.abs(np.diff(many[-5:], axis=0)).max() == 0.0
+
+
 def test_what_moves_brakes_within_its_acceleration_and_then_follows_the_program() -> None:
     path = SetpointPath(np.zeros(7), np.full(7, 5.0), 2)
     for k in range(1, 50):

@@ -6,7 +6,8 @@ the mean over one interval of the polyline through them: at a fraction u of the 
     q(u) = p₁ + ½ (p₂ − p₁) u² − ½ (p₁ − p₀) (1 − u)²
 
 so that its velocity has no steps; it is half an interval behind. An interval of one millisecond is
-followed as it is. When no command came, the last one counts again, and the arm comes to rest.
+followed as it is. One command that did not come is bridged by going on at the same velocity; when
+more are missing, the arm comes to rest on the last one.
 """
 
 from __future__ import annotations
@@ -52,11 +53,11 @@ class SetpointPath:
         """
         self._base = None
         if command is not None:
-            self._pending = command
+            self._command, self._missing = command, 0
         targets = np.empty((count, self.position.size))
         for row in range(count):
             if self._done == self.steps:
-                self._points = (self._points[1], self._points[2], self._pending)
+                self._points = (self._points[1], self._points[2], self._next_point())
                 self._done = 0
             self._done += 1
             targets[row] = self._between(self._done / self.steps)
@@ -88,6 +89,13 @@ class SetpointPath:
         self._begin_interval(self.position)
         return targets
 
+    def _next_point(self) -> FloatArray:
+        """Return where the set-point goes in the interval that begins, (n,) [rad]."""
+        self._missing += 1  # until a command comes
+        if self._missing == 2:  # noqa: PLR2004  # of the interval before and of this one
+            return 2.0 * self._points[2] - self._points[1]
+        return self._command
+
     def _between(self, u: float) -> FloatArray:
         p0, p1, p2 = self._points
         if self.steps == 1:
@@ -96,7 +104,7 @@ class SetpointPath:
 
     def _begin_interval(self, position: FloatArray) -> None:
         self._points = (position, position, position)
-        self._pending = position
+        self._command, self._missing = position, 0
         self._done = self.steps
 
     def _told(self, targets: FloatArray) -> FloatArray:

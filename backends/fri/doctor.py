@@ -1,0 +1,211 @@
+"""Why an FRI link does not work, in words that someone in the laboratory can act on.
+
+First it listens on the port and on FRI's usual ones; where a robot sends, it then answers as the
+driver does, for the quality of a connection shows only in answers. It commands nothing: what it
+answers is the position that the robot's own application has.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from backends.fri.advice import advice
+from backends.fri.endpoint import resolve
+from backends.fri.listening import Heard, listen
+from backends.fri.messages import PORTS, Quality, SessionState
+from backends.fri.network import near, networks, own_address
+from backends.fri.robot import FriRobot
+from limo_driver.errors import BackendError, ConnectionLostError
+
+if TYPE_CHECKING:
+    from backends.fri.version import Generation
+
+MOST_LOST: Final = 0.001  # of the packets
+MOST_LATE: Final = 0.01  # of the answers
+MOST_POOR: Final = 0.1  # of the packets below GOOD, where others are better; it begins POOR
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was found out."""
+
+    code: str  # a word for programs
+    text: str  # what is, and what to do
+    problem: bool = True
+
+
+@dataclass
+class Examination:
+    """All that was found out about a link."""
+
+    findings: list[Finding] = field(default_factory=list[Finding])
+    figures: dict[str, Any] = field(default_factory=dict[str, Any])
+
+    @property
+    def healthy(self) -> bool:
+        """Whether no problem was found."""
+        return not any(finding.problem for finding in self.findings)
+
+    def add(self, code: str, text: str, *, problem: bool = True) -> None:
+        """Add a finding."""
+        self.findings.append(Finding(code, text, problem))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "healthy": self.healthy,
+            "findings": [vars(finding) for finding in self.findings],
+            "figures": self.figures,
+        }
+
+
+def examine(host: str | None, port: int, seconds: float) -> Examination:
+    """Find out how a link stands.
+
+    Args:
+        host: Address or name of the controller; any sender if not given.
+        port: UDP port of the client.
+        seconds: How long to listen, and then how long to answer [s].
+
+    Raises:
+        ConfigError: The host is unknown, or the port is none.
+    """
+    found = Examination()
+    address = None if host is None else resolve(host)
+    others = tuple(other for other in PORTS if other != port)
+    try:
+        heard, taken = listen(port, others, address, seconds)
+    except BackendError as error:
+        found.add("port-taken", f"{error}. `ss -ulpn 'sport = :{port}'` names it")
+        return found
+    found.figures["datagrams"] = {str(at): what.datagrams for at, what in heard.items()}
+    robots = heard[port].robots if port in heard else {}
+    if address in robots or (address is None and robots):
+        sender = address or next(iter(robots))
+        _answer(found, sender, port, robots[sender], seconds)
+        return found
+    _explain_silence(found, address, port, heard, seconds)
+    if taken:
+        found.add("ports-taken", f"not listened to, since taken: {_listed(taken)}", problem=False)
+    return found
+
+
+def _explain_silence(
+    found: Examination, address: str | None, port: int, heard: dict[int, Heard], seconds: float
+) -> None:
+    """Say why no robot is at the port."""
+    here = heard.get(port)
+    if here is not None and here.robots:
+        found.add(
+            "other-host",
+            f"a robot at {_listed(here.robots)} sends to port {port}, but {address} was named: "
+            "name that one, or correct the client's address in the other robot's application",
+        )
+    elif here is not None:
+        found.add(
+            "not-fri",
+            f"{here.datagrams} datagrams came to port {port} from {_listed(here.senders)}, but "
+            f"none is a message of FRI 1.11 to 1.16, 2.5 or 2.7: {here.problem}. Another program "
+            "sends there, or FRI of a version that limo does not know",
+        )
+    for other, what in heard.items():
+        if other != port and what.robots:
+            found.add(
+                "other-port",
+                f"a robot at {_listed(what.robots)} sends to port {other}, not {port}: give "
+                f"--port {other}, or set the port in the robot application to {port}",
+            )
+    if found.findings:
+        return
+    found.add(
+        "nobody",
+        f"nobody sent anything to port {port} in {seconds:g} s. The robot speaks first: its "
+        "application has to open an FRI session to this machine's address"
+        + _own(address)
+        + f" and port {port}; a firewall here may drop UDP to that port",
+    )
+    if address is not None and not near(address):
+        own = ", ".join(str(network) for network in networks()) or "no network"
+        found.add(
+            "other-network",
+            f"no interface of this machine is in the network of {address} (it is in {own}): "
+            "give the interface that is wired to the controller's FRI port an address there",
+        )
+
+
+def _own(address: str | None) -> str:
+    own = None if address is None else own_address(address)
+    return "" if own is None else f" ({own})"
+
+
+def _answer(
+    found: Examination, sender: str, port: int, generation: Generation, seconds: float
+) -> None:
+    """Answer a robot for a while and judge the link."""
+    found.add(
+        "robot", f"a robot at {sender} speaks FRI {generation.value} to port {port}", problem=False
+    )
+    qualities: Counter[Quality] = Counter()
+    try:
+        with FriRobot(sender, port, connect_timeout=max(seconds, 1.0)) as robot:
+            deadline = time.monotonic() + seconds
+            while time.monotonic() < deadline:
+                if not robot.receive().stale and (quality := robot.quality) is not None:
+                    qualities[quality] += 1
+            _judge(found, robot, qualities)
+    except ConnectionLostError as error:
+        found.add("lost", str(error))
+
+
+def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality]) -> None:
+    figures = robot.figures
+    found.figures |= {
+        "link": figures.as_json(),
+        "send_period": 1e-3 * robot.send_period,
+        "states": [(visit.state.name, visit.time) for visit in robot.visits],
+        "quality": {quality.name: count for quality, count in sorted(qualities.items())},
+        "answer_latency": robot.latency.as_json(),
+        "foreign": robot.foreign,
+    }
+    if not qualities:
+        found.add("silent", "the robot stopped sending while it was answered")
+        return
+    if figures.lost > MOST_LOST * figures.received:
+        found.add(
+            "loss",
+            f"{figures.lost} of {figures.received + figures.lost} packets were lost on their way "
+            "here: use a cable of its own, no wireless network and no shared switch",
+        )
+    if figures.late + figures.unreceived > MOST_LATE * max(figures.answered, 1):
+        found.add(
+            "late",
+            f"{figures.late + figures.unreceived} of {figures.answered} answers came too late or "
+            f"never (p99 of answering: {1e3 * robot.latency.percentile(99):.2f} ms): end what "
+            "else computes here, or lengthen the send period",
+        )
+    _judge_quality(found, qualities)
+    state, reasons = robot.session_state, "; ".join(advice(robot.monitoring))
+    if state is SessionState.COMMANDING_ACTIVE:
+        found.add("commanding", "the session takes commands", problem=False)
+    elif state is SessionState.MONITORING_READY:
+        found.add("monitoring", f"the session is monitored: {reasons}", problem=False)
+    elif state is not None:
+        found.add("stuck", f"the session is stuck in {state.name}: {reasons}")
+
+
+def _judge_quality(found: Examination, qualities: Counter[Quality]) -> None:
+    best, below = max(qualities), sum(qualities[q] for q in qualities if q < Quality.GOOD)
+    if best < Quality.GOOD:
+        found.add("quality", f"the connection never got better than {best.name}")
+    elif below > MOST_POOR * qualities.total():
+        counts = ", ".join(
+            f"{quality.name} {count}" for quality, count in sorted(qualities.items())
+        )
+        found.add("quality", f"the quality of the connection goes up and down ({counts} packets)")
+
+
+def _listed(values: Any) -> str:  # noqa: ANN401  # anything that can be listed
+    return ", ".join(str(value) for value in values)

@@ -1,0 +1,54 @@
+"""`limo doctor`: why a link to a real arm does not work."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+UNHEALTHY = 1
+
+command = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
+
+
+@command.callback()
+def doctor() -> None:
+    """Find out why a link to a real arm does not work, and what to do about it."""
+
+
+@command.command()
+def fri(
+    host: Annotated[
+        str | None, typer.Option(help="Address of the controller; else whoever sends.")
+    ] = None,
+    port: Annotated[int, typer.Option(help="UDP port of this machine.")] = 30200,
+    seconds: Annotated[
+        float,
+        typer.Option(min=0.05, max=600.0, help="How long to listen, and then to answer [s]."),
+    ] = 5.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
+) -> None:
+    """Listen to the arm, answer it without commanding anything, and say how the link stands.
+
+    Exit status 0 if the link works, 1 if something is wrong with it.
+
+    [bold]Examples[/bold]
+
+        limo doctor fri
+
+        limo doctor fri --host 192.170.10.2 --port 30201 --seconds 10 --json
+    """
+    import json
+
+    from backends.fri.doctor import examine
+
+    found = examine(host, port, seconds)
+    if as_json:
+        typer.echo(json.dumps(found.as_json()))
+    else:
+        for finding in found.findings:
+            typer.echo(f"{'problem' if finding.problem else 'note'}: {finding.text}")
+        if found.healthy:
+            typer.echo("the link works")
+    if not found.healthy:
+        raise typer.Exit(UNHEALTHY)

@@ -1,0 +1,14 @@
+"""Datagrams of every kind: the driver neither crashes nor commands out of contract."""
+
+import pytest
+from fri_fuzzing import fuzz
+
+from backends.fri.messages import CommandMode
+
+
+@pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.TORQUE])
+def test_driver_keeps_its_contract_whatever_comes(mode):
+    happened = fuzz(5000, seed=1, mode=mode)
+    assert happened["commands"] > 1000
+    assert happened["link"]["malformed"] > 500
+    assert happened["link"]["restarts"] > 5
