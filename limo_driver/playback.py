@@ -13,6 +13,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.interrupts import interrupts
+from limo_driver.realtime import Realtime
 from limo_driver.recorder import Recorder
 from limo_driver.registry import ROBOTS, find
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand, same_robot
@@ -42,6 +43,8 @@ class PlaybackSummary:
     tracking_max: FloatArray  # (n,) [rad]
     limited: dict[str, int]  # cycles in which each limit changed the command
     interrupted: bool
+    link: dict[str, Any]  # what was counted on the link to a real arm
+    refused: tuple[str, ...]  # what the machine did not permit of what was asked for
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values."""
@@ -63,6 +66,7 @@ class Playback:
         stiffness: Follow as an impedance of this stiffness [N m/rad] instead of by position.
         provenance: What made this run, for the recording's header.
         publish: Told the states as they are measured, numbered so that only a lost one is a gap.
+        fifo: Ask for SCHED_FIFO and locked memory while a real arm moves.
     """
 
     trajectory: Trajectory
@@ -71,6 +75,7 @@ class Playback:
     stiffness: float | None = None
     provenance: dict[str, Any] | None = None
     publish: Callable[[JointState], None] | None = None
+    fifo: bool = False
 
     def run(self, robot: Robot, progress: Callable[[int, int], None]) -> PlaybackSummary:
         """Move the arm along the trajectory; SIGINT or SIGTERM slows it down to a hold.
@@ -83,6 +88,14 @@ class Playback:
             JointLimitError: The arm does not stand where the trajectory starts.
             HoldingError: The arm went into a hold by itself; what was recorded is kept.
         """
+        if robot.simulated:
+            return self._run(robot, progress, None)
+        with Realtime(fifo=self.fifo) as realtime:
+            return self._run(robot, progress, realtime)
+
+    def _run(
+        self, robot: Robot, progress: Callable[[int, int], None], realtime: Realtime | None
+    ) -> PlaybackSummary:
         targets = self.trajectory.resample(robot.spec.period).position
         robot.wait_until_ready()
         state = self._receive(robot)
@@ -101,6 +114,8 @@ class Playback:
                 errors[0] += error**2
                 np.maximum(errors[1], error, out=errors[1])
                 reached = state.time - start
+                if realtime is not None:
+                    realtime.tidy()
                 state = self._receive(robot)
                 if done % 256 == 0:
                     progress(done, len(targets))
@@ -118,6 +133,8 @@ class Playback:
             tracking_max=errors[1],
             limited=dict(limited),
             interrupted=interrupted.is_set(),
+            link=robot.link_figures(),
+            refused=() if realtime is None else tuple(realtime.refused),
         )
 
     def _receive(self, robot: Robot) -> JointState:

@@ -133,6 +133,10 @@ class Robot(Closing):
             BackendError: It did not in time; says what to do about it.
         """
 
+    def link_figures(self) -> dict[str, Any]:
+        """Return what was counted on the link to a real arm, as JSON values."""
+        return {}
+
     def keep_time(self) -> None:  # a real arm cannot do otherwise
         """Run no faster than real time from now on."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -12,12 +13,11 @@ from backends.fri.version import FriVersion, Generation, detect
 from limo_driver.errors import BackendError, ConnectionLostError, WireFormatError
 
 if TYPE_CHECKING:
-    from backends.fri.messages import Monitoring
+    from backends.fri.messages import Joints, Monitoring
 
 LARGEST_POSITION: Final = 10.0  # [rad], beyond any arm
 LARGEST_TORQUE: Final = 1e4  # [N m], beyond any arm
 LONGEST_PERIOD: Final = 100  # [ms] between packets
-_LARGEST: Final = {"measured_position": LARGEST_POSITION, "measured_torque": LARGEST_TORQUE}
 _UNTOLD: Final = 20  # messages without a telling field, after which it is 1.x
 
 
@@ -99,17 +99,21 @@ def unusable(message: Monitoring) -> str:
         return f"a send period of {connection.send_period} ms, expected 1 to {LONGEST_PERIOD}"
     if (connection.receive_multiplier or 1) * connection.send_period > 10 * LONGEST_PERIOD:
         return f"a receive multiplier of {connection.receive_multiplier}"
-    for name, most in (
-        ("measured_position", LARGEST_POSITION),
-        ("measured_torque", LARGEST_TORQUE),
-    ):
-        values = getattr(data, name, None)
-        if values is None:
-            return f"no {name.replace('_', ' ')}"
-        # A NaN may hide from the extremes, but not in the sum.
-        if not (-most <= min(values) and max(values) <= most and sum(values) == sum(values)):
-            return f"a {name.replace('_', ' ')} that no arm has"
-    return ""
+    if data is None:
+        return "no measurements"
+    return _unlike(data.measured_position, LARGEST_POSITION, "measured position") or _unlike(
+        data.measured_torque, LARGEST_TORQUE, "measured torque"
+    )
+
+
+def _unlike(values: Joints | None, most: float, name: str) -> str:
+    """Say why values cannot be those of an arm; empty if they can."""
+    if values is None:
+        return f"no {name}"
+    # A NaN may hide from the extremes, but not in the sum.
+    if -most <= min(values) and max(values) <= most and abs(sum(values)) < math.inf:
+        return ""
+    return f"a {name} that no arm has"
 
 
 def pace(message: Monitoring) -> tuple[int, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -186,6 +186,15 @@ class FriRobot(Robot):
         data = self.monitoring.data
         return {} if data is None else {io.name: io.value for io in data.io}
 
+    def link_figures(self) -> dict[str, Any]:
+        """Return what was counted on the link, and how fast packets were answered."""
+        return {
+            **self.figures.as_json(),
+            "foreign": self.foreign,
+            "limited_at_wire": self.limited_at_wire,
+            "answer": self.latency.as_json(),
+        }
+
     def set_output(self, name: str, value: float | bool) -> None:
         """Set an output with the next answers, until the robot has received one of them.
 
@@ -339,21 +348,21 @@ class FriRobot(Robot):
             self._contract.lead(self._position if told is None else np.array(told))
         elif not self._commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be.
-            told = self._start(message) or numbers(self._contract.setpoint)
+            told = self._start(message, before) or numbers(self._contract.setpoint)
             self._contract.lead(np.array(self._wire.reachable(told)))
 
-    def _start(self, message: Monitoring) -> Joints | None:
-        """Return where commands start from, in an active session; None if the robot does not say.
+    def _start(self, message: Monitoring, before: SessionState | None) -> Joints | None:
+        """Return where commands start from, in an active session; None to stay at the set-point.
 
         A session that was active before this driver heard of it was another client's: it starts
         where that left the arm, which need not be where the robot's application would have it.
         """
         if not self._joined:
             return application_position(message, self._wire)
-        data = message.data
-        commanded = None if data is None else data.commanded_position  # only 1.x says
-        position = numbers(self._position) if commanded is None else commanded
-        return position if self._wire.usable(position) else None
+        told = None if message.data is None else message.data.commanded_position  # only 1.x says
+        if told is None and before is None:  # once: an arm told to be where it is would sink
+            told = numbers(self._position)
+        return told if told is not None and self._wire.usable(told) else None
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1

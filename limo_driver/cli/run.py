@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from limo_driver.trajectory import Trajectory
 
 INTERRUPTED = 130
+_ANSWERED = {"p50": "p50", "p99": "p99", "p99_9": "p99.9", "longest": "longest"}
 
 
 def command(
@@ -65,6 +66,9 @@ def command(
     connect: Connect = None,
     listen: Listen = None,
     config: ConfigFile = None,
+    fifo: Annotated[
+        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory, for a real arm.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Move an arm along a trajectory and record position, velocity and torque.
@@ -79,6 +83,8 @@ def command(
         limo run --backend virtual --trajectory limo.traj.parquet --record ideal.parquet --json
 
         limo run --backend mujoco --trajectory limo.traj.parquet --record run.parquet --stream
+
+        limo run --backend fri --trajectory limo.traj.parquet --record run.parquet --fifo
     """
     from limo_driver.errors import ConfigError
     from limo_driver.outputs import require_apart
@@ -125,7 +131,7 @@ def command(
             publish = open_.enter_context(
                 JointStatePublisher(session, name or arm.spec.name, arm.spec.joint_names, also)
             ).publish
-        playback = Playback(motion, record, every, impedance, provenance, publish)
+        playback = Playback(motion, record, every, impedance, provenance, publish, fifo)
         with _progress(quiet=as_json) as progress:
             summary = playback.run(arm, progress)
     _report(summary, as_json=as_json)
@@ -206,5 +212,30 @@ def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
         soft_wrap=True,
     )
     console.print(table)
+    if summary.link:
+        console.print(_link_line(summary.link), highlight=False, soft_wrap=True)
+    for refused in summary.refused:
+        console.print(f"not permitted: {refused}", highlight=False, soft_wrap=True)
     for name, count in summary.limited.items():
         console.print(f"limited by {name.replace('_', ' ')} in {count} cycles", highlight=False)
+
+
+def _link_line(link: dict[str, Any]) -> str:
+    """Say how fast packets were answered, and all that went wrong and is not zero."""
+    answer = link.get("answer", {})
+    times = ", ".join(
+        f"{said} {1e3 * answer[key]:.2f} ms"
+        for key, said in (
+            ("p50", "p50"),
+            ("p99", "p99"),
+            ("p99_9", "p99.9"),
+            ("longest", "longest"),
+        )
+        if key in answer
+    )
+    counts = ", ".join(
+        f"{count} {name.replace('_', ' ')}"
+        for name, count in link.items()
+        if isinstance(count, int) and count
+    )
+    return f"link: {counts}" + (f"; answered within {times}" if times else "")
