@@ -133,3 +133,13 @@ def test_no_torques_where_the_bus_is_too_slow_for_them(bus, config):
         robot.receive()
         with pytest.raises(BackendError, match=r"no torques at this rate.*RPDO2"):
             robot.send(TorqueCommand(torque=np.zeros(7)))
+
+
+@pytest.mark.usefixtures("arm")
+def test_a_long_pause_before_the_first_cycle_is_caught_up_with(bus, config):
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        for _ in range(1000):
+            for node in NODES:
+                bus.deliver(0x700 + node, b"\x05")
+        states = [robot.receive() for _ in range(3)]
+    assert not any(state.stale or state.holding for state in states)
