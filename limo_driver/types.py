@@ -79,7 +79,7 @@ class RobotSpec:
     limits: JointLimits
     period: float  # control cycle [s]
     wrench_limits: WrenchLimits | None = None  # of a robot that takes wrenches
-    torque_step: FloatArray | None = None  # (n,) [N m], of measured torque; None if not known
+    torque_resolution: FloatArray | None = None  # (n,) [N m], of measured torque, where known
 
     @property
     def n(self) -> int:
