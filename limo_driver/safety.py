@@ -214,7 +214,10 @@ class SafetyContract:
         if (state := memory.state) is not None:
             # A lost measurement is carried on by its velocity; nothing is added to a fresh one.
             position = state.position + (memory.time - state.time) * state.velocity
-            memory.now = replace(memory.now, position=position, velocity=state.velocity)
+            # What moves faster than it may is not followed faster, nor is a measurement that errs.
+            fastest = self.spec.limits.velocity
+            velocity = np.clip(state.velocity, -fastest, fastest)
+            memory.now = replace(memory.now, position=position, velocity=velocity)
 
     def _fault(self, state: JointState) -> str:
         """Say why the arm has to hold; empty if it need not."""

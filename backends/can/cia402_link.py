@@ -7,7 +7,6 @@ before it is enabled again, at the pose where it stands.
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -106,24 +105,26 @@ class Cia402Link(Link):
     def enable(self, *, reset: bool = False) -> None:
         """Let the drives hold the pose that they measure."""
         reset = reset or self._reset
-        until = time.monotonic() + self.config.answer_timeout
+        until = self.port.now() + self.config.answer_timeout
         self._powered = True
         self._mode, self._commanded = Mode.POSITION, False
         if reset:
             for drive in self._drives:
                 if drive.nmt not in {None, OPERATIONAL}:  # it restarted, and has forgotten all
                     self._start(drive)
+        self.port.bus_off = False
         waiting = [drive for drive in self._drives if drive.state is not State.ENABLED]
         for drive in waiting:
             drive.silent = 0
             self._pinned[drive.joint - 1] = True
+        self._follow([drive for drive in self._drives if self._pinned[drive.joint - 1]])
         while waiting:
             for drive in waiting:
                 drive.controlword = towards_enabled(drive.state, drive.controlword, reset=reset)
             self._follow(waiting)
             self._run_cycle()
             waiting = [drive for drive in waiting if drive.state is not State.ENABLED]
-            if waiting and time.monotonic() > until:
+            if waiting and self.port.now() > until:
                 self._give_up(waiting[0])
         self._reset = False
 
@@ -191,11 +192,11 @@ class Cia402Link(Link):
         self._put()
 
     def listen(self, until: float) -> None:
-        """Take in what the drives say until then [s], of `time.monotonic`."""
+        """Take in what the drives say until then [s], of the port's clock."""
         backlog = BACKLOG
         while (frame := self.port.receive(until)) is not None:
             self._take(frame)
-            if time.monotonic() >= until:
+            if self.port.now() >= until:
                 backlog -= 1
                 if not backlog:  # a babbling node does not keep the arm from its cycles
                     return
@@ -219,7 +220,7 @@ class Cia402Link(Link):
         """Say why the arm has to hold; empty if it need not."""
         if self.port.bus_off:
             return f"{self.port.name} is off: too many errors"
-        now = time.monotonic()
+        now = self.port.now()
         for drive in self._drives:
             if text := drive.complaint(self.config.hold_after, self.config.watchdog, now):
                 return f"joint {drive.joint} (node {drive.node}) {text}"
@@ -264,7 +265,7 @@ class Cia402Link(Link):
             handlers[TPDO3 + drive.node] = drive.take_temperature
             handlers[EMERGENCY + drive.node] = drive.take_emergency
             handlers[HEARTBEAT + drive.node] = lambda data, drive=drive: drive.take_heartbeat(
-                data, time.monotonic()
+                data, self.port.now()
             )
         return handlers
 
@@ -274,17 +275,18 @@ class Cia402Link(Link):
 
     def _sync(self, until: float) -> bool:
         """Start a cycle; say whether every drive answered until then."""
-        now = time.monotonic()
+        now = self.port.now()
         for drive, fastest, slack in zip(self._drives, self._fastest, self._slack, strict=True):
-            since = np.inf if drive.heard_at is None else now - drive.heard_at + self._period
-            drive.open_cycle(now, fastest * since + slack)
+            drive.open_cycle(now, fastest * (now - drive.heard_at + self._period) + slack)
         self.port.send(SYNC, b"")
+        if not any(drive.silent for drive in self._drives):
+            until += self._period  # late is better than lost: once, the next cycle waits
         backlog = BACKLOG
         while not all(drive.heard for drive in self._drives):
             if (frame := self.port.receive(until)) is None:
                 break
             self._take(frame)
-            if time.monotonic() >= until:
+            if self.port.now() >= until:
                 backlog -= 1
                 if not backlog:
                     break
@@ -305,13 +307,13 @@ class Cia402Link(Link):
             for drive in changing or self._drives:
                 self.port.send(RPDO2 + drive.node, torques[drive.joint - 1])
         self._mode_cycles += 1
-        if (now := time.monotonic()) >= self._heartbeat_due:
+        if (now := self.port.now()) >= self._heartbeat_due:
             self._heartbeat_due = now + self.config.watchdog / HEARTBEATS_PER_WATCHDOG
             self.port.send(HEARTBEAT + self.config.master, bytes((OPERATIONAL,)))
 
     def _run_cycle(self) -> None:
         """Run one cycle apart from the robot's own."""
-        began = time.monotonic()
+        began = self.port.now()
         self._put()
         self._sync(began + self._period)
         self.listen(began + self._period)
@@ -346,15 +348,15 @@ class Cia402Link(Link):
         commissioning = self._commissioning(drive)
         commissioning.configure()
         commissioning.start_values(reset=self._reset or self._powered)
-        drive.heard_at = drive.before = None
-        drive.cycle_at, drive.nmt = time.monotonic(), None
+        drive.heard_at = drive.cycle_at = self.port.now()
+        drive.before, drive.nmt, drive.heard = None, None, False
         self.port.send(NMT, bytes((START, drive.node)))
 
     def _await_measurements(self) -> None:
         """Start cycles without set-points until every drive has measured."""
-        until = time.monotonic() + self.config.answer_timeout
-        while not self._sync(time.monotonic() + max(self._period, QUIET)):
-            if time.monotonic() > until:
+        until = self.port.now() + self.config.answer_timeout
+        while not self._sync(self.port.now() + max(self._period, QUIET)):
+            if self.port.now() > until:
                 drive = next(drive for drive in self._drives if not drive.heard)
                 raise DriveError(
                     drive.joint,
@@ -373,9 +375,9 @@ class Cia402Link(Link):
 
     def _switch_off(self, drive: Drive) -> None:
         """Shut a drive down, while those nearer to the base still hold; then take its voltage."""
-        until = time.monotonic() + self.config.answer_timeout
+        until = self.port.now() + self.config.answer_timeout
         drive.controlword = Controlword.SHUTDOWN
-        while drive.state is State.ENABLED and not drive.silent and time.monotonic() < until:
+        while drive.state is State.ENABLED and not drive.silent and self.port.now() < until:
             self._run_cycle()
         drive.controlword = Controlword.DISABLE_VOLTAGE
         self._run_cycle()

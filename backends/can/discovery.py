@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Final
 
 from backends.can.errors import DriveError
@@ -30,14 +29,14 @@ def require_quiet(port: Port, config: ArmConfig) -> None:
         BackendError: Names the frame that was heard.
     """
     told = {SYNC, HEARTBEAT + config.master, *(RPDO1 + joint.node for joint in config.joints)}
-    until = time.monotonic() + max(QUIET, 2 / config.rate)
+    until = port.now() + max(QUIET, 2 / config.rate)
     while (frame := port.receive(until)) is not None:
         if frame.id in told:
             raise BackendError(
                 f"another program commands the drives on {port.name}: heard frame {frame.id:03X}; "
                 "end it first"
             )
-        if time.monotonic() >= until:
+        if port.now() >= until:
             return
 
 
@@ -55,6 +54,11 @@ def require_answer(sdo: SdoClient, known: Sequence[int]) -> None:
         sdo.read(DEVICE_TYPE)
     except DriveError as error:
         present = _present(sdo.port)
+        if not present:
+            raise BackendError(
+                f"no drive answers on {sdo.port.name}; is the bus powered, terminated and at the "
+                "bitrate of arm.yaml?"
+            ) from None
         strangers = [node for node in present if node not in known]
         hint = f"; is its node id {strangers[0]}?" if len(strangers) == 1 else ""
         raise DriveError(
@@ -70,8 +74,8 @@ def _present(port: Port) -> list[int]:
     for node in NODES:
         port.send(SDO_REQUEST + node, FRAME.pack(READ, DEVICE_TYPE, 0, b""))
     found: set[int] = set()
-    until = time.monotonic() + SEARCH_TIME
-    while time.monotonic() < until:
+    until = port.now() + SEARCH_TIME
+    while port.now() < until:
         frame = port.receive(until)
         if frame is not None and frame.id - SDO_REPLY in NODES:
             found.add(frame.id - SDO_REPLY)

@@ -32,10 +32,10 @@ class Drive:
     node: int
     statusword: int | None = None
     state: State = State.UNKNOWN
-    count: int = 0  # meaningless before `heard_at` is set
+    count: int = 0  # meaningless before `heard_at`
     per_mille: int = 0
     heard: bool = False  # in the cycle that runs
-    heard_at: float | None = None  # start of the last cycle with a position [s]
+    heard_at: float = -math.inf  # start of the last cycle with a position [s]
     before: tuple[int, float] | None = None  # the position before: count, start of its cycle [s]
     silent: int = 0  # cycles without a position
     reach: float = math.inf  # counts from the last position that can be true
@@ -69,11 +69,12 @@ class Drive:
         if abs(count - self.count) > self.reach:
             self.implausible += 1
             return
-        if self.heard_at is not None and self.heard_at != self.cycle_at:
+        if self.heard_at != self.cycle_at:
             self.before = (self.count, self.heard_at)
         self.statusword, self.state = statusword, state_of(statusword)
         self.count, self.per_mille = count, per_mille
         self.heard, self.heard_at = True, self.cycle_at
+        self.nmt = OPERATIONAL  # drives in other states of NMT send no PDO
 
     def take_status(self, data: bytes) -> None:
         """Read TPDO2."""
@@ -109,7 +110,7 @@ class Drive:
         A cycle that began late may be followed by one that is shorter than a period; drives that
         move by one set-point a cycle would seem too fast there.
         """
-        if self.before is None or self.heard_at is None:
+        if self.before is None:
             return 0.0
         count, at = self.before
         return (self.count - count) / max(self.heard_at - at, period)

@@ -24,7 +24,7 @@ SDO_REPLY: Final = 0x580
 SDO_REQUEST: Final = 0x600
 HEARTBEAT: Final = 0x700
 
-FULLEST: Final = 0.9  # of the bus; the rest is for emergencies, SDO, and what errors make repeat
+FULLEST: Final = 0.95  # of the bus; the rest is for emergencies, SDO, and what errors make repeat
 
 
 @dataclass(frozen=True)

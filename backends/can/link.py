@@ -95,7 +95,7 @@ class Link(ABC):
 
     @abstractmethod
     def listen(self, until: float) -> None:
-        """Take in what the drives say until then [s], of `time.monotonic`."""
+        """Take in what the drives say until then [s], of the port's clock."""
 
     @abstractmethod
     def measure(self, until: float) -> Sample | None:

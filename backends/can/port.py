@@ -20,6 +20,8 @@ from limo_driver.closing import Closing
 from limo_driver.errors import BackendError, ConnectionLostError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from backends.can.config import Bus
 
 BUS_OFF: Final = 0x40  # class of error frames, as SocketCAN numbers them
@@ -49,15 +51,22 @@ class Port(Closing):
     Args:
         config: Which one.
         bus: An open python-can bus instead; it is closed with the port.
+        clock: Tells the time [s]; a bus that is simulated with its drives has its own.
 
     Raises:
         BackendError: It cannot be opened; says what was tried.
     """
 
-    def __init__(self, config: Bus, bus: can.BusABC | None = None) -> None:
+    def __init__(
+        self,
+        config: Bus,
+        bus: can.BusABC | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.name = f"{config.interface} {config.channel}"
         self.counts = PortCounts()
         self.bus_off = False
+        self.now = clock
         self._fd = config.fd
         self._bus = _open(config) if bus is None else bus
 
@@ -84,13 +93,13 @@ class Port(Closing):
         """Return the next frame; None if none came until then.
 
         Args:
-            until: When to give up [s], of `time.monotonic`; a frame that waits is still taken.
+            until: When to give up [s], of `now`; a frame that waits is still taken.
 
         Raises:
             ConnectionLostError: The bus is gone.
         """
         while True:
-            remaining = until - time.monotonic()
+            remaining = until - self.now()
             try:
                 message = self._bus.recv(max(remaining, 0.0))
             except (can.CanOperationError, ValueError) as error:

@@ -18,6 +18,8 @@ from limo_driver.safety import START_TOLERANCE, SafetyContract
 from limo_driver.types import JointState, PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import can
 
     from backends.can.link import DriveState, Link
@@ -38,6 +40,7 @@ class CanRobot(Robot):
         config: The arm, or its `arm.yaml`.
         reset_faults: Reset faults that drives have when they are enabled.
         bus: An open python-can bus instead of the arm's; it is closed with the robot.
+        clock: Tells the time [s]; a bus that is simulated with its drives has its own.
         start_tolerance: How far the first position may be from the measured pose [rad].
 
     Raises:
@@ -51,12 +54,13 @@ class CanRobot(Robot):
         *,
         reset_faults: bool = False,
         bus: can.BusABC | None = None,
+        clock: Callable[[], float] = time.monotonic,
         start_tolerance: float = START_TOLERANCE,
     ) -> None:
         if config is None:
             raise ConfigError("an arm on a CAN bus needs its arm.yaml (--config)")
         self.config = config if isinstance(config, ArmConfig) else ArmConfig.load(config)
-        self._port = Port(self.config.bus, bus)
+        self._port = Port(self.config.bus, bus, clock)
         try:
             self._link = _link(self.config, self._port, reset=reset_faults)
             self._link.connect()
@@ -67,8 +71,9 @@ class CanRobot(Robot):
         _compile(self.spec)
         self.lateness = LatencyHistogram()
         self._enabled = False
-        self._began = self._due = self._last = 0.0  # [s], of time.monotonic
-        self._cycle = 0
+        self._began = self._due = self._last = 0.0  # [s], of the port's clock
+        self._cycle = -1  # counts SYNCs, or what else starts a cycle
+        self.overruns = 0  # cycles that did not take place, since this program came too late
 
     @property
     def drives(self) -> tuple[DriveState, ...]:
@@ -101,18 +106,16 @@ class CanRobot(Robot):
         super().resume()
 
     def _receive(self, timeout: float | None) -> Measurement | None:
-        period = self.spec.period
         if not self._enabled:
             self._link.enable()
             self._enabled = True
             self._restart_clock()
         self._link.send()
         self._link.listen(self._due)
-        now = time.monotonic()
+        now = self._port.now()
         self.lateness.add(max(now - self._due, 0.0))
         self._advance_clock(now)
-        wait = period if timeout is None else min(timeout, period)
-        sample = self._link.measure(max(self._due, now + SHORTEST_CYCLE * wait))
+        sample = self._link.measure(self._due if timeout is None else min(self._due, now + timeout))
         if reason := self._link.trouble():
             self.hold(reason)
         if sample is None:
@@ -126,18 +129,15 @@ class CanRobot(Robot):
         )
 
     def _restart_clock(self) -> None:
-        now = time.monotonic()
-        if not self._began:
-            self._began, self._cycle = now, -1
-        else:  # what passed meanwhile shows as a gap
-            self._cycle += int((now - self._last) / self.spec.period)
-        self._due = now
+        self._due = self._port.now()
+        self._began = self._began or self._due
 
     def _advance_clock(self, now: float) -> None:
-        """Note the cycle that starts now, and when the next is due; whole cycles may be missed."""
+        """Note the cycle that starts now, and when the next is due; cycles may be skipped."""
         period = self.spec.period
         missed = max(int((now - self._due) / period), 0)
-        self._cycle += 1 + missed
+        self.overruns += missed
+        self._cycle += 1
         self._last = now
         self._due = max(self._due + (1 + missed) * period, now + SHORTEST_CYCLE * period)
 
@@ -160,8 +160,8 @@ class CanRobot(Robot):
 
     def _brake(self) -> None:
         """Come to rest within the limits."""
-        until = time.monotonic() + BRAKING_TIMEOUT
-        while self._enabled and not self.standing and time.monotonic() < until:
+        until = self._port.now() + BRAKING_TIMEOUT
+        while self._enabled and not self.standing and self._port.now() < until:
             if (command := self._contract.stand_in()) is not None:
                 self._send(command)
             state = self._state_of(self._receive(None), None)

@@ -10,7 +10,6 @@ Source: CiA 301, section 7.2.4.
 from __future__ import annotations
 
 import struct
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -80,9 +79,9 @@ class SdoClient:
         self, head: int, expected: int, index: int, subindex: int, data: bytes
     ) -> tuple[int, bytes]:
         self.port.send(SDO_REQUEST + self.node, FRAME.pack(head, index, subindex, data))
-        until = time.monotonic() + self.timeout
+        until = self.port.now() + self.timeout
         last = until + self.timeout  # a bus full of other frames is no answer either
-        while (now := time.monotonic()) < last:
+        while (now := self.port.now()) < last:
             if (frame := self.port.receive(until)) is None:
                 if now >= until:
                     break

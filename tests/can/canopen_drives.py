@@ -4,8 +4,6 @@ SDO server, object dictionary, PDO mapping, NMT and heartbeats are canopen's own
 state machine of CiA 402 and a motor that is where it is told to be.
 """
 
-import struct
-
 import can
 import canopen
 from canopen.objectdictionary import (
@@ -19,6 +17,7 @@ from canopen.objectdictionary import (
     ODRecord,
     ODVariable,
 )
+from sync_bus import NetworkEnd, SyncBus
 
 PLAIN = {
     0x1000: (UNSIGNED32, 402),
@@ -163,22 +162,25 @@ class CanopenDrive:
 
 
 class CanopenArm:
-    """Seven such drives on one virtual bus."""
+    """Such drives on a bus: a virtual one with threads, or a `SyncBus` without."""
 
-    def __init__(self, channel, nodes, counts=None, serials=None):
-        self.network = canopen.Network(can.Bus(interface="virtual", channel=channel))
-        self.network.NOTIFIER_CYCLE = 0.05
+    def __init__(self, bus, nodes, counts=None, serials=None):
+        self.network = canopen.Network()
+        if isinstance(bus, SyncBus):
+            self.network.bus = NetworkEnd(bus)
+            bus.listener = lambda frame_id, data: self.network.notify(frame_id, data, 0.0)
+        else:
+            self.network.bus = can.Bus(interface="virtual", channel=bus)
+            self.network.NOTIFIER_CYCLE = 0.05
+            self.network.connect()
         counts = counts or [0] * len(nodes)
         serials = serials or list(nodes)
-        self.network.connect()
         self.drives = [
             CanopenDrive(self.network, node, serial, count)
             for node, serial, count in zip(nodes, serials, counts, strict=True)
         ]
-
-    def inject(self, frame_id, data):
-        """Put a frame on the bus, as anything there might."""
-        self.network.send_message(frame_id, data)
+        if isinstance(bus, SyncBus):
+            bus.queue.clear()  # of their boot-up
 
     def __enter__(self):
         return self
@@ -186,8 +188,5 @@ class CanopenArm:
     def __exit__(self, *_):
         for drive in self.drives:
             drive.node.nmt.stop_heartbeat()
-        self.network.disconnect()
-
-
-def pack_measured(status, count, torque):
-    return struct.pack("<Hih", status, count, torque)
+        if not isinstance(self.network.bus, NetworkEnd):
+            self.network.disconnect()

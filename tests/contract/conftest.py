@@ -1,14 +1,22 @@
-"""What the contract suites share: every registered backend."""
+"""What the contract suites share: every registered backend that brings its arm along.
+
+Backends of real arms run the same tests against arms of their own; see tests/fri and tests/can.
+"""
 
 from importlib.metadata import entry_points
 
 import pytest
 from robot_commands import START
 
-from limo_driver.registry import ROBOTS, open_robot
+from limo_driver.registry import ROBOTS, find, open_robot
 
 
-@pytest.fixture(params=sorted(entry.name for entry in entry_points(group=ROBOTS)))
+def simulated_backends():
+    names = sorted(entry.name for entry in entry_points(group=ROBOTS))
+    return [name for name in names if find(ROBOTS, name).simulated]
+
+
+@pytest.fixture(params=simulated_backends())
 def backend(request):
     return request.param
 
