@@ -185,7 +185,7 @@ class Cia402Drive(CanopenNode, Drive):
             stream.start(port.measured_position, port.measured_velocity)
         target = self._scale.position(self._limited_target())
         if self._fresh:
-            stream.take(target)
+            stream.take(target, period)
         else:
             stream.miss(target, port.measured_velocity, period, self._steepest)
         self._fresh = False
