@@ -58,7 +58,7 @@ class SimulatedRobot(Robot):
         period: float = DEFAULT_PERIOD,
         start_tolerance: float = START_TOLERANCE,
     ) -> None:
-        super().__init__(specification(simulation.model, period), start_tolerance)
+        super().__init__(specification(simulation, period), start_tolerance)
         self.simulation = simulation
         self._cycle = 0
         self._losing = 0
@@ -120,11 +120,13 @@ class SimulatedRobot(Robot):
         """Go back to what `_save_plant` returned."""
 
 
-def specification(model: RobotModel, period: float) -> RobotSpec:
+def specification(simulation: Simulation, period: float) -> RobotSpec:
     """Return what a user has to know of a simulated arm."""
     if not 0 < period < np.inf:
         raise ConfigError(f"period = {period} s has to be positive")
-    return RobotSpec(model.name, model.joint_names, model.limits, period)
+    model = simulation.model
+    resolution = simulation.sensors.for_joints("torque_resolution", model.n)
+    return RobotSpec(model.name, model.joint_names, model.limits, period, resolution)
 
 
 def simulation_of(simulation: Simulation | Path | str | None, robot: str | None) -> Simulation:

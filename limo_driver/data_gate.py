@@ -83,6 +83,7 @@ class Columns:
     extras: dict[str, FloatArray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     robot: str = ""  # as the file names it, if it does
+    torque_resolution: FloatArray | None = None  # (n,) [N m], where the file tells it
 
 
 @dataclass(frozen=True)

@@ -152,6 +152,8 @@ class Playback:
             "segments": segments,  # kind, first and last time [s]
             "provenance": self.provenance or {},
         }
+        if (step := robot.spec.torque_resolution) is not None:
+            header["torque_resolution"] = step.tolist()  # of each joint [N m]
         return Recorder(self.record, robot.spec.n, header)
 
     def _stop(self, robot: Robot, recorder: Recorder) -> None:

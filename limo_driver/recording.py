@@ -46,6 +46,7 @@ class Recording:
     left_out: tuple[LeftOut, ...] = ()
     warnings: tuple[str, ...] = ()  # what a user should know of the rows that were kept
     robot: str = ""  # name of the robot that was recorded, where the file says it
+    torque_resolution: FloatArray | None = None  # (n,) [N m], step of each joint's torque; or None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
@@ -119,6 +120,7 @@ class Recording:
             left_out=findings.left_out,
             warnings=(*columns.warnings, *findings.warnings),
             robot=columns.robot,
+            torque_resolution=columns.torque_resolution,
         )
 
     def save(self, path: Path | str) -> None:
@@ -132,6 +134,7 @@ class Recording:
             self.velocity,
             dict(self.extras),
             robot=self.robot,
+            torque_resolution=self.torque_resolution,
         )
         write_columns(columns, Path(path))
 

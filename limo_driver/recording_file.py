@@ -54,7 +54,7 @@ def read_columns(path: Path) -> Columns:
     partial = sorted(quantity for quantity, names in by_quantity.items() if len(names) != n)
     if partial:
         warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
-    robot, unread = _robot(table)
+    header, unread = _header(table)
     return Columns(
         time=_values(table, "time", path),
         position=arrays.pop("position"),
@@ -62,7 +62,8 @@ def read_columns(path: Path) -> Columns:
         velocity=arrays.pop("velocity", None),
         extras=arrays,
         warnings=warnings + unread,
-        robot=robot,
+        robot=str(header.get("robot") or ""),
+        torque_resolution=_per_joint(header.get("torque_resolution"), n),
     )
 
 
@@ -85,19 +86,32 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
     for quantity, values in quantities.items():
         table |= {f"{quantity}_{j + 1}": values[:, j] for j in range(values.shape[1])}
     header = ({"robot": columns.robot} if columns.robot else {}) | dict(about or {})
+    if columns.torque_resolution is not None:
+        header["torque_resolution"] = columns.torque_resolution.tolist()
     metadata = {METADATA_KEY: json.dumps(header)} if header else None
     written = pa.table(table).replace_schema_metadata(metadata)
     pq.write_table(written, path, use_dictionary=False)
 
 
-def _robot(table: pa.Table) -> tuple[str, tuple[str, ...]]:
-    """Return the robot that the header names, and a warning if there is a header but unreadable."""
+def _header(table: pa.Table) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what the header says, and a warning if there is a header but unreadable."""
     from limo_driver.recorder import read_header
 
     try:
-        return str(read_header(table).get("robot") or ""), ()
+        return read_header(table), ()
     except RecordingError as error:
-        return "", (str(error),)
+        return {}, (str(error),)
+
+
+def _per_joint(values: object, n: int) -> FloatArray | None:
+    """Return what a header says of each of n joints; None if it says nothing that can be so."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return (
+        array if array.shape == (n,) and np.isfinite(array).all() and (array >= 0).all() else None
+    )
 
 
 def _read_table(path: Path) -> pa.Table:

@@ -70,7 +70,7 @@ class RobotSpec:
     joint_names: tuple[str, ...]
     limits: JointLimits
     period: float  # control cycle [s]
-    torque_step: FloatArray | None = None  # (n,) [N m], of measured torque; None if not known
+    torque_resolution: FloatArray | None = None  # (n,) [N m], of measured torque; None if not known
 
     @property
     def n(self) -> int:

@@ -118,9 +118,9 @@ class Codec:
         self.counts_per_radian = readonly([joint.counts_per_radian for joint in joints])
         self.offset = readonly([joint.offset for joint in joints])  # [rad]
         at_joint = [MILLI * r * joint.torque_ratio for r, joint in zip(rated, joints, strict=True)]
-        self.torque_step = readonly(PER_MILLE * np.array(at_joint))  # [N m] of one per mille
+        self.torque_resolution = readonly(PER_MILLE * np.array(at_joint))  # [N m] of one per mille
         direction = np.array([joint.direction for joint in joints])
-        self._signed_step = readonly(direction * self.torque_step)
+        self._signed_step = readonly(direction * self.torque_resolution)
 
     def targets(self, position: FloatArray, controlwords: Sequence[int]) -> list[bytes]:
         """Return the RPDO1 of each drive for positions (n,) [rad]."""

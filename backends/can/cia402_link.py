@@ -81,9 +81,9 @@ class Cia402Link(Link):
         self._heartbeat_due = 0.0
 
     @property
-    def torque_step(self) -> FloatArray:
+    def torque_resolution(self) -> FloatArray:
         """Smallest change that the measured torques show, (n,) [N m]."""
-        return self._codec.torque_step
+        return self._codec.torque_resolution
 
     # start and end ------------------------------------------------------------------------------
 

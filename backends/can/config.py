@@ -160,14 +160,16 @@ class ArmConfig(Section):
         """The robot: its kinematics, inertias and limits."""
         return RobotModel.load(self.robot)
 
-    def spec(self, torque_step: FloatArray) -> RobotSpec:
+    def spec(self, torque_resolution: FloatArray) -> RobotSpec:
         """Return what a user has to know of the arm.
 
         Args:
-            torque_step: Smallest change that its measured torques show, (n,) [N m].
+            torque_resolution: Smallest change that its measured torques show, (n,) [N m].
         """
         model = self.model
-        return RobotSpec(model.name, model.joint_names, model.limits, 1.0 / self.rate, torque_step)
+        return RobotSpec(
+            model.name, model.joint_names, model.limits, 1.0 / self.rate, torque_resolution
+        )
 
     def _check_nodes(self) -> None:
         counted = Counter(joint.node for joint in self.joints)

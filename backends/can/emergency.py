@@ -74,6 +74,7 @@ _CLASSES: Final = {
     0x87: "synchronisation",
     0x90: "external error",
     0xF0: "additional functions",
+    0xFF: "error of the manufacturer",
 }
 
 
@@ -82,4 +83,4 @@ def describe(code: int) -> str:
     if not code:
         return ""
     text = _EXACT.get(code) or _CLASSES.get(code >> 8) or _CLASSES.get(code >> 8 & 0xF0)
-    return f"{text or 'error of the manufacturer'} (0x{code:04X})"
+    return f"{text or 'error of a class of its own'} (0x{code:04X})"

@@ -51,7 +51,7 @@ class Link(ABC):
 
     @property
     @abstractmethod
-    def torque_step(self) -> FloatArray:
+    def torque_resolution(self) -> FloatArray:
         """Smallest change that the measured torques show, (n,) [N m]."""
 
     @abstractmethod

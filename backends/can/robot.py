@@ -64,7 +64,7 @@ class CanRobot(Robot):
         try:
             self._link = _link(self.config, self._port, reset=reset_faults)
             self._link.connect()
-            super().__init__(self.config.spec(self._link.torque_step), start_tolerance)
+            super().__init__(self.config.spec(self._link.torque_resolution), start_tolerance)
         except BaseException:
             self._port.close()
             raise

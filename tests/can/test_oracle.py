@@ -41,7 +41,7 @@ def test_measures_position_torque_temperature_and_status(config):
         assert robot.drives[2].temperature == pytest.approx(30.5)
         assert robot.drives[2].status == "operation enabled"
         assert robot.drives[2].mode == "position"
-        assert robot.spec.torque_step == pytest.approx([0.1] * 7)
+        assert robot.spec.torque_resolution == pytest.approx([0.1] * 7)
 
 
 def test_follows_positions_and_ends_disabled(config, arm):

@@ -89,7 +89,7 @@ class Instruments:
     noise: np.ndarray  # (n,) [N m] standard deviation
     colour: float  # [Hz] corner of its spectrum
     drift: np.ndarray  # (n,) [N m]
-    torque_step: float  # [N m]
+    torque_resolution: float  # [N m]
     encoder_step: float  # [rad]
     encoder_noise: float  # [rad]
     jitter: float  # of the sample period
@@ -105,7 +105,7 @@ class Instruments:
             noise=sigma,
             colour=random.uniform(15.0, 40.0),
             drift=random.uniform(0.0, 0.15) * 0.3 * sigma,
-            torque_step=random.choice([0.0, 0.002, 0.01]),
+            torque_resolution=random.choice([0.0, 0.002, 0.01]),
             encoder_step=random.uniform(0.5e-5, 1e-5),
             encoder_noise=random.uniform(0.1e-5, 0.3e-5),
             jitter=random.choice([0.0, 0.0, 0.03]),
@@ -126,7 +126,7 @@ class Instruments:
         position = self._taken(response.position + sensing.encoder_offset, every, time)
         velocity = self._taken(response.velocity, every, time)
         noise = self._noise(random, time)
-        torque = _rounded(clean + noise, self.torque_step)
+        torque = _rounded(clean + noise, self.torque_resolution)
         position = position + self.encoder_noise * random.normal(size=position.shape)
         return Recorded(
             time=time,
