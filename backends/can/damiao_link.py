@@ -7,7 +7,6 @@ compensated here, by their torque.
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -60,7 +59,7 @@ class DamiaoLink(Link):
         self._powered = False
 
     @property
-    def torque_step(self) -> FloatArray:
+    def torque_resolution(self) -> FloatArray:
         """Smallest change that the measured torques show, (n,) [N m]."""
         return np.array([motor.ranges.torque_step for motor in self._motors])
 
@@ -72,7 +71,7 @@ class DamiaoLink(Link):
     def enable(self, *, reset: bool = False) -> None:
         """Let the motors hold the pose that they measure."""
         reset = reset or self._reset
-        until = time.monotonic() + self.config.answer_timeout
+        until = self.port.now() + self.config.answer_timeout
         self._powered = True
         waiting = [motor for motor in self._motors if not motor.enabled]
         while waiting:
@@ -84,9 +83,9 @@ class DamiaoLink(Link):
                 if motor.reply is not None and motor.reply.status not in {0, 1} and reset:
                     self.port.send(motor.joint.node, damiao.CLEAR)
                 self.port.send(motor.joint.node, damiao.ENABLE)
-            self._exchange(time.monotonic() + 1.0 / self.config.rate)
+            self._exchange(self.port.now() + 1.0 / self.config.rate)
             waiting = [motor for motor in waiting if not motor.enabled]
-            if waiting and time.monotonic() > until:
+            if waiting and self.port.now() > until:
                 status = status_words(waiting[0].known.status)
                 fault = waiting[0].known.status not in {0, 1} and not reset
                 hint = "; open with reset_faults=True once that is cured" if fault else ""
@@ -121,11 +120,11 @@ class DamiaoLink(Link):
         """Wait: a motor acts on its command as it arrives, which is when the cycle is due."""
 
     def listen(self, until: float) -> None:
-        """Take in what the motors say until then [s], of `time.monotonic`."""
+        """Take in what the motors say until then [s], of the port's clock."""
         backlog = BACKLOG
         while (frame := self.port.receive(until)) is not None:
             self._take(frame)
-            if time.monotonic() >= until:
+            if self.port.now() >= until:
                 backlog -= 1
                 if not backlog:  # a babbling node does not keep the arm from its cycles
                     return
@@ -188,7 +187,7 @@ class DamiaoLink(Link):
             if (frame := self.port.receive(until)) is None:
                 break
             self._take(frame)
-            if time.monotonic() >= until:
+            if self.port.now() >= until:
                 backlog -= 1
                 if not backlog:
                     break

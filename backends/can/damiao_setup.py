@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NoReturn
 
@@ -94,7 +93,7 @@ class Setup:
         answer: float | None = None
         for _ in range(ATTEMPTS):
             self.port.send(damiao.REGISTERS, request)
-            until = time.monotonic() + self.config.answer_timeout / ATTEMPTS
+            until = self.port.now() + self.config.answer_timeout / ATTEMPTS
             while answer is None and (frame := self.port.receive(until)) is not None:
                 if frame.id == motor.joint.reply_id and len(frame.data) == damiao.FRAME:
                     *about, value = damiao.decode_register(frame.data)
@@ -109,7 +108,7 @@ class Setup:
             self.port.send(
                 damiao.REGISTERS, damiao.register_frame(motor.joint.node, damiao.REFRESH)
             )
-            until = time.monotonic() + self.config.answer_timeout / ATTEMPTS
+            until = self.port.now() + self.config.answer_timeout / ATTEMPTS
             while (frame := self.port.receive(until)) is not None:
                 if frame.id == motor.joint.reply_id:
                     motor.take(frame.data)
@@ -122,7 +121,7 @@ class Setup:
         for node in range(1, 0x80):
             self.port.send(damiao.REGISTERS, damiao.register_frame(node, damiao.REFRESH))
         known, found = {motor.joint.reply_id for motor in self.motors}, set[int]()
-        until = time.monotonic() + SEARCH_TIME
+        until = self.port.now() + SEARCH_TIME
         while (frame := self.port.receive(until)) is not None:
             if frame.id != damiao.REGISTERS and len(frame.data) == damiao.FRAME:
                 found.add(frame.id)

@@ -99,9 +99,14 @@ class Station(Closing):
         while not stopped():
             self.turn()
 
+    @property
+    def due(self) -> float:
+        """When time has to pass next [s], by the clock."""
+        return self._ticked + TICK
+
     def turn(self) -> None:
         """Hear what comes within a tick, then let time pass."""
-        until = self._ticked + TICK
+        until = self.due
         while True:
             frame = self._port.receive(until)
             now = self._clock()
