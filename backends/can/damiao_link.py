@@ -83,7 +83,9 @@ class DamiaoLink(Link):
                 if motor.reply is not None and motor.reply.status not in {0, 1} and reset:
                     self.port.send(motor.joint.node, damiao.CLEAR)
                 self.port.send(motor.joint.node, damiao.ENABLE)
-            self._exchange(self.port.now() + 1.0 / self.config.rate)
+            due = self.port.now() + 1.0 / self.config.rate
+            self._exchange(due)
+            self.listen(due)
             waiting = [motor for motor in waiting if not motor.enabled]
             if waiting and self.port.now() > until:
                 status = status_words(waiting[0].known.status)

@@ -4,6 +4,8 @@ import socket
 import struct
 import time
 
+from sync_bus import SyncBus
+
 from backends.can.drives.station import Station
 from limo_driver.physics import Simulation
 
@@ -76,6 +78,35 @@ class Master:
         """Say SYNC, then let its period pass."""
         answers = self.say(0x080)
         return answers + self.wait(period)
+
+
+class DrivesBus(SyncBus):
+    """The driver's end of a bus with simulated drives; time passes where the driver waits."""
+
+    def __init__(self, config, position=None):
+        super().__init__()
+        simulation = Simulation(robot=config.robot)
+        self.station = Station(config, _DrivesEnd(self), simulation, position, clock=self.now)
+        self.listener = self.station.hear
+        self.station.start()
+
+    def recv(self, timeout=None):
+        if not self.queue:
+            self.time += timeout or 0.0
+            while self.station.due <= self.time:
+                self.station.turn()
+        return self.queue.popleft() if self.queue else None
+
+
+class _DrivesEnd:
+    def __init__(self, bus):
+        self.send = bus.deliver
+
+    def receive(self, until):
+        """Hear nothing: frames are heard as they are sent."""
+
+    def close(self):
+        pass
 
 
 def map_position(drives, node):
