@@ -46,6 +46,7 @@ START, PRE_OPERATIONAL = 0x01, 0x80  # NMT commands
 SLACK: Final = 0.01  # [rad] that a joint may be moved beyond what its velocity allows
 MODE_PATIENCE: Final = 3  # drive statuses after which a mode has to be taken
 BACKLOG: Final = 256  # frames that are still read once a cycle is due
+CATCH_UP: Final = 0.5  # [s] at most, to read what came before drives are enabled
 CLOSING_TIMEOUT: Final = 0.05  # [s] for answers of a drive that is left
 
 
@@ -105,6 +106,7 @@ class Cia402Link(Link):
     def enable(self, *, reset: bool = False) -> None:
         """Let the drives hold the pose that they measure."""
         reset = reset or self._reset
+        self._catch_up()
         until = self.port.now() + self.config.answer_timeout
         self._powered = True
         self._mode, self._commanded = Mode.POSITION, False
@@ -293,6 +295,12 @@ class Cia402Link(Link):
         for drive in self._drives:
             drive.close_cycle()
         return all(drive.heard for drive in self._drives)
+
+    def _catch_up(self) -> None:
+        """Take in what came while nobody listened, heartbeats of minutes perhaps."""
+        until = self.port.now() + CATCH_UP
+        while self.port.now() < until and (frame := self.port.receive(0.0)) is not None:
+            self._take(frame)
 
     def _put(self) -> None:
         """Send the RPDOs, and the heartbeat when it is due."""

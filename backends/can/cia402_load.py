@@ -28,6 +28,6 @@ def bus_load(config: ArmConfig, *, torque: bool = False) -> BusLoad:
     if config.temperature is not None:
         traffic.append(Traffic("TPDO3", n, 2, slow))
     heartbeats = HEARTBEATS_PER_WATCHDOG / config.watchdog
-    traffic.append(Traffic("heartbeats", n + 1, 1, heartbeats))
+    traffic.append(Traffic("heartbeats", n + 1, 1, heartbeats, cyclic=False))
     bus = config.bus
     return BusLoad(tuple(traffic), bus.bitrate, bus.data_bitrate if bus.fd else None)

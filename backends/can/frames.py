@@ -35,6 +35,7 @@ class Traffic:
     count: int  # each time
     data: int  # bytes in each
     rate: float  # times a second [Hz]
+    cyclic: bool = True  # it grows with the rate of the cycles
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ class BusLoad:
         return " + ".join(terms) + f"; together {100 * self.share:.1f} %"
 
     def most(self, rate: float) -> float:
-        """Return the highest rate [Hz] at which what is now sent at `rate` fits, all else equal."""
-        cyclic = sum(self._share_of(item) for item in self.traffic if item.rate == rate)
+        """Return the highest rate of cycles [Hz] that fits, of a load that is for `rate`."""
+        cyclic = sum(self._share_of(item) for item in self.traffic if item.cyclic)
         return rate * (FULLEST - (self.share - cyclic)) / cyclic
 
     def require(self, rate: float) -> None:
@@ -85,8 +86,8 @@ class BusLoad:
         """
         if self.share <= FULLEST:
             return
-        speed = f"{self.bitrate:g} bit/s" + (
-            "" if self.data_bitrate is None else f" and {self.data_bitrate:g} bit/s (FD)"
+        speed = f"{self.bitrate} bit/s" + (
+            "" if self.data_bitrate is None else f" and {self.data_bitrate} bit/s (FD)"
         )
         raise ConfigError(
             f"rate {rate:g} Hz does not fit on a bus of {speed}: {self.arithmetic()}, "

@@ -60,6 +60,7 @@ class CanRobot(Robot):
         if config is None:
             raise ConfigError("an arm on a CAN bus needs its arm.yaml (--config)")
         self.config = config if isinstance(config, ArmConfig) else ArmConfig.load(config)
+        _compile(self.config.spec(np.zeros(len(self.config.joints))))
         self._port = Port(self.config.bus, bus, clock)
         try:
             self._link = _link(self.config, self._port, reset=reset_faults)
@@ -68,7 +69,6 @@ class CanRobot(Robot):
         except BaseException:
             self._port.close()
             raise
-        _compile(self.spec)
         self.lateness = LatencyHistogram()
         self._enabled = False
         self._began = self._due = self._last = 0.0  # [s], of the port's clock

@@ -21,6 +21,7 @@ class SyncBus(can.BusABC):
         self.noise = lambda: None  # called before each frame of the driver
         self.losing = 0  # SYNCs whose measurements get lost
         self.time = 100.0  # [s]
+        self.later = []  # (time, id, data) of frames that come by themselves
 
     def now(self):
         return self.time
@@ -48,7 +49,12 @@ class SyncBus(can.BusABC):
     def recv(self, timeout=None):
         if self.queue:
             return self.queue.popleft()
-        self.time += timeout or 0.0
+        until = self.time + (timeout or 0.0)
+        if self.later and self.later[0][0] <= until:
+            self.time, *frame = self.later.pop(0)
+            self.deliver(*frame)
+            return self.queue.popleft()
+        self.time = until
         return None
 
     def _recv_internal(self, timeout):

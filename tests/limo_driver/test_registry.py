@@ -5,13 +5,21 @@ from limo_driver.registry import ESTIMATORS, ROBOTS, find, open_robot
 
 
 def test_an_unknown_backend_lists_the_known_ones():
-    with pytest.raises(BackendNotFoundError, match=r"no robot is called 'abb'; known: mujoco,"):
+    with pytest.raises(
+        BackendNotFoundError, match=r"no robot is called 'abb'; known: can, .*mujoco,"
+    ):
         open_robot("abb")
 
 
 @pytest.mark.parametrize(
     ("group", "name"),
-    [(ROBOTS, "mujoco"), (ROBOTS, "virtual"), (ESTIMATORS, "hybrid"), (ESTIMATORS, "rigid-body")],
+    [
+        (ROBOTS, "can"),
+        (ROBOTS, "mujoco"),
+        (ROBOTS, "virtual"),
+        (ESTIMATORS, "hybrid"),
+        (ESTIMATORS, "rigid-body"),
+    ],
 )
 def test_every_registered_name_loads(group, name):
     assert isinstance(find(group, name), type)
