@@ -8,9 +8,10 @@ heard, and by how much cycles began late. Both processes get a real-time priorit
 grants one (`--no-realtime`: not), as whoever runs an arm at a fixed rate gives them.
 
 The second puts the driver on a bus with simulated drives, all in one process and with a time of
-their own, and throws frames at both ends: random bytes on random ids, and well-formed frames with
-random contents. What must not happen: a crash, a set-point beyond the limits of the safety
-contract, or a joint that moves faster than its limit.
+their own, and lets the driver hear frames of nonsense: random bytes on random ids, and well-formed
+frames with random contents. Other drives, which nobody drives, hear the same and obey it. What must
+not happen: a crash of either, a set-point of the driver beyond the limits of the safety contract,
+or a joint of its arm that moves faster than its limit.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from limo_driver.safety import RANGE_TOLERANCE, VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from limo_driver.types import FloatArray
 
@@ -161,9 +162,8 @@ class OneProcessBus(can.BusABC):
 class DrivesEnd:
     """The drives' end of the bus, as a `Station` takes a port."""
 
-    def __init__(self, bus: OneProcessBus) -> None:
-        self._bus = bus
-        self.send = bus.deliver
+    def __init__(self, send: Callable[[int, bytes], None]) -> None:
+        self.send = send
 
     def receive(self, until: float) -> None:  # frames are heard as they are sent
         """Hear nothing more."""
@@ -181,11 +181,17 @@ class Fuzz:
         self._bus = OneProcessBus()
         self._station = Station(
             self._config,
-            DrivesEnd(self._bus),
+            DrivesEnd(self._bus.deliver),
             Simulation(robot=config.robot),
             clock=lambda: self._bus.time,
         )
         self._bus.station = self._station
+        self._others = Station(
+            self._config,
+            DrivesEnd(lambda _frame_id, _data: None),
+            Simulation(robot=config.robot),
+            clock=lambda: self._bus.time,
+        )
         self._nodes = [joint.node for joint in config.joints]
         self._told: dict[int, float] = {}  # last set-point of each node [rad]
         self.violations: Counter[str] = Counter()
@@ -193,6 +199,7 @@ class Fuzz:
     def run(self, frames: int) -> int:
         """Throw so many frames, print what happened, and return the exit status."""
         self._station.start()
+        self._others.start()
         self._bus.watch = self._watch
         began, thrown, held, moved = time.monotonic(), 0, 0, 0
         with CanRobot(self._config, bus=self._bus, clock=lambda: self._bus.time) as robot:
@@ -237,7 +244,9 @@ class Fuzz:
         """Put nonsense on the bus for one cycle."""
         for frame_id, data in self._nonsense():
             self._bus.deliver(frame_id, data)
-            self._station.hear(frame_id, data)
+            self._others.hear(frame_id, data)
+        while self._others.due <= self._bus.time:
+            self._others.turn()
         return PER_CYCLE
 
     def _nonsense(self) -> Iterator[tuple[int, bytes]]:

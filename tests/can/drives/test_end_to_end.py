@@ -167,7 +167,7 @@ def test_drives_that_vanish_are_stale_then_hold(arm, convention):
 
 def test_lost_frames_are_lived_through(arm, scenario):
     path = arm("cia402")
-    faults = scenario("{fault: lose_frames, probability: 0.05}")
+    faults = scenario("{fault: lose_frames, probability: 0.05, at: 0.2}")
     with SimulatedDrives(path, scenario=faults) as drives:
         with CanRobot(path) as robot:
             first = fresh(robot)
