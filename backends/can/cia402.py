@@ -42,6 +42,11 @@ class Mode(IntEnum):
     TORQUE = 10  # CST
 
 
+def mode_words(mode: int) -> str:
+    """Return a mode of operation in words."""
+    return Mode(mode).name.lower() if mode in set(Mode) else f"mode {mode}"
+
+
 class State(Enum):
     """States of a drive: words, mask and value of the statusword."""
 

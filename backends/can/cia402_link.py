@@ -29,7 +29,7 @@ from backends.can.frames import (
     TPDO2,
     TPDO3,
 )
-from backends.can.link import DriveState, Link, Sample
+from backends.can.link import Link, Sample
 from backends.can.sdo import SdoClient
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.safety import VELOCITY_TOLERANCE
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from backends.can.config import ArmConfig, Cia402Joint
+    from backends.can.link import DriveState
     from backends.can.port import Frame, Port
     from limo_driver.types import FloatArray, JointCommand
 
@@ -47,7 +48,7 @@ SLACK: Final = 0.01  # [rad] that a joint may be moved beyond what its velocity 
 MODE_PATIENCE: Final = 3  # drive statuses after which a mode has to be taken
 BACKLOG: Final = 256  # frames that are still read once a cycle is due
 CATCH_UP: Final = 0.5  # [s] at most, to read what came before drives are enabled
-CLOSING_TIMEOUT: Final = 0.05  # [s] for answers of a drive that is left
+SHORT_TIMEOUT: Final = 0.05  # [s] at least, for an answer that others wait for
 
 
 class Cia402Link(Link):
@@ -108,7 +109,6 @@ class Cia402Link(Link):
         reset = reset or self._reset
         self._catch_up()
         until = self.port.now() + self.config.answer_timeout
-        self._powered = True
         self._mode, self._commanded = Mode.POSITION, False
         if reset:
             for drive in self._drives:
@@ -117,8 +117,9 @@ class Cia402Link(Link):
         self.port.bus_off = False
         waiting = [drive for drive in self._drives if drive.state is not State.ENABLED]
         for drive in waiting:
-            drive.silent = 0
+            self._ask_where(drive, reset=reset)
             self._pinned[drive.joint - 1] = True
+        self._powered = True
         self._follow([drive for drive in self._drives if self._pinned[drive.joint - 1]])
         while waiting:
             for drive in waiting:
@@ -141,7 +142,7 @@ class Cia402Link(Link):
             if drive.silent:
                 continue
             try:
-                self._commissioning(drive, CLOSING_TIMEOUT).forget_master()
+                self._commissioning(drive, SHORT_TIMEOUT).forget_master()
             except DriveError:
                 continue  # it will complain to the next program
 
@@ -239,21 +240,10 @@ class Cia402Link(Link):
         torque = self._codec.measured_torques([drive.per_mille for drive in self._drives])
         heat = self.config.temperature
         return tuple(
-            DriveState(
-                node=drive.node,
-                status=drive.state.words,
-                enabled=drive.state is State.ENABLED,
-                position=float(position[j]),
-                velocity=float(velocity[j]),
-                torque=float(torque[j]),
-                temperature=np.nan
-                if heat is None or drive.temperature is None
-                else heat.step * drive.temperature,
-                mode="" if drive.mode is None else _mode_words(drive.mode),
-                error=describe(drive.error),
-                silent=drive.silent,
+            drive.told(*values, degree=np.nan if heat is None else heat.step)
+            for drive, *values in zip(
+                self._drives, position.tolist(), velocity.tolist(), torque.tolist(), strict=True
             )
-            for j, drive in enumerate(self._drives)
         )
 
     # within -------------------------------------------------------------------------------------
@@ -353,12 +343,17 @@ class Cia402Link(Link):
 
     def _start(self, drive: Drive) -> None:
         """Configure a drive and let it send and take PDOs."""
-        commissioning = self._commissioning(drive)
-        commissioning.configure()
-        commissioning.start_values(reset=self._reset or self._powered)
-        drive.heard_at = drive.cycle_at = self.port.now()
-        drive.before, drive.nmt, drive.heard = None, None, False
+        self._commissioning(drive).configure()
+        self._ask_where(drive, reset=self._reset or self._powered)
+        drive.nmt = None
         self.port.send(NMT, bytes((START, drive.node)))
+
+    def _ask_where(self, drive: Drive, *, reset: bool) -> None:
+        """Ask for the position, which is answered for sure, where measurements are only heard."""
+        # Where others hold, they stop by themselves if this takes longer than their watchdogs.
+        wait = max(self.config.watchdog, SHORT_TIMEOUT) if self._powered else None
+        self._commissioning(drive, wait).start_values(reset=reset)
+        drive.refer(self.port.now())
 
     def _await_measurements(self) -> None:
         """Start cycles without set-points until every drive has measured."""
@@ -389,7 +384,3 @@ class Cia402Link(Link):
             self._run_cycle()
         drive.controlword = Controlword.DISABLE_VOLTAGE
         self._run_cycle()
-
-
-def _mode_words(mode: int) -> str:
-    return Mode(mode).name.lower() if mode in set(Mode) else f"mode {mode}"

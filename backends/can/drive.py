@@ -6,9 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from backends.can.cia402 import MEASURED, STATUS, TEMPERATURE, Controlword, State, state_of
+from backends.can.cia402 import (
+    MEASURED,
+    STATUS,
+    TEMPERATURE,
+    Controlword,
+    State,
+    mode_words,
+    state_of,
+)
 from backends.can.emergency import LAYOUT as EMERGENCY
 from backends.can.emergency import describe
+from backends.can.link import DriveState
 
 BOOTED: Final = 0x00
 STOPPED: Final = 0x04
@@ -49,6 +58,11 @@ class Drive:
     implausible: int = 0  # positions out of reach
     controlword: int = Controlword.DISABLE_VOLTAGE
     cycle_at: float = 0.0  # start of the cycle that runs [s]
+
+    def refer(self, now: float) -> None:
+        """Begin anew with the position it has now [s]; the next ones have to be near."""
+        self.heard_at = self.cycle_at = now
+        self.before, self.heard, self.silent, self.implausible = None, False, 0, 0
 
     def open_cycle(self, now: float, reach: float) -> None:
         """Wait for a position of a new cycle, which started now [s]."""
@@ -114,6 +128,28 @@ class Drive:
             return 0.0
         count, at = self.before
         return (self.count - count) / max(self.heard_at - at, period)
+
+    def told(self, position: float, velocity: float, torque: float, degree: float) -> DriveState:
+        """Return what is known of it.
+
+        Args:
+            position: [rad].
+            velocity: By the drive [rad/s].
+            torque: [N m].
+            degree: One count of its temperature [°C]; NaN if it sends none.
+        """
+        return DriveState(
+            node=self.node,
+            status=self.state.words,
+            enabled=self.state is State.ENABLED,
+            position=position,
+            velocity=velocity,
+            torque=torque,
+            temperature=math.nan if self.temperature is None else degree * self.temperature,
+            mode="" if self.mode is None else mode_words(self.mode),
+            error=describe(self.error),
+            silent=self.silent,
+        )
 
     def complaint(self, hold_after: int, heartbeat_timeout: float, now: float) -> str:
         """Say what keeps this drive from following set-points; empty if nothing does."""
