@@ -83,10 +83,12 @@ class Master:
 class DrivesBus(SyncBus):
     """The driver's end of a bus with simulated drives; time passes where the driver waits."""
 
-    def __init__(self, config, position=None):
+    def __init__(self, config, position=None, scenario=None):
         super().__init__()
         simulation = Simulation(robot=config.robot)
-        self.station = Station(config, _DrivesEnd(self), simulation, position, clock=self.now)
+        self.station = Station(
+            config, _DrivesEnd(self), simulation, position, scenario=scenario, clock=self.now
+        )
         self.listener = self.station.hear
         self.station.start()
 

@@ -1,18 +1,21 @@
-"""The driver in this process, simulated drives in another, a real bus between them.
+"""The driver and simulated drives: on a real bus with another process, and within this one.
 
-Nothing here depends on time: joints may be silent for long, and cycles come when they come.
+Nothing here depends on time: on the real bus joints may be silent for long, and cycles come when
+they come; the bus within this process has a time of its own.
 """
 
 import json
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from bus_master import GROUP, free_port, wait_until
+from bus_master import GROUP, DrivesBus, free_port
 
 from backends.can import ArmConfig, CanRobot
 from backends.can.drives import SimulatedDrives
+from backends.can.drives.scenario import Scenario
 from limo_driver.errors import BackendError, HoldingError
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
@@ -64,6 +67,15 @@ def scenario(tmp_path):
         return path
 
     return write
+
+
+@contextmanager
+def driven(path, faults, **changes):
+    """Open a driver on a bus within this process, with drives that have faults."""
+    config = replace(ArmConfig.load(path), **changes)
+    bus = DrivesBus(config, scenario=Scenario.load(faults, config.joints))
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        yield robot
 
 
 def fresh(robot):
@@ -136,11 +148,11 @@ def test_an_impedance_is_damiaos_own(flawless):
 def test_a_drive_in_fault_leads_to_hold_and_is_named(arm, scenario, convention):
     path = arm(convention)
     faults = scenario("{fault: drive_fault, joint: 2, at: 0.3, code: 0x4310}")
-    with SimulatedDrives(path, scenario=faults), CanRobot(path) as robot:
+    with driven(path, faults) as robot:
         reason = cycle_until_held(robot)
         assert "joint 2" in reason
         assert "fault" in reason or "hot winding" in reason
-        wait_until(lambda: fresh(robot).holding)
+        assert fresh(robot).holding
         with pytest.raises(BackendError, match="joint 2"):
             robot.resume()
         robot.reset_faults()
@@ -184,9 +196,8 @@ def test_lost_frames_are_lived_through(arm, scenario):
 def test_a_wrong_node_id_is_named_at_opening(arm, scenario, convention):
     path = arm(convention)
     faults = scenario("{fault: wrong_node, joint: 2, node: 40}")
-    config = replace(ArmConfig.load(path), answer_timeout=0.5)
-    with SimulatedDrives(path, scenario=faults), pytest.raises(BackendError) as refused:
-        CanRobot(config)
+    with pytest.raises(BackendError) as refused, driven(path, faults):
+        pass
     assert "joint 2" in str(refused.value)
     assert "does not answer" in str(refused.value)
     assert "40" in str(refused.value) or "56" in str(refused.value)  # replies come on 40 + 0x10
@@ -195,15 +206,15 @@ def test_a_wrong_node_id_is_named_at_opening(arm, scenario, convention):
 def test_swapped_joints_are_found_by_their_serial_numbers(arm, scenario):
     path = arm("cia402")
     faults = scenario("{fault: swap_joints, joint: 1, other: 2}")
-    with SimulatedDrives(path, scenario=faults), pytest.raises(BackendError) as refused:
-        CanRobot(path)
+    with pytest.raises(BackendError) as refused, driven(path, faults):
+        pass
     assert "which is the drive of joint 2: swapped?" in str(refused.value)
 
 
 def test_a_babbling_node_does_not_keep_the_arm_from_moving(arm, scenario):
     path = arm("cia402")
     faults = scenario("{fault: babble, id: 0x181, rate: 500}")
-    with SimulatedDrives(path, scenario=faults), CanRobot(path) as robot:
+    with driven(path, faults) as robot:
         first = fresh(robot)
         for k in range(1, 61):
             robot.send(PositionCommand(position=first.position + 0.001 * k))
