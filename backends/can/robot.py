@@ -183,4 +183,6 @@ def _link(config: ArmConfig, port: Port, *, reset: bool) -> Link:
         from backends.can.cia402_link import Cia402Link
 
         return Cia402Link(config, port, reset=reset)
-    raise BackendError(f"drives of convention {config.convention} cannot be driven yet")
+    from backends.can.damiao_link import DamiaoLink
+
+    return DamiaoLink(config, port, reset=reset)

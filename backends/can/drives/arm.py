@@ -2,8 +2,9 @@
 
 Its time is counted in SYNCs while they come: each one moves the arm on by a communication period.
 So a computer that is late disturbs the arm's time, not its motion, and a run on a loaded machine
-moves exactly as on a quiet one. When SYNCs cease, and under a convention that has none, the arm's
-own clock takes over: gravity, brakes and quick stops do not wait for messages.
+moves exactly as on a quiet one. When SYNCs cease for a tenth of a second, and under a convention
+that has none, the arm's own clock takes over: gravity, brakes and quick stops do not wait for
+messages.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 STEP: Final = 1e-3  # of the simulation [s]
 LONGEST_GAP: Final = 0.05  # [s] simulated at once; a process that slept longer does not catch up
-SYNC_PATIENCE: Final = 2.0  # periods without SYNC after which the arm's own clock goes on
+SYNC_PATIENCE: Final = 0.1  # [s] without SYNC after which the arm's own clock goes on
 WARMING: Final = 30.0  # [°C] above the surroundings at the torque limit, in the long run
 WARMING_TIME: Final = 300.0  # [s]
 
@@ -111,12 +112,12 @@ class SimulatedArm:
     def synchronise(self, period: float, now: float) -> None:
         """Move on by one communication period [s], towards the set-points that are in force."""
         self.move_on(period)
-        self._clock, self._patient_until = now, now + SYNC_PATIENCE * period
+        self._patient_until = now + SYNC_PATIENCE
 
     def periods_due(self, period: float, now: float) -> int:
         """Return how many communication periods [s] have passed that no SYNC moved the arm by."""
         if self._clock is None or now < self._patient_until:
-            self._clock = now if self._clock is None else self._clock
+            self._clock = now  # time that waited for a SYNC has not passed
             return 0
         self._clock = max(self._clock, now - LONGEST_GAP)
         due = int((now - self._clock) / period)

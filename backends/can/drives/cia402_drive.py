@@ -24,6 +24,7 @@ from backends.can.drives.node import (
 )
 from backends.can.drives.objects import I8, I16, I32, OUT_OF_RANGE, U8, U16, U32, SdoAbort, Variable
 from backends.can.drives.pdo import Pdo
+from backends.can.drives.setpoints import SetpointStream
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -103,7 +104,8 @@ class Cia402Drive(CanopenNode, Drive):
         self._drive_state = DriveState.SWITCH_ON_DISABLED
         self._controlword_before = 0
         self._mode_before = CSP
-        self._ramp = 0.0  # velocity of a quick stop [rad/s]
+        self._stream = SetpointStream()
+        self._fresh = False  # a position came in this period
         self._limited = False
         self._add_profile(temperature)
         self._add_pdos()
@@ -113,6 +115,11 @@ class Cia402Drive(CanopenNode, Drive):
     def period(self) -> float:
         """Communication period that it was told [s]; 0 if none."""
         return self.sync_period
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it follows set-points."""
+        return self._drive_state is DriveState.ENABLED
 
     @property
     def drive_state(self) -> DriveState:
@@ -164,22 +171,29 @@ class Cia402Drive(CanopenNode, Drive):
                 port.actuation = Actuation.TORQUE
                 port.torque = self._wanted_torque(int(self._target_torque.value))
             else:
-                self._follow()
+                self._follow(period)
         elif self._drive_state in {DriveState.QUICK_STOP, DriveState.FAULT_REACTION}:
             self._slow_down(period)
         else:
             port.actuation, port.torque = Actuation.BRAKE, 0.0
 
-    def _follow(self) -> None:
-        port = self._port
-        target = self._scale.position(self._limited_target())
-        if abs(target - port.measured_position) > self._window():
-            self.fail(FOLLOWING_ERROR)
-            return
+    def _follow(self, period: float) -> None:
+        """Go where the set-points say."""
+        port, stream = self._port, self._stream
         if port.actuation is not Actuation.POSITION:
             port.actuation = Actuation.POSITION
-            port.position = port.measured_position
-        port.position = target
+            stream.start(port.measured_position, port.measured_velocity)
+        target = self._scale.position(self._limited_target())
+        if self._fresh:
+            stream.take(target, period)
+        else:
+            stream.miss(target, port.measured_velocity, period, self._steepest)
+        self._fresh = False
+        if abs(stream.position - port.measured_position) > self._window():
+            stream.start(port.measured_position, port.measured_velocity)
+            self.fail(FOLLOWING_ERROR)
+            return
+        port.position = stream.position
         port.torque = self._wanted_torque(0)
 
     def _limited_target(self) -> int:
@@ -205,21 +219,25 @@ class Cia402Drive(CanopenNode, Drive):
 
     def _slow_down(self, period: float) -> None:
         """Go on along the ramp of a quick stop (6085); at its end, leave the state."""
-        port = self._port
-        if port.actuation is not Actuation.POSITION:
+        port, stream = self._port, self._stream
+        if port.actuation is not Actuation.POSITION:  # it made torque, and the joint moved
             port.actuation = Actuation.POSITION
-            port.position = port.measured_position + 0.5 * period * port.measured_velocity
+            half = 0.5 * period * port.measured_velocity
+            stream.start(port.measured_position + half, port.measured_velocity)
         port.torque = 0.0
-        steepest = int(self._deceleration.value) / abs(self._scale.joint.counts_per_radian)
-        slower = max(abs(self._ramp) - steepest * period, 0.0)
-        self._ramp = math.copysign(slower, self._ramp)
-        port.position += period * self._ramp
-        if slower > 0.0:
+        at_rest = stream.slow_down(period, self._steepest)
+        port.position = stream.position
+        if not at_rest:
             return
         if self._drive_state is DriveState.FAULT_REACTION:
             self._enter(DriveState.FAULT)
         elif not self._stays:
             self._enter(DriveState.SWITCH_ON_DISABLED)
+
+    @property
+    def _steepest(self) -> float:
+        """Deceleration of a quick stop [rad/s^2] (6085)."""
+        return int(self._deceleration.value) / abs(self._scale.joint.counts_per_radian)
 
     def _react(self, code: int) -> None:
         option = int(self._abort_option.value)
@@ -252,8 +270,9 @@ class Cia402Drive(CanopenNode, Drive):
             # Whatever was written before, a drive starts where the joint is.
             self._target.value = self._scale.count(port.measured_position)
             self._target_torque.value = 0
+            self._fresh = False
         elif state in POWERED:
-            self._ramp = port.measured_velocity
+            self._stream.velocity = port.measured_velocity
         elif state is not self._drive_state:
             port.actuation, port.torque = Actuation.BRAKE, 0.0
         self._drive_state = state
@@ -282,6 +301,9 @@ class Cia402Drive(CanopenNode, Drive):
         if mode == CSP and self._mode_before != CSP:
             self._target.value = self._scale.count(self._port.measured_position)
         self._mode_before = mode
+
+    def _note_target(self, _count: int) -> None:
+        self._fresh = True
 
     def _add_profile(self, temperature: Temperature | None) -> None:
         add, port, scale = self.objects.add, self._port, self._scale
@@ -314,7 +336,7 @@ class Cia402Drive(CanopenNode, Drive):
         self._most_torque = add(0x6072, 0, written(U16, 1000, mappable=True))
         add(0x6076, 0, Variable(U32, rated))
         add(0x6077, 0, measured(I16, lambda: scale.per_mille(port.measured_torque)))
-        self._target = add(0x607A, 0, written(I32, mappable=True))
+        self._target = add(0x607A, 0, written(I32, mappable=True, changed=self._note_target))
         self.objects.array(0x607D, written(I32), written(I32))
         self._deceleration = add(0x6085, 0, written(U32, ramp, bounds=(1, 0xFFFFFFFF)))
         self._offset = add(0x60B2, 0, written(I16, mappable=True))

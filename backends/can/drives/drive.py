@@ -15,6 +15,11 @@ class Drive(ABC):
     def period(self) -> float:
         """Communication period that it was told [s]; 0 if none."""
 
+    @property
+    @abstractmethod
+    def enabled(self) -> bool:
+        """Whether it follows set-points."""
+
     @abstractmethod
     def start(self, now: float) -> None:
         """Be switched on."""

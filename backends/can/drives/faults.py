@@ -1,6 +1,7 @@
 """What can go wrong on a bus of simulated drives: one class, one kind of fault.
 
-Times are in seconds since the first set-points came, which is when a run begins to move.
+Times are in seconds since a drive was first enabled; wrong and swapped ids are there from the
+start.
 """
 
 from __future__ import annotations

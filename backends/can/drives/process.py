@@ -59,6 +59,11 @@ class SimulatedDrives(Closing):
             _, said = self._process.communicate()
             raise BackendError(f"the simulated drives did not start: {said.strip()}")
 
+    @property
+    def pid(self) -> int:
+        """The process."""
+        return self._process.pid
+
     def close(self) -> None:
         """Switch the drives off: the process ends."""
         if self._process.returncode is not None:

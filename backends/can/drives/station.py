@@ -12,6 +12,7 @@ from backends.can import frames
 from backends.can.config import CIA402, Cia402Joint
 from backends.can.drives.arm import SimulatedArm
 from backends.can.drives.cia402_drive import Cia402Drive
+from backends.can.drives.damiao_drive import DamiaoDrive
 from backends.can.drives.faults import FROM_DRIVES, TO_DRIVES, rewired
 from backends.can.drives.scenario import Scenario
 from limo_driver.closing import Closing
@@ -76,7 +77,7 @@ class Station(Closing):
         self._random = np.random.default_rng(self._scenario.seed)
         self._waiting = sorted(self._scenario.faults, key=lambda fault: fault.at)
         self._active: list[Fault] = []
-        self._began: float | None = None  # when set-points first came [s]
+        self._began: float | None = None  # when a drive was first enabled [s]
         self._ticked = 0.0
         self.drives: tuple[Drive, ...] = tuple(
             self._drive(number, joint, port)
@@ -98,9 +99,14 @@ class Station(Closing):
         while not stopped():
             self.turn()
 
+    @property
+    def due(self) -> float:
+        """When time has to pass next [s], by the clock."""
+        return self._ticked + TICK
+
     def turn(self) -> None:
         """Hear what comes within a tick, then let time pass."""
-        until = self._ticked + TICK
+        until = self.due
         while True:
             frame = self._port.receive(until)
             now = self._clock()
@@ -128,7 +134,6 @@ class Station(Closing):
                 drive.hear(frame_id, data, now)
         if is_sync:
             self.counts.syncs += 1
-            self._began = now if self._began is None else self._began
             period = self._period
             self._demand(period)
             self.arm.synchronise(period, now)
@@ -140,6 +145,8 @@ class Station(Closing):
         for _ in range(self.arm.periods_due(self._period, now)):
             self._demand(self._period)
             self.arm.move_on(self._period)
+        if self._began is None and any(drive.enabled for drive in self.drives):
+            self._began = now
         if self._began is not None:
             self._play(now - self._began, elapsed)
 
@@ -149,7 +156,9 @@ class Station(Closing):
 
     @property
     def _period(self) -> float:
-        """Return the communication period [s]."""
+        """Return by how much time the arm is moved on at once [s]."""
+        if self._config.convention != CIA402:
+            return TICK
         return max(drive.period for drive in self.drives) or 1.0 / self._config.rate
 
     def _play(self, since: float, elapsed: float) -> None:
@@ -187,4 +196,5 @@ class Station(Closing):
         send = self._sender(number)
         if isinstance(joint, Cia402Joint):
             return Cia402Drive(number, joint, port, send, self._config.temperature)
-        raise NotImplementedError
+        limit = float(self._config.model.limits.torque[number - 1])
+        return DamiaoDrive(joint, limit, port, send)

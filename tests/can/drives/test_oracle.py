@@ -100,6 +100,7 @@ def drives(tmp_path_factory, two_links_urdf):
 @pytest.fixture
 def network(drives):
     network = canopen.Network()
+    network.NOTIFIER_CYCLE = 0.05  # [s], which it also takes to end
     network.connect(interface="udp_multicast", channel=GROUP, port=drives, hop_limit=0, fd=False)
     yield network
     network.nmt.state = "RESET"

@@ -1,0 +1,241 @@
+"""DamiaoLink: motors in MIT mode; each command is answered by what the motor measures.
+
+There is no SYNC: set-points act as they arrive, joint after joint, within the 1.8 ms that seven
+commands and seven replies take of a bus of 1 Mbit/s. The motors know no arm, so that gravity is
+compensated here, by their torque.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from backends.can import damiao
+from backends.can.damiao import MOST_DAMPING, STIFFEST, MitCommand, status_words
+from backends.can.damiao_motor import Motor
+from backends.can.damiao_setup import Setup, check_ids
+from backends.can.frames import BusLoad, Traffic
+from backends.can.link import DriveState, Link, Sample
+from limo_driver.errors import BackendError, JointLimitError
+from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
+
+if TYPE_CHECKING:
+    from backends.can.config import ArmConfig, DamiaoJoint
+    from backends.can.port import Frame, Port
+    from limo_driver.types import FloatArray, JointCommand
+
+BACKLOG: Final = 256  # frames that are still read once a cycle is due
+
+
+class DamiaoLink(Link):
+    """The motors of an arm.
+
+    Args:
+        config: The arm.
+        port: Its bus.
+        reset: Whether faults that motors have already may be cleared.
+
+    Raises:
+        ConfigError: The bus cannot carry the rate, or ids that collide.
+    """
+
+    def __init__(self, config: ArmConfig, port: Port, *, reset: bool = False) -> None:
+        bus_load(config).require(config.rate)
+        self.config, self.port, self._reset = config, port, reset
+        joints: tuple[DamiaoJoint, ...] = config.joints  # type: ignore[assignment]
+        self._motors = [Motor(j, joint) for j, joint in enumerate(joints, start=1)]
+        self._by_reply = {motor.joint.reply_id: motor for motor in self._motors}
+        check_ids(self._motors)
+        self._sign = np.array([joint.direction for joint in joints], dtype=float)
+        self._offset = np.array([joint.offset for joint in joints])
+        self._stiffness = np.array([joint.stiffness for joint in joints])
+        self._damping = np.array([joint.damping for joint in joints])
+        self._command: JointCommand | None = None
+        self._velocity = np.zeros(len(joints))  # of position set-points [rad/s]
+        self._starts = True  # the next position starts a stream
+        self._target = np.zeros(len(joints))  # [rad]; not used before it is measured
+        self._pinned = np.ones(len(joints), dtype=bool)  # joints that keep the pose they have
+        self._powered = False
+
+    @property
+    def torque_resolution(self) -> FloatArray:
+        """Smallest change that the measured torques show, (n,) [N m]."""
+        return np.array([motor.ranges.torque_step for motor in self._motors])
+
+    def connect(self) -> None:
+        """Find every motor, switch it off, read its ranges, and set its watchdog and mode."""
+        Setup(self.config, self.port, self._motors).run()
+        self._target = self._sample().position
+
+    def enable(self, *, reset: bool = False) -> None:
+        """Let the motors hold the pose that they measure."""
+        reset = reset or self._reset
+        until = self.port.now() + self.config.answer_timeout
+        self._powered = True
+        waiting = [motor for motor in self._motors if not motor.enabled]
+        while waiting:
+            measured = self._sample().position
+            for motor in waiting:
+                motor.silent = 0
+                self._pinned[motor.number - 1] = True
+                self._target[motor.number - 1] = measured[motor.number - 1]
+                if motor.reply is not None and motor.reply.status not in {0, 1} and reset:
+                    self.port.send(motor.joint.node, damiao.CLEAR)
+                self.port.send(motor.joint.node, damiao.ENABLE)
+            due = self.port.now() + 1.0 / self.config.rate
+            self._exchange(due)
+            self.listen(due)
+            waiting = [motor for motor in waiting if not motor.enabled]
+            if waiting and self.port.now() > until:
+                status = status_words(waiting[0].known.status)
+                fault = waiting[0].known.status not in {0, 1} and not reset
+                hint = "; open with reset_faults=True once that is cured" if fault else ""
+                waiting[0].fail(f"cannot be enabled: {status}{hint}")
+        self._reset = False
+
+    def check(self, command: JointCommand) -> None:
+        """Refuse a command that the motors cannot carry out."""
+        if not isinstance(command, (PositionCommand, ImpedanceCommand, TorqueCommand)):
+            raise BackendError(f"Damiao motors know no {type(command).__name__}")
+        if isinstance(command, ImpedanceCommand):
+            _check_gain("stiffness", command.stiffness, STIFFEST, "N m/rad")
+            _check_gain("damping", command.damping, MOST_DAMPING, "N m s/rad")
+
+    def command(self, command: JointCommand) -> None:
+        """Take the set-points of the coming cycle."""
+        before, self._command = self._target, command
+        if isinstance(command, (PositionCommand, ImpedanceCommand)):
+            self._target = np.where(self._pinned, before, command.position)
+        else:
+            self._target = np.where(self._pinned, before, self._sample().position)
+        moves = isinstance(command, PositionCommand) and not self._starts
+        self._velocity = (self._target - before) * self.config.rate * moves
+        self._starts = False
+
+    def begin(self) -> None:
+        """Follow commands again that start from the measured pose."""
+        self._pinned[:] = False
+        self._starts = True
+
+    def send(self) -> None:
+        """Wait: a motor acts on its command as it arrives, which is when the cycle is due."""
+
+    def listen(self, until: float) -> None:
+        """Take in what the motors say until then [s], of the port's clock."""
+        backlog = BACKLOG
+        while (frame := self.port.receive(until)) is not None:
+            self._take(frame)
+            if self.port.now() >= until:
+                backlog -= 1
+                if not backlog:  # a babbling node does not keep the arm from its cycles
+                    return
+
+    def measure(self, until: float) -> Sample | None:
+        """Command all motors and return what they answer; None if one was not heard in time."""
+        self._exchange(until)
+        self._velocity = np.zeros(len(self._motors))  # a set-point that is repeated stands
+        if not all(motor.heard for motor in self._motors):
+            return None
+        return self._sample()
+
+    def trouble(self) -> str:
+        """Say why the arm has to hold; empty if it need not."""
+        if self.port.bus_off:
+            return f"{self.port.name} is off: too many errors"
+        for motor in self._motors:
+            if text := motor.complaint(self.config.hold_after):
+                return f"joint {motor.number} (node {motor.joint.node}) {text}"
+        return ""
+
+    def drives(self) -> tuple[DriveState, ...]:
+        """Return what is known of every motor."""
+        sample = self._sample()
+        return tuple(
+            DriveState(
+                node=motor.joint.node,
+                status=status_words(motor.known.status),
+                enabled=motor.enabled,
+                position=float(sample.position[j]),
+                velocity=float(sample.velocity[j]),
+                torque=float(sample.torque[j]),
+                temperature=float(max(motor.known.transistors, motor.known.winding)),
+                mode="MIT",
+                error="" if motor.known.status in {0, 1} else status_words(motor.known.status),
+                silent=motor.silent,
+            )
+            for j, motor in enumerate(self._motors)
+        )
+
+    def disable(self) -> None:
+        """Switch the motors off, the last joint first; without a brake, the arm sinks."""
+        if self._powered:
+            for motor in reversed(self._motors):
+                self.port.send(motor.joint.node, damiao.DISABLE)
+        self._powered = False
+
+    # within -------------------------------------------------------------------------------------
+
+    def _exchange(self, until: float) -> None:
+        """Command every motor that follows commands, and hear what they answer until then."""
+        for motor in self._motors:
+            motor.heard = False
+        commands = self._commands()
+        for motor, command in zip(self._motors, commands, strict=True):
+            # One that is switched off answers too, and obeys nothing.
+            self.port.send(motor.joint.node, damiao.encode_command(command, motor.ranges))
+        backlog = BACKLOG
+        while not all(motor.heard for motor in self._motors):
+            if (frame := self.port.receive(until)) is None:
+                break
+            self._take(frame)
+            if self.port.now() >= until:
+                backlog -= 1
+                if not backlog:
+                    break
+        for motor in self._motors:
+            motor.silent = 0 if motor.heard else motor.silent + 1
+
+    def _commands(self) -> list[MitCommand]:
+        """Return what each motor is told in this cycle."""
+        limit = self.config.model.limits.torque
+        gravity = self.config.model.gravity_torque(self._sample().position)[0]
+        command, pinned = self._command, self._pinned
+        stiffness, damping, torque = self._stiffness, self._damping, gravity
+        if isinstance(command, ImpedanceCommand):
+            stiffness = np.where(pinned, stiffness, command.stiffness)
+            damping = np.where(pinned, damping, command.damping)
+        elif isinstance(command, TorqueCommand):
+            stiffness, damping = stiffness * pinned, damping * pinned
+        if isinstance(command, (ImpedanceCommand, TorqueCommand)):
+            torque = gravity + np.where(pinned, 0.0, command.torque)
+        motor_position = self._offset + self._sign * self._target
+        torque = self._sign * np.clip(torque, -limit, limit)
+        rows = (motor_position, self._sign * self._velocity, stiffness, damping, torque)
+        return [MitCommand(*map(float, row)) for row in zip(*rows, strict=True)]
+
+    def _sample(self) -> Sample:
+        replies = [motor.known for motor in self._motors]
+        position = np.array([reply.position for reply in replies])
+        return Sample(
+            position=self._sign * (position - self._offset),
+            velocity=self._sign * np.array([reply.velocity for reply in replies]),
+            torque=self._sign * np.array([reply.torque for reply in replies]),
+        )
+
+    def _take(self, frame: Frame) -> None:
+        if (motor := self._by_reply.get(frame.id)) is not None:
+            motor.take(frame.data)
+
+
+def bus_load(config: ArmConfig) -> BusLoad:
+    """Return the load at the arm's rate, with worst stuffing."""
+    n, rate, bus = len(config.joints), config.rate, config.bus
+    traffic = (Traffic("commands", n, 8, rate), Traffic("replies", n, 8, rate))
+    return BusLoad(traffic, bus.bitrate, bus.data_bitrate if bus.fd else None)
+
+
+def _check_gain(name: str, given: FloatArray, most: float, unit: str) -> None:
+    if (given > most).any():
+        j = int(np.argmax(given))
+        raise JointLimitError(j + 1, name, float(given[j]), (0.0, most), unit)

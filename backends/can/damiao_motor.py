@@ -1,0 +1,68 @@
+"""One Damiao motor, as it is heard on the bus; nothing of it is known before it spoke."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NoReturn
+
+from backends.can import damiao
+from backends.can.damiao import Ranges, Reply, Status, status_words
+from backends.can.errors import DriveError
+from limo_driver.errors import WireFormatError
+
+if TYPE_CHECKING:
+    from backends.can.config import DamiaoJoint
+
+UNKNOWN: Final = Ranges(math.nan, math.nan, math.nan)
+
+
+@dataclass
+class Motor:
+    """One motor, as it is heard on the bus; nothing of it is known before it spoke."""
+
+    number: int  # of its joint, from 1
+    joint: DamiaoJoint
+    ranges: Ranges = UNKNOWN
+    reply: Reply | None = None
+    heard: bool = False  # in the cycle that runs
+    silent: int = 0  # cycles since its last reply
+    broken: int = 0  # frames that were no reply
+
+    @property
+    def known(self) -> Reply:
+        """Its last reply.
+
+        Raises:
+            DriveError: It has not spoken.
+        """
+        if self.reply is None:
+            self.fail("has not said where it is")
+        return self.reply
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it follows commands."""
+        return self.reply is not None and self.reply.status == Status.ENABLED
+
+    def take(self, data: bytes) -> None:
+        """Read a reply."""
+        try:
+            reply = damiao.decode_reply(data, self.ranges)
+        except WireFormatError:
+            self.broken += 1
+            return
+        if reply.motor != self.joint.node & 0xF:
+            self.broken += 1
+            return
+        self.reply, self.heard = reply, True
+
+    def complaint(self, hold_after: int) -> str:
+        """Say what keeps it from following commands; empty if nothing does."""
+        if self.silent >= hold_after:
+            return f"is silent for {self.silent} cycles"
+        return "" if self.enabled else f"is in state {status_words(self.known.status)!r}"
+
+    def fail(self, message: str) -> NoReturn:
+        """Raise what is wrong with this motor."""
+        raise DriveError(self.number, self.joint.node, message)

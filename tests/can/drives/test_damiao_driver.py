@@ -1,0 +1,185 @@
+"""The driver of Damiao motors, on a bus with a time of its own."""
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bus_master import DrivesBus
+
+from backends.can import ArmConfig, CanRobot, damiao
+from backends.can.config import DamiaoJoint
+from backends.can.damiao import Register, Status
+from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError
+from limo_driver.types import ImpedanceCommand, PositionCommand
+
+POSE = [0.4, -0.3]
+
+
+@pytest.fixture
+def config(arm_yaml):
+    joints = """
+  - {node: 1, stiffness: 500, damping: 5}
+  - {node: 2, stiffness: 500, damping: 5, direction: -1, offset: 0.25}
+"""
+    return ArmConfig.load(arm_yaml("convention: damiao", joints))
+
+
+@pytest.fixture
+def bus(config):
+    return DrivesBus(config, POSE)
+
+
+def opened(config, bus, **options):
+    return CanRobot(config, bus=bus, clock=bus.now, **options)
+
+
+def registers(bus, joint):
+    return bus.station.drives[joint - 1]._registers
+
+
+def test_ranges_are_read_from_the_motors(config, bus):
+    for joint, torque in ((1, 28.0), (2, 40.0)):
+        registers(bus, joint)[Register.TORQUE_RANGE] = torque
+    with opened(config, bus) as robot:
+        assert robot.spec.torque_resolution == pytest.approx([56 / 4095, 80 / 4095])
+
+
+def test_the_watchdog_and_the_mode_are_set(config, bus):
+    registers(bus, 1)[Register.MODE] = 2
+    with opened(config, bus):
+        assert registers(bus, 1)[Register.MODE] == damiao.MIT_MODE
+        assert registers(bus, 2)[Register.TIMEOUT] * 50e-6 == pytest.approx(config.watchdog)
+
+
+def test_nothing_moves_before_a_command(config, bus):
+    with opened(config, bus) as robot:
+        first = robot.receive()
+        for _ in range(200):
+            state = robot.receive()
+        assert first.position == pytest.approx(POSE, abs=2e-3)
+        assert state.position == pytest.approx(first.position, abs=5e-3)  # gravity is compensated
+
+
+def test_a_position_is_followed(config, bus):
+    with opened(config, bus) as robot:
+        state = robot.receive()
+        start = state.position
+        for k in range(1, 401):
+            robot.send(PositionCommand(position=start + 0.1 * (1 - np.cos(np.pi * k / 400))))
+            state = robot.receive()
+        assert state.position == pytest.approx(start + 0.2, abs=0.01)
+        assert np.isfinite(state.velocity).all()
+        assert [drive.temperature for drive in robot.drives] == [25.0, 25.0]
+
+
+def test_motors_that_lose_their_master_switch_off(config, bus):
+    with opened(config, bus) as robot:
+        robot.receive()
+        bus.time += 1.0
+        bus.station.turn()
+        assert [drive.status for drive in bus.station.drives] == [Status.LOST_COMMUNICATION] * 2
+        state = robot.receive()
+        with pytest.raises(HoldingError, match=r"joint 1 .* 'lost communication'"):
+            robot.send(PositionCommand(position=state.position))
+        robot.reset_faults()
+        robot.resume()
+        robot.send(PositionCommand(position=robot.receive().position))
+
+
+def test_motors_in_fault_are_not_reset_unless_told(config, bus):
+    bus.station.drives[1].fail(Status.OVERCURRENT)
+    with (
+        opened(config, bus) as robot,
+        pytest.raises(
+            BackendError, match=r"joint 2 .*cannot be enabled: overcurrent; open with re"
+        ),
+    ):
+        robot.receive()
+    with opened(config, DrivesBus(config, POSE), reset_faults=True) as robot:
+        robot.receive()
+
+
+def test_closing_switches_the_motors_off(config, bus):
+    with opened(config, bus) as robot:
+        robot.receive()
+    assert [drive.status for drive in bus.station.drives] == [Status.DISABLED] * 2
+
+
+def test_a_motor_whose_range_is_too_small_is_refused(config, bus):
+    registers(bus, 2)[Register.POSITION_RANGE] = 3.0
+    with pytest.raises(BackendError, match=r"joint 2 .* spans 3 rad each way \(register 21\)"):
+        opened(config, bus)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_a_range_that_is_none_is_refused(config, bus, value):
+    registers(bus, 1)[Register.VELOCITY_RANGE] = value
+    with pytest.raises(BackendError, match="register 22, which is no range"):
+        opened(config, bus)
+
+
+def test_a_motor_that_keeps_its_mode_is_refused(config, bus):
+    bus.station.drives[0]._registers = Stubborn(registers(bus, 1))
+    with pytest.raises(BackendError, match=r"joint 1 .* does not take 1 in register 10"):
+        opened(config, bus)
+
+
+class Stubborn(dict):
+    def __init__(self, values):
+        super().__init__(values)
+        super().__setitem__(Register.MODE, 3)
+
+    def __setitem__(self, register, value):
+        if register != Register.MODE:
+            super().__setitem__(register, value)
+
+
+def test_ids_that_collide_are_refused(config, bus):
+    joints = (DamiaoJoint(node=1), DamiaoJoint(node=0x11))
+    with pytest.raises(ConfigError, match="joint 1 replies on 0x11, which joint 2 uses"):
+        opened(replace(config, joints=joints), bus)
+
+
+def test_an_impossible_rate_is_refused_with_the_arithmetic(config, bus):
+    with pytest.raises(ConfigError, match=r"2 commands x 135 us x 2000 Hz = 54\.0 % \+ 2 replies"):
+        opened(replace(config, rate=2000.0), bus)
+
+
+def test_gains_that_the_frame_cannot_hold_are_refused(config, bus):
+    gains = {"stiffness": np.array([100.0, 100.0]), "torque": np.zeros(2)}
+    with opened(config, bus) as robot:
+        position = robot.receive().position
+        with pytest.raises(JointLimitError, match=r"joint 2: damping 5.1 N m s/rad is outside"):
+            robot.send(ImpedanceCommand(position=position, damping=np.array([1.0, 5.1]), **gains))
+
+
+def test_its_own_frames_are_no_replies(config, bus):
+    bus.echo = True
+    with opened(config, bus) as robot:
+        for _ in range(20):
+            state = robot.receive()
+    assert state.position == pytest.approx(POSE, abs=5e-3)
+
+
+def test_random_frames_do_no_harm(config, bus):
+    random = np.random.default_rng(0)
+    limits = config.model.limits
+    with opened(config, bus) as robot:
+        state = robot.receive()
+        for _ in range(1500):
+            for _ in range(random.poisson(0.5)):
+                frame_id = int(random.choice([0x11, 0x12, 1, 2, 0x7FF, random.integers(0x800)]))
+                data = random.bytes(int(random.choice([0, 7, 8, 8, 8])))
+                bus.deliver(frame_id, data)
+                bus.station.hear(frame_id, data)
+            bus.sent.clear()
+            with suppress(BackendError):
+                robot.send(PositionCommand(position=state.position))
+            with suppress(BackendError):
+                state = robot.receive()
+            for frame_id, data in bus.sent:
+                assert frame_id in {1, 2, 0x7FF}
+                if frame_id in {1, 2} and data[:7] != b"\xff" * 7:
+                    told = damiao.decode_command(data, bus.station.drives[frame_id - 1].ranges)
+                    assert abs(told.torque) <= limits.torque[frame_id - 1] * 1.01
