@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from backends.can.bridge import Bridge
 from backends.can.cia402 import Codec, Controlword, Mode, State, towards_enabled
 from backends.can.cia402_load import HEARTBEATS_PER_WATCHDOG, bus_load
 from backends.can.commissioning import Commissioning
@@ -78,6 +79,7 @@ class Cia402Link(Link):
         self._target = np.zeros(n)  # [rad]; not used before drives are enabled
         self._torque = np.zeros(n)  # [N m]
         self._pinned = np.ones(n, dtype=bool)  # joints that keep the pose they have
+        self._bridge = Bridge(config.model.limits, self._period)
         self._mode, self._mode_cycles = Mode.POSITION, 0
         self._commanded = self._powered = False
         self._heartbeat_due = 0.0
@@ -167,15 +169,19 @@ class Cia402Link(Link):
         self._commanded = True
         if isinstance(command, TorqueCommand):
             self._set_mode(Mode.TORQUE)
+            self._bridge.clear()
             most = self.config.model.limits.torque
             gravity = self.config.model.gravity_torque(self._position())[0]
             self._torque = np.clip(command.torque + gravity, -most, most)
         elif isinstance(command, PositionCommand):
             self._set_mode(Mode.POSITION)
-            self._target = np.where(self._pinned, self._target, command.position)
+            self._target = np.where(
+                self._pinned, self._target, command.position + self._bridge.offset
+            )
 
     def begin(self) -> None:
         """Follow commands again that start from the measured pose."""
+        self._bridge.start(self._target - self._position())
         self._pinned[:] = False
 
     def send(self) -> None:
@@ -192,6 +198,7 @@ class Cia402Link(Link):
             self._pinned[:] = True
             self._follow(self._drives)
         self._commanded = False
+        self._bridge.advance()
         self._put()
 
     def listen(self, until: float) -> None:

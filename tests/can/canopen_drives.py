@@ -85,7 +85,7 @@ class CanopenDrive:
         self.state, self.word, self.count, self.torque, self.speed = 0x40, 0, count, 0, 0
         self.mode, self.fault, self.mute = 8, 0, False
         self.received = []  # controlwords, targets
-        self.cycles = 0
+        self.cycles = self.lag = 0
         self.node.nmt.state = "PRE-OPERATIONAL"
         self.node.add_read_callback(self._read)
         network.subscribe(0x000, self._on_nmt)
@@ -126,8 +126,8 @@ class CanopenDrive:
         self._step_state()
         if self.state == 0x27:
             if self.mode == 8:
-                self.speed = self.target - self.count
-                self.count = self.target
+                aim = self.target - self.lag
+                self.speed, self.count = aim - self.count, aim
             else:
                 self.torque = self.torque_target
         self._transmit(1, self.state, self.count, self.torque)

@@ -143,3 +143,24 @@ def test_a_long_pause_before_the_first_cycle_is_caught_up_with(bus, config):
                 bus.deliver(0x700 + node, b"\x05")
         states = [robot.receive() for _ in range(3)]
     assert not any(state.stale or state.holding for state in states)
+
+
+def test_a_stream_starts_without_a_step_of_the_drives(bus, config, arm):
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        run(robot, 5)
+        robot.hold()
+        robot.receive()
+        held = arm.drives[0].target
+        for drive in arm.drives:
+            drive.lag = 400  # counts behind its target: something leans on the arm
+        for _ in range(3):
+            state = robot.receive()
+        robot.resume()
+        targets = []
+        for _ in range(200):
+            robot.send(PositionCommand(position=state.position))
+            robot.receive()
+            targets.append(arm.drives[0].target)
+    assert abs(targets[0] - held) <= 2
+    assert np.abs(np.diff(targets)).max() < 100  # it gives way slowly
+    assert abs(targets[-1] - (held - 400)) <= 2
