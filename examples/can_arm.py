@@ -1,6 +1,7 @@
 """An arm of seven CiA 402 drives on a bus: drives in one process, `limo run` in another.
 
     python examples/can_arm.py             # half a minute, in real time
+    python examples/can_arm.py --config examples/can_damiao.yaml      # Damiao motors
 
 `limo drives` is seven simulated drives on `udp_multicast`, with an iiwa 14 that has hysteresis
 behind them; `limo run --backend can` finds, configures and moves them as it would real ones. The
@@ -33,12 +34,11 @@ def limo(command: str) -> None:
     subprocess.run([*LIMO, *shlex.split(command)], check=True)
 
 
-def compare(config: ArmConfig, bus: Recording, direct: Recording) -> None:
+def compare(bus: Recording, direct: Recording) -> None:
     """Print what both runs measured, joint by joint."""
     rows = min(len(bus.time), len(direct.time))
     print("\njoint   torque step   torque rms   difference rms")
-    for j, joint in enumerate(config.joints):
-        step = joint.rated_torque / 1000
+    for j, step in enumerate(bus.torque_resolution):
         torque = direct.torque[:rows, j]
         difference = bus.torque[:rows, j] - torque
         print(f"{j + 1:5d}   {step:7.3f} N m {_rms(torque):8.2f} N m {_rms(difference):12.3f} N m")
@@ -79,7 +79,7 @@ def main() -> None:
         f"run --backend mujoco --sim {TRUTH} --trajectory {motion} --rate {config.rate} "
         f"--duration {seconds} --record {out}/direct.parquet"
     )
-    compare(config, Recording.load(out / "bus.parquet"), Recording.load(out / "direct.parquet"))
+    compare(Recording.load(out / "bus.parquet"), Recording.load(out / "direct.parquet"))
 
 
 if __name__ == "__main__":

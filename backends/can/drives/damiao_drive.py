@@ -1,7 +1,7 @@
 """A simulated Damiao motor in MIT mode: one joint of the arm, without a brake.
 
 It makes torque only while commands come: after the time of register 9 without one it switches
-itself off, and what hangs on it falls.
+itself off, and what hangs on it falls. Until it is first enabled, somebody holds the arm.
 """
 
 from __future__ import annotations
@@ -57,6 +57,7 @@ class DamiaoDrive(Drive):
         self.ranges = Ranges(POSITION_RANGE, VELOCITY_RANGE, TORQUE_MARGIN * torque_limit)
         self.status = Status.DISABLED
         self._commanded_at: float | None = None  # [s] last command while enabled
+        self._at_rest = Actuation.BRAKE  # what acts on the joint without power
 
     @property
     def period(self) -> float:
@@ -104,6 +105,7 @@ class DamiaoDrive(Drive):
     def _obey(self, data: bytes, now: float) -> None:
         if data == damiao.ENABLE:
             if not self.status.is_fault:
+                self._at_rest = Actuation.FREE
                 self._switch(Status.ENABLED)
                 self._commanded_at = now
         elif data == damiao.DISABLE:
@@ -129,7 +131,7 @@ class DamiaoDrive(Drive):
     def _switch(self, status: Status) -> None:
         port = self._port
         self.status, self._commanded_at = status, None
-        port.actuation = Actuation.FREE
+        port.actuation = self._at_rest
         port.torque = port.stiffness = port.damping = port.velocity = 0.0
 
     def _reply(self) -> None:

@@ -102,6 +102,12 @@ def test_a_motor_says_nothing_until_it_is_spoken_to(motors):
     assert motors.wait(0.1) == []
 
 
+def test_somebody_holds_the_arm_until_it_is_first_enabled(motors):
+    motors.wait(1.0)
+    where = [port.measured_position for port in motors.station.arm.joints]
+    assert where == pytest.approx([0.4, -0.3], abs=2e-3)
+
+
 def test_it_is_enabled_and_disabled_and_says_so(motors):
     assert reply_of(motors, damiao.ENABLE).status == Status.ENABLED
     assert reply_of(motors, damiao.DISABLE).status == Status.DISABLED
