@@ -70,7 +70,8 @@ def answer_to(
     state = SessionState.IDLE if message.connection is None else message.connection.session_state
     mode, header = command_mode(message), Header(sequence, message.header.sequence)
     if state is SessionState.COMMANDING_ACTIVE and taken_in(mode) is not None:
-        return Command(header, _active(message, mode, wire, setpoint, command, outputs))
+        active = _active(message, mode, wire, setpoint, command, outputs)
+        return None if active is None else Command(header, active)
     if state is SessionState.IDLE:
         return None
     if state < SessionState.COMMANDING_WAIT:
@@ -98,17 +99,22 @@ def _active(
     setpoint: FloatArray,
     command: JointCommand | None,
     outputs: tuple[IoValue, ...],
-) -> CommandData:
+) -> CommandData | None:
+    """Return a command; None where the arm and its application stand outside the range."""
     if mode is CommandMode.POSITION:
-        wanted = command.position if isinstance(command, PositionCommand) else setpoint
-        return CommandData(wire.position(numbers(wanted)), io=outputs)
-    told = application_position(message, wire)
-    position = wire.position(numbers(setpoint) if told is None else told)
+        wanted = numbers(command.position if isinstance(command, PositionCommand) else setpoint)
+    else:
+        wanted = application_position(message, wire) or numbers(setpoint)
+    position = wire.position(wanted)
+    if position is None:
+        return None
     if mode is CommandMode.TORQUE:
         torque = numbers(command.torque) if isinstance(command, TorqueCommand) else None
         return CommandData(position, joint_torque=wire.torque(torque), io=outputs)
-    wrench = numbers(command.wrench) if isinstance(command, WrenchCommand) else None
-    return CommandData(position, wrench=wire.wrench(wrench), io=outputs)
+    if mode is CommandMode.WRENCH:
+        wrench = numbers(command.wrench) if isinstance(command, WrenchCommand) else None
+        return CommandData(position, wrench=wire.wrench(wrench), io=outputs)
+    return CommandData(position, io=outputs)
 
 
 def _mirrored(

@@ -60,9 +60,11 @@ class WireLimits:
         """Return how close to a position the next command may come, (n,) [rad]."""
         return wanted if self._position is None else _near(wanted, self._position, self._step)
 
-    def position(self, wanted: Numbers) -> Numbers:
-        """Return the position to send, (n,) [rad]."""
-        sent = self.reachable(wanted)
+    def position(self, wanted: Numbers) -> Numbers | None:
+        """Return the position to send, (n,) [rad]; None if there is none within the arm's range."""
+        sent: Numbers | None = self.reachable(wanted)
+        if not self.usable(sent):
+            sent = self._position
         self.changed += sent is not wanted
         self._position = sent
         return sent

@@ -5,11 +5,13 @@ from pathlib import Path
 from subprocess import run
 from sys import executable
 
+from hypothesis import settings
 from hypothesis import strategies as st
 
 from backends.fri import messages as m
 from backends.fri.version import FriVersion, Generation
 
+some = settings(max_examples=40, deadline=None)  # each runs for every generation
 GENERATIONS = tuple(Generation)
 VERSIONS = tuple(FriVersion)
 SCHEMA = Path(__file__).parents[2] / "backends" / "fri" / "fri.proto"

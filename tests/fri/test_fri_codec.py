@@ -4,7 +4,7 @@ import struct
 import zlib
 
 import pytest
-from fri_messages import GENERATIONS, POSE, VERSIONS, commands, monitoring, monitorings
+from fri_messages import GENERATIONS, POSE, VERSIONS, commands, monitoring, monitorings, some
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -68,6 +68,7 @@ def test_later_version_is_framed_with_length_and_checksum():
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
+@some
 @given(data=st.data())
 def test_monitoring_comes_back_bit_for_bit(generation, data):
     message = data.draw(monitorings(generation))
@@ -78,6 +79,7 @@ def test_monitoring_comes_back_bit_for_bit(generation, data):
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
+@some
 @given(data=st.data())
 def test_commands_come_back_bit_for_bit(generation, data):
     message = data.draw(commands(generation))
@@ -223,6 +225,7 @@ def test_values_of_ios_have_their_type():
     assert IoValue("a", IoType.BOOLEAN, IoDirection.INPUT).value is None
 
 
+@some
 @given(st.binary(max_size=1600))
 def test_random_bytes_are_refused_and_nothing_else(data):
     for generation in (None, *GENERATIONS):
@@ -232,6 +235,7 @@ def test_random_bytes_are_refused_and_nothing_else(data):
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
+@some
 @given(data=st.data())
 def test_mutated_messages_are_read_or_refused_and_nothing_else(generation, data):
     original = encode_monitoring(data.draw(monitorings(generation)), generation)

@@ -271,3 +271,14 @@ def test_application_position_that_no_arm_has_is_not_mirrored():
             arm.ipo = np.full(7, bad)
             robot.receive()
             assert arm.listen() == []
+
+
+def test_arm_outside_its_range_is_not_commanded_there():
+    with stepped(state=SessionState.COMMANDING_WAIT) as robot:
+        arm = robot.arm
+        arm.position = arm.ipo = np.full(7, 3.2)
+        for state in (SessionState.COMMANDING_WAIT, ACTIVE):
+            arm.state = state
+            for _ in range(3):
+                assert robot.receive().position == pytest.approx([3.2] * 7)
+                assert arm.listen() == []

@@ -1,7 +1,7 @@
 """The codec agrees with code that protobuf generates from `fri.proto`."""
 
 import pytest
-from fri_messages import GENERATIONS, commands, compile_schema, monitorings
+from fri_messages import GENERATIONS, commands, compile_schema, monitorings, some
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +20,7 @@ def bare(data, generation):
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
+@some
 @given(data=st.data())
 def test_generated_code_reads_and_writes_the_same_bytes(generated, generation, data):
     for kind, drawn, encode in (
@@ -43,6 +44,7 @@ def unknown(message):
     )
 
 
+@some
 @given(data=st.data())
 def test_what_limo_reads_generated_code_reads_alike(generated, data):
     from google.protobuf.message import DecodeError

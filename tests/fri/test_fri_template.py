@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from fri_messages import GENERATIONS, commands, monitoring, monitorings
+from fri_messages import GENERATIONS, commands, monitoring, monitorings, some
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,6 +51,7 @@ def test_cycles_are_read_and_written_as_by_the_codec(generation):
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
+@some
 @given(data=st.data())
 def test_any_messages_are_read_and_written_as_by_the_codec(generation, data):
     for draw, template, decode, encode in (
@@ -64,6 +65,7 @@ def test_any_messages_are_read_and_written_as_by_the_codec(generation, data):
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
+@some
 @given(data=st.data())
 def test_mutated_datagrams_are_judged_as_by_the_codec(generation, data):
     original = encode_monitoring(monitoring(generation, sequence=300), generation)

@@ -106,7 +106,7 @@ def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"backend": "nope"}, "no robot is called 'nope'; known: mujoco, virtual"),
+        ({"backend": "nope"}, "no robot is called 'nope'; known: "),
         ({"trajectory": "absent.parquet"}, "absent.parquet: cannot be read as a trajectory"),
         ({"sim": "absent.yaml"}, "absent.yaml: cannot be read"),
         ({"robot": "r2d2"}, "'r2d2' is neither built in"),
