@@ -345,7 +345,8 @@ class FriRobot(Robot):
             self._wire.reset()
             self._commanded = False
             told = application_position(message, self._wire)
-            self._contract.lead(self._position if told is None else np.array(told))
+            if told is not None or self._wire.usable(numbers(self._position)):
+                self._contract.lead(self._position if told is None else np.array(told))
         elif not self._commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be.
             told = self._start(message, before) or numbers(self._contract.setpoint)

@@ -103,13 +103,14 @@ class Client:
                 sock.sendto(answer, robot)
                 self.answers += 1
                 if self.wrong == "leave" and self.active > 50:
+                    print(json.dumps({"enough": True}), flush=True)  # noqa: T201
                     return 0
 
     def tell_when_enough(self) -> None:
         """Say on stdout when the session has shown what there is to see."""
         never_active = self.wrong in {"garbage", "stale"}
         seen = self.received > 50 if never_active else self.active > (50 if self.wrong else 60)
-        if seen and self.enough is None:
+        if seen and self.enough is None and self.wrong != "leave":
             self.enough = self.received + 100
         if self.enough == self.received:
             print(json.dumps({"enough": True}), flush=True)  # noqa: T201

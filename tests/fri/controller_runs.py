@@ -7,10 +7,18 @@ import signal
 import socket
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from backends.fri.controller.controller import SimulatedController
+from backends.fri.controller.port import Address
+from backends.fri.controller.quality import QualityModel
+from backends.fri.controller.session import SessionTimes
+from backends.fri.controller.settings import MODES, ControllerSettings
+from backends.fri.version import FriVersion
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -18,6 +26,11 @@ if TYPE_CHECKING:
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 CLIENT = Path(__file__).parent / "bare_client.py"
 PATIENCE = 60  # [s]
+# Other work on this machine may set either side aside for long; that is not what is tested.
+PATIENT = {
+    "quality": QualityModel(fair=0.1, good=0.2, misses=50),
+    "times": SessionTimes(monitor=0.1, confirm=5, restart=0.2, stop=0.2),
+}
 
 
 @dataclass(frozen=True)
@@ -57,26 +70,57 @@ def started_client(*options: str, port: int = 0) -> Generator[tuple[subprocess.P
         yield client, json.loads(client.stdout.readline())["bound"]
 
 
-def session(controller: tuple[str, ...], client: tuple[str, ...], *, ends: bool = False) -> Session:
-    """Run both; the controller is told to stop when the client has seen enough.
+def session(
+    client: tuple[str, ...], *, process_of_its_own: bool = False, **controller: Any
+) -> Session:
+    """Run both over UDP; the controller is told to stop when the client has seen enough.
 
     Args:
+        client: Options of the client, which is always a process of its own.
+        process_of_its_own: Run `limo controller`, and not the same in a thread, which starts
+            sooner and is patient.
         controller: Options of `limo controller`.
-        client: Options of the client.
-        ends: Whether the controller ends by itself.
     """
+    run = _by_command if process_of_its_own else _in_thread
     with started_client(*client) as (asked, port):
-        address = ("--client", f"127.0.0.1:{port}", "--json")
-        with process(*LIMO, "controller", *address, *controller) as robot:
-            assert asked.stdout is not None
-            if not ends:
-                asked.stdout.readline()  # that it is enough, or what it said at its end
-                robot.send_signal(signal.SIGINT)
-            said, complained = robot.communicate(timeout=PATIENCE)
-            assert robot.returncode == 0, complained
-            rest, _ = asked.communicate(timeout=PATIENCE)
-    last = rest.splitlines()[-1] if rest else "{}"
-    return Session(json.loads(said), json.loads(last), asked.returncode)
+        report = run(asked, port, controller)
+        rest, _ = asked.communicate(timeout=PATIENCE)
+    return Session(report, json.loads(rest.splitlines()[-1]), asked.returncode)
+
+
+def _wait_until_enough(client: subprocess.Popen[str]) -> None:
+    assert client.stdout is not None
+    client.stdout.readline()
+
+
+def _by_command(
+    client: subprocess.Popen[str], port: int, controller: dict[str, Any]
+) -> dict[str, Any]:
+    address = ("--client", f"127.0.0.1:{port}", "--json")
+    options = (f"--{name.replace('_', '-')}={value}" for name, value in controller.items())
+    with process(*LIMO, "controller", *address, *options) as robot:
+        _wait_until_enough(client)
+        robot.send_signal(signal.SIGINT)
+        said, complained = robot.communicate(timeout=PATIENCE)
+        assert robot.returncode == 0, complained
+    return json.loads(said)
+
+
+def _in_thread(
+    client: subprocess.Popen[str], port: int, controller: dict[str, Any]
+) -> dict[str, Any]:
+    known = dict(controller)
+    settings = ControllerSettings(
+        Address("127.0.0.1", port),
+        version=FriVersion.named(known.pop("fri", "1.15")),
+        mode=MODES[known.pop("mode", "position")],
+        **{**PATIENT, **known},
+    )
+    with SimulatedController(settings) as robot, ThreadPoolExecutor(1) as thread:
+        running = thread.submit(robot.run)
+        _wait_until_enough(client)
+        robot.stop()
+        return running.result(timeout=PATIENCE).as_json()
 
 
 def free_port() -> int:

@@ -10,18 +10,20 @@ import subprocess
 import pytest
 from controller_runs import LIMO, PATIENCE, free_port, process, session
 
+from backends.fri.controller.quality import QualityModel
+
 ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMMANDING_ACTIVE"]
 
 
 @pytest.mark.parametrize(
     ("version", "generation", "mode", "period", "multiplier"),
     [
-        ("1.15", "1", "position", 2, 3),
-        ("1.11", "1", "torque", 2, 1),
-        ("1.16", "1", "wrench", 2, 1),
-        ("2.5", "2.5", "position", 4, 1),
+        ("1.15", "1", "position", 3, 3),
+        ("1.11", "1", "torque", 5, 1),
+        ("1.16", "1", "wrench", 4, 1),
+        ("2.5", "2.5", "position", 5, 1),
         ("2.7", "2.7", "torque", 2, 2),
-        ("2.7", "2.7", "wrench", 4, 1),
+        ("2.7", "2.7", "wrench", 5, 1),
     ],
 )
 def test_an_unmodified_client_is_led_through_a_session(
@@ -29,10 +31,13 @@ def test_an_unmodified_client_is_led_through_a_session(
 ) -> None:
     amplitude = 0.02 if mode == "position" else 2.0
     run = session(
-        ("--fri", version, "--mode", mode, "--period-ms", str(period), "--multiplier",
-         str(multiplier)),
         ("--generation", generation, "--mode", mode, "--amplitude", str(amplitude)),
-    )  # fmt: skip
+        process_of_its_own=version == "1.15",
+        fri=version,
+        mode=mode,
+        period_ms=period,
+        multiplier=multiplier,
+    )
     assert run.client_status == 0, run.client  # it left at IDLE, and could read all before
     assert run.client["states"][-1] == 0
     seen = [ORDER[state] for state in dict.fromkeys(run.client["states"])]
@@ -72,7 +77,7 @@ def _check_commands(commands: dict, mode: str, amplitude: float) -> None:
     ],
 )
 def test_a_wrong_client_is_told_what_is_wrong_and_does_no_harm(wrong: str, complaint: str) -> None:
-    run = session(("--period-ms", "2"), ("--wrong", wrong))
+    run = session(("--wrong", wrong), period_ms=4)
     assert complaint in run.complaints
     assert run.client["states"][-1] == 0
     assert run.report["states"][-1]["state"] == "IDLE"
@@ -84,7 +89,7 @@ def test_a_wrong_client_is_told_what_is_wrong_and_does_no_harm(wrong: str, compl
 
 
 def test_a_client_that_leaves_is_missed() -> None:
-    with_client = session(("--duration", "3"), ("--wrong", "leave"), ends=True)
+    with_client = session(("--wrong", "leave"), quality=QualityModel())
     assert with_client.client_status == 0
     assert with_client.report["packets"]["lost"] > 10
     assert "the quality of the connection is" in json.dumps(with_client.report["states"])

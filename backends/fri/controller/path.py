@@ -42,6 +42,7 @@ class SetpointPath:
         """Go on from a pose and its velocity, (n,) each [rad, rad/s], braking."""
         self.position, self.velocity = position.copy(), velocity.copy()
         self._base: FloatArray | None = None  # where the arm rests, less the program's motion
+        self._standing = False  # there, with no motion to come
         self._begin_interval(self.position)
 
     def follow(self, command: FloatArray | None, count: int) -> FloatArray:
@@ -51,7 +52,7 @@ class SetpointPath:
             command: The newest position commanded, (n,) [rad], if one came.
             count: Milliseconds.
         """
-        self._base = None
+        self._base, self._standing = None, False
         if command is not None:
             self._command, self._missing = command, 0
         targets = np.empty((count, self.position.size))
@@ -71,6 +72,8 @@ class SetpointPath:
                 at the end of these steps, (n,) [rad].
             count: Milliseconds.
         """
+        if self._standing and not program.any():
+            return np.repeat(self.position[None], count, axis=0)
         targets = np.empty((count, self.position.size))
         if self._base is None and self.velocity.any():
             position, velocity = self.position, self.velocity
@@ -85,7 +88,8 @@ class SetpointPath:
         steps = np.arange(1, count + 1)[:, None] / count
         targets[:] = self.position + (goal - self.position) * steps
         self._told(targets)
-        self.velocity[self.position == goal] *= program.any()  # rests where nothing moves
+        self._standing = not program.any()
+        self.velocity *= not self._standing  # of the last step to where it rests, otherwise
         self._begin_interval(self.position)
         return targets
 

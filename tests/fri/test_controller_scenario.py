@@ -1,0 +1,96 @@
+"""A scenario on the wire: what a client sees of it, and what the report says."""
+
+import json
+
+import pytest
+from controller_runs import PATIENCE, PATIENT, free_port, started_client
+
+from backends.fri.controller.controller import SimulatedController
+from backends.fri.controller.events import (
+    Delay,
+    Direction,
+    Duplicate,
+    Loss,
+    ProgramMotion,
+    Push,
+    QualityDrop,
+    Reorder,
+    SafetyStop,
+    SessionCap,
+    Silence,
+)
+from backends.fri.controller.port import Address
+from backends.fri.controller.scenario import Scenario
+from backends.fri.controller.settings import ControllerSettings
+from backends.fri.messages import Quality, SafetyState, SessionState
+
+
+def played(*events, duration, **options):
+    """Let a good client live through a scenario; return the report and what the client saw."""
+    with started_client() as (client, port):
+        settings = ControllerSettings(
+            Address("127.0.0.1", port), period_ms=4, duration=duration, **PATIENT, **options
+        )
+        with SimulatedController(settings, scenario=Scenario(events, seed=3)) as robot:
+            report = robot.run().as_json()
+        rest, _ = client.communicate(timeout=PATIENCE)
+    return report, json.loads(rest.splitlines()[-1]), client.returncode
+
+
+def reasons(report):
+    return {visit["reason"] for visit in report["states"]}
+
+
+def test_stops_drops_and_pushes_are_felt_by_the_client():
+    report, client, status = played(
+        QualityDrop(at=1.0, duration=0.1, quality=Quality.FAIR),
+        SafetyStop(at=1.5, duration=0.2, state=SafetyState.STOP2),
+        SessionCap(at=2.2, duration=0.1, state=SessionState.MONITORING_READY),
+        Push(at=0.0, duration=9.0, joint=2, torque=10.0),
+        duration=2.6,
+    )
+    assert status == 0
+    assert "the quality of the connection is FAIR" in reasons(report)
+    assert client["safety"] == SafetyState.STOP2
+    assert client["external"][1] == pytest.approx(-10.0, abs=1.0)
+    # Nothing that the client did was wrong, but for a swing that it goes on with after a hold.
+    assert {text.split(":")[0] for text in (c["what"] for c in report["complaints"])} <= {
+        "illegal axis delta"
+    }
+
+
+def test_a_bad_network_is_survived_and_accounted_for():
+    report, client, status = played(
+        Loss(at=0.5, duration=0.5, fraction=0.1),
+        Delay(at=0.5, duration=0.5, delay=1e-3, jitter=2e-3, direction=Direction.TO_CLIENT),
+        Reorder(at=1.0, duration=0.5, fraction=0.2, direction=Direction.TO_ROBOT),
+        Duplicate(at=1.0, duration=0.5, fraction=0.2, direction=Direction.TO_CLIENT),
+        Silence(at=1.6, duration=0.1),
+        duration=2.0,
+    )
+    assert status == 0
+    packets, network = report["packets"], report["scenario"]
+    lost = network["to_client"]["lost"] + network["to_robot"]["lost"]
+    assert 0 < lost < 60
+    assert packets["lost"] >= lost - network["to_client"]["duplicated"] - 5
+    assert network["to_client"]["duplicated"] > 0
+    assert network["to_robot"]["reordered"] > 0
+    assert client["received"] <= packets["sent"] + network["to_client"]["duplicated"]
+    assert packets["repeated"] <= network["to_client"]["duplicated"]
+
+
+def test_the_robots_own_program_moves_what_the_client_mirrors():
+    report, _, status = played(
+        ProgramMotion(at=0.2, duration=1.0, joint=1, amplitude=0.05), duration=1.5
+    )
+    assert status == 0
+    assert report["commands"]["position"]["upper"][0] > 0.01
+
+
+def test_where_nobody_listens_the_arm_is_held_and_the_report_says_so():
+    settings = ControllerSettings(Address("127.0.0.1", free_port()), period_ms=20, duration=0.2)
+    with SimulatedController(settings) as robot:
+        report = robot.run()
+    assert report.ledger.unheard > 0
+    assert "nobody answered" in report.as_text()
+    assert "so the session stays in MONITORING_READY" in report.as_text()
