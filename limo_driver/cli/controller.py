@@ -27,7 +27,7 @@ def command(
         str | None, typer.Option(help="Own address, HOST or HOST:PORT; else any free port.")
     ] = None,
     mode: Annotated[Mode, typer.Option(help="What the client commands.")] = Mode.POSITION,
-    period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 [ms].")] = 2,
+    period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 \\[ms].")] = 2,
     multiplier: Annotated[
         int, typer.Option(help="Receive multiplier: the client answers every that many packets.")
     ] = 1,

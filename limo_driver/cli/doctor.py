@@ -13,7 +13,12 @@ command = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
 @command.callback()
 def doctor() -> None:
-    """Find out why a link to a real arm does not work, and what to do about it."""
+    """Find out why a link to a real arm does not work, and what to do about it.
+
+    [bold]Example[/bold]
+
+        limo doctor fri
+    """
 
 
 @command.command()
