@@ -125,7 +125,9 @@ def specification(simulation: Simulation, period: float) -> RobotSpec:
         raise ConfigError(f"period = {period} s has to be positive")
     model = simulation.model
     resolution = simulation.sensors.for_joints("torque_resolution", model.n)
-    return RobotSpec(model.name, model.joint_names, model.limits, period, resolution)
+    return RobotSpec(
+        model.name, model.joint_names, model.limits, period, torque_resolution=resolution
+    )
 
 
 def simulation_of(simulation: Simulation | Path | str | None, robot: str | None) -> Simulation:
