@@ -19,13 +19,14 @@ class Prediction:
     """Weights w of n joints and roots R of their covariances Rᵀ R, packed to be read in order.
 
     R is lower triangular. A column that was zero in all data has neither weight nor root, and is
-    left out.
+    left out. Roots are of single precision: half a megabyte less goes through the cache for each
+    state, and of standard deviations nobody reads the seventh digit.
     """
 
     kept: NDArray[np.int64]  # columns that count, of one joint after the other
     sizes: NDArray[np.int64]  # (n,), how many those are
     weights: FloatArray  # of the columns that count
-    roots: FloatArray  # rows of each R up to the diagonal
+    roots: NDArray[np.float32]  # rows of each R up to the diagonal
 
     @classmethod
     def of(cls, weights: FloatArray, root: FloatArray) -> Prediction:
@@ -36,7 +37,7 @@ class Prediction:
             np.concatenate(kept),
             np.array([k.size for k in kept]),
             np.concatenate([w[k] for w, k in zip(weights, kept, strict=True)]),
-            np.concatenate(packed),
+            np.concatenate(packed).astype(np.float32),
         )
 
     def of_columns(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -53,7 +54,7 @@ def _predict(
     kept: NDArray[np.int64],
     sizes: NDArray[np.int64],
     weights: FloatArray,
-    roots: FloatArray,
+    roots: NDArray[np.float32],
     torque: FloatArray,
     leverage: FloatArray,
 ) -> None:
@@ -61,16 +62,17 @@ def _predict(
     first, below = 0, 0
     for j in range(sizes.size):
         size = sizes[j]
-        x, w = np.empty(size), weights[first : first + size]
+        x, w = np.empty(size, np.float32), weights[first : first + size]
         for t in range(columns.shape[1]):
             total = 0.0
             for k in range(size):
-                x[k] = columns[j, t, kept[first + k]]
-                total += x[k] * w[k]
+                value = columns[j, t, kept[first + k]]
+                x[k] = value
+                total += value * w[k]
             torque[t, j] = total
             total, start = 0.0, below
             for i in range(size):
-                y = 0.0
+                y = np.float32(0.0)
                 for k in range(i + 1):
                     y += roots[start + k] * x[k]
                 total += y * y
