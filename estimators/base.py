@@ -80,6 +80,11 @@ class LiveEstimator(Protocol):
         """Of the filters on motion and torque that it was fitted behind [Hz]."""
         ...
 
+    @property
+    def memory(self) -> object:
+        """What memory follows from besides the motion: equal where memory is the same."""
+        ...
+
     def init(self, rate: float | None = None) -> State:
         """Return the memory before the first sample, see `InverseDynamics`."""
         ...

@@ -69,6 +69,11 @@ class ResidualModel(ABC, Generic[Fitted]):
         """Bandwidth of the zero-phase filters on motion and torque [Hz]."""
 
     @property
+    def memory(self) -> object:
+        """What memory follows from besides the motion: all of the model, if not known better."""
+        return self
+
+    @property
     def fitted(self) -> Fitted:
         """What `fit` found.
 

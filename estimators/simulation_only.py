@@ -30,6 +30,11 @@ class SimulationOnly:
         """Number of joints."""
         return self.simulation.model.n
 
+    @property
+    def memory(self) -> object:
+        """What memory follows from besides the motion: the simulation."""
+        return self.simulation
+
     def init(self, rate: float | None = None) -> State:  # noqa: ARG002  # any will do
         """Return the memory before the first sample."""
         return self.simulation.init()

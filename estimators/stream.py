@@ -87,6 +87,13 @@ class Stream:
         """Time by which a torque is late [s], a whole number of samples."""
         return self.differentiator.delay
 
+    def remembers_like(self, other: Stream) -> bool:
+        """Say whether another stream's memory is what this one's would be after the same states."""
+        own, its = self.differentiator, other.differentiator
+        return np.array_equal(own.taps, its.taps) and (
+            (self.rate, self.model.memory) == (other.rate, other.model.memory)
+        )
+
     def init(self) -> StreamState:
         """Return the memory before the first position, at which the arm is taken to have rested."""
         return StreamState(self.differentiator.init(self.n), self.model.init(self.rate))

@@ -107,6 +107,11 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         """Bandwidth of the zero-phase filters on motion and torque [Hz]."""
         return self.columns.bandwidth
 
+    @property
+    def memory(self) -> object:
+        """What memory follows from besides the motion: no weight is among it."""
+        return type(self), self.simulation, self.bandwidth
+
     def fit(self, recordings: Sequence[Recording]) -> Self:
         """Fit the weights to what the simulation leaves of the filtered torque.
 

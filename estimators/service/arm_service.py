@@ -155,26 +155,34 @@ class ArmService:
     def swap(self, model: LiveModel) -> LiveModel:
         """Let another model serve from the next state on, and return the one that did.
 
-        Its memory is made what it would be had it served since memory last began, or as far back as
-        states are kept; the stream goes on meanwhile.
+        Its memory becomes what it would be had it served since memory last began. It is that of the
+        model before where that has the same, or else is made as far back as states are kept; the
+        stream goes on meanwhile.
 
         Raises:
             LimoError: The model cannot follow the states kept; the old one serves on.
         """
+        with self._boundary:
+            if model.stream.remembers_like(self.model.stream):
+                model.state = self.model.state  # reaches back further than any history
+                return self._replaced_by(model)
         first = model.catch_up(self.history, close=_CLOSE)
         with self._boundary:
             if first >= self.history.began:
                 model.follow(self.history.since(first))
             else:
                 model.catch_up(self.history, close=0)
-            before, self.model = self.model, model
-            self.counts["swaps"] += 1
-        return before
+            return self._replaced_by(model)
 
     @property
     def latest_stamp(self) -> int | None:
         """Unix time of the newest state by its source [ns], if one was answered."""
         return None if np.isnan(self._last) else self._stamp(self._last)
+
+    def _replaced_by(self, model: LiveModel) -> LiveModel:
+        before, self.model = self.model, model
+        self.counts["swaps"] += 1
+        return before
 
     def end_silent_contacts(self) -> None:
         """End the contacts of an arm whose states no longer come."""

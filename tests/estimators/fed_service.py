@@ -69,11 +69,13 @@ def live(model: Any, version: str = "1", bound: float = 1e3) -> LiveModel:
     return LiveModel(version, Stream(model, RATE, DELAY), np.full(2, bound))
 
 
-def service_of(rigid: Simulation, model: LiveModel | None = None) -> tuple[ArmService, Kept]:
+def service_of(
+    rigid: Simulation, model: LiveModel | None = None, history: float = 60.0
+) -> tuple[ArmService, Kept]:
     kept = Kept()
     physics = LiveModel("physics", Stream(rigid, RATE, DELAY), np.full(2, 1e3), physics_only=True)
     watchdog = ContactWatchdog(np.full(2, 3.0), np.full(2, 0.15))
-    service = ArmService(ServedArm("arm", NAMES, RATE, 60.0), physics, watchdog, kept)
+    service = ArmService(ServedArm("arm", NAMES, RATE, history), physics, watchdog, kept)
     if model is not None:
         service.model = model
     return service, kept

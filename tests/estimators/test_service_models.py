@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fed_service import DELAY, RATE, feed, live, messages, service_of
 
+from estimators.joint_physics import JointPhysics
 from estimators.service.live_model import LiveModel
 from estimators.stream import Stream
 from limo_driver.errors import DivergedError
@@ -86,6 +87,32 @@ class TestSwap:
         all_along, kept_all = service_of(rigid, live(learned))
         feed(all_along, sent[:200] + sent[300:])
         np.testing.assert_allclose(kept.torque[350:], kept_all.torque[350:], atol=1e-6)
+
+    def test_other_weights_inherit_memory_that_no_history_reaches(
+        self, rigid, learned, motion, training_recording
+    ) -> None:
+        other = JointPhysics(rigid).fit([training_recording[slice(0, 1500)]])
+        sent = messages(motion)
+        service, kept = service_of(rigid, live(learned), history=0.5)
+        feed(service, sent[:400])
+        service.swap(live(other, "2"))
+        feed(service, sent[400:])
+        alone, kept_alone = service_of(rigid, live(other))
+        feed(alone, sent)
+        np.testing.assert_array_equal(kept.torque[400:], kept_alone.torque[400:])
+        assert not np.allclose(kept.torque[:400], kept_alone.torque[:400], atol=1e-4)
+
+    def test_another_simulation_does_not(
+        self, rigid, true_arm, learned, training_recording
+    ) -> None:
+        own = Stream(learned, RATE, DELAY)
+        assert own.remembers_like(Stream(learned, RATE, DELAY))
+        fitted = [
+            m.fit([training_recording]) for m in (JointPhysics(true_arm), JointPhysics(rigid, 5.0))
+        ]
+        for other in (rigid, *fitted):
+            assert not own.remembers_like(Stream(other, RATE, DELAY))
+        assert not own.remembers_like(Stream(learned, RATE, 2 * DELAY))
 
     def test_before_the_first_state_is_possible(self, rigid, learned, motion) -> None:
         service, kept = service_of(rigid)
