@@ -72,6 +72,8 @@ class Recorder(Closing):
         except OSError as error:
             raise RecordingError(f"cannot be written: {error.strerror}", path=self.path) from None
         self._stream = pa.ipc.new_stream(self._file, self._schema)
+        nothing = pa.RecordBatch.from_pylist([], schema=self._schema)
+        self._stream.write_batch(nothing)  # and with it the header, which waits for a first batch
         self._sync()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._write_on, name="limo-recorder", daemon=True)

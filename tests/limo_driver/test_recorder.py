@@ -123,6 +123,15 @@ def test_close_is_idempotent(tmp_path):
     assert read_log(tmp_path / "run.parquet").num_rows == 3
 
 
+def test_the_header_is_on_the_disk_before_the_first_row(tmp_path):
+    path = tmp_path / "run.parquet"
+    recorder = Recorder(path, 2, {"robot": "two"})
+    left = read_log(partial_path(path))  # as a kill would leave it
+    assert left.num_rows == 0
+    assert read_header(left) == {"robot": "two"}
+    recorder.close()
+
+
 @pytest.mark.parametrize("after", [0.6, 1.3])
 def test_killed_process_loses_at_most_the_last_second(tmp_path, after):
     path = tmp_path / "run.parquet"
