@@ -128,7 +128,8 @@ def test_packed_weights_predict_what_whole_matrices_do(
     for j, x in enumerate(X):
         np.testing.assert_allclose(learned[:, j], x @ fitted.weights[j], rtol=0, atol=1e-9)
         expected = leverage_of(x, fitted.root[j])
-        np.testing.assert_allclose(leverage[:, j], expected, rtol=1e-9, atol=1e-12)
+        # Roots are of single precision, weights are not.
+        np.testing.assert_allclose(leverage[:, j], expected, rtol=1e-5, atol=1e-9)
     # the second joint does not move the first link
     assert fitted.prediction.sizes[1] < fitted.prediction.sizes[0] < model.columns.count + 1
 
