@@ -119,6 +119,9 @@ def test_slow_bus_is_slow():
     slow = replace(CONFIG, bus=replace(CONFIG.bus, bitrate=125_000), rate=100.0)
     with pytest.raises(ConfigError, match="125000 bit/s"):
         bus_load(slow).require(slow.rate)
+    hopeless = replace(CONFIG, bus=replace(CONFIG.bus, bitrate=10_000), watchdog=0.02)
+    with pytest.raises(ConfigError, match="at most 0 Hz"):
+        bus_load(hopeless).require(hopeless.rate)
 
 
 @pytest.mark.parametrize(
