@@ -11,12 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bus_master import GROUP, DrivesBus, free_port
+from arms import free_port
+from bus_master import GROUP, DrivesBus
 
 from backends.can import ArmConfig, CanRobot
 from backends.can.drives import SimulatedDrives
 from backends.can.drives.scenario import Scenario
 from limo_driver.errors import BackendError, HoldingError
+from limo_driver.trajectory import Trajectory
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 JOINTS = {
@@ -230,6 +232,15 @@ def test_drives_of_another_robot_are_refused(arm, limo, tmp_path):
     assert "limo: the simulation is of iiwa14, but the drives are of " in refused.stderr
 
 
+def test_a_trajectory_of_another_robot_is_refused(arm, limo, tmp_path):
+    path = tmp_path / "other.traj.parquet"
+    still = np.zeros((11, 3))
+    Trajectory(np.linspace(0, 1, 11), still, still, still, robot="other").save(path)
+    refused = limo("drives", "--config", arm("cia402"), "--trajectory", path)
+    assert refused.returncode == 2
+    assert "other.traj.parquet is of other with 3 joints, but the drives are" in refused.stderr
+
+
 def test_the_command_says_that_it_is_ready_and_what_happened(arm, commanded):
     from limo_driver.cli.drives import command
 
@@ -245,3 +256,8 @@ def test_the_command_says_that_it_is_ready_and_what_happened(arm, commanded):
 def test_drives_that_cannot_start_say_why(tmp_path):
     with pytest.raises(BackendError, match=r"did not start: limo: .*nowhere\.yaml: cannot be read"):
         SimulatedDrives(tmp_path / "nowhere.yaml")
+
+
+def test_drives_do_not_join_a_bus_that_has_them(flawless):
+    with pytest.raises(BackendError, match=r"node \d+ answers on udp_multicast .* already"):
+        SimulatedDrives(flawless)
