@@ -121,14 +121,14 @@ class Cia402Link(Link):
             self._pinned[drive.joint - 1] = True
         self._powered = True
         self._follow([drive for drive in self._drives if self._pinned[drive.joint - 1]])
-        while waiting:
+        while missing := waiting or [drive for drive in self._drives if not drive.prompt]:
+            if self.port.now() > until:
+                self._give_up(missing[0])
             for drive in waiting:
                 drive.controlword = towards_enabled(drive.state, drive.controlword, reset=reset)
             self._follow(waiting)
             self._run_cycle()
             waiting = [drive for drive in waiting if drive.state is not State.ENABLED]
-            if waiting and self.port.now() > until:
-                self._give_up(waiting[0])
         self._reset = False
 
     def disable(self) -> None:
@@ -375,12 +375,13 @@ class Cia402Link(Link):
                 )
 
     def _give_up(self, drive: Drive) -> None:
-        text = describe(drive.error)
+        text = f"is not enabled: it is in state {drive.state.words!r}"
+        if not drive.heard:
+            text = "does not answer SYNC"
+        elif drive.error:
+            text += f", {describe(drive.error)}"
         raise DriveError(
-            drive.joint,
-            drive.node,
-            f"is not enabled within {self.config.answer_timeout:g} s: it is in state "
-            f"{drive.state.words!r}" + (f", {text}" if text else ""),
+            drive.joint, drive.node, f"{text}, for {self.config.answer_timeout:g} s by now"
         )
 
     def _switch_off(self, drive: Drive) -> None:

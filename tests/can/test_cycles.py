@@ -250,3 +250,21 @@ def test_unused_pdos_are_switched_off(bus, config, arm):
     record[1].raw = 0x380 + NODES[0]  # as it was delivered
     with CanRobot(replace(config, temperature=None), bus=bus, clock=bus.now):
         assert record[1].raw == 0x8000_0000 | 0x380 + NODES[0]
+
+
+@pytest.mark.usefixtures("arm")
+def test_a_joint_that_was_silent_is_waited_for_before_commands_are_taken_again(bus, config):
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        run(robot, 5)
+        bus.losing = 4
+        states = [robot.receive() for _ in range(2)]
+        assert states[-1].holding
+        with pytest.raises(BackendError, match="silent for 2 cycles; call reset_faults"):
+            robot.resume()
+        robot.reset_faults()
+        robot.resume()
+        assert not run(robot, 5).holding
+        bus.losing = 10_000
+        robot.receive()
+        with pytest.raises(BackendError, match=r"joint 1 \(node 11\) does not answer SYNC"):
+            robot.reset_faults()
