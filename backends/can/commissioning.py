@@ -115,7 +115,10 @@ class Commissioning:
         self.drive.error = self.sdo.read(0x603F)
         if self.drive.state in {State.FAULT, State.FAULT_REACTION} and not reset:
             text = describe(self.drive.error) or "it gives no error code"
-            self._fail(f"is in fault: {text}; open with reset_faults=True once that is cured")
+            self._fail(
+                f"is in fault: {text}; once that is cured, "
+                "open with reset_faults=True (limo run --reset-faults)"
+            )
 
     def is_watched(self) -> bool:
         """Say whether it still has its watchdogs, which it forgets when it restarts.

@@ -173,7 +173,7 @@ class DamiaoLink(Link):
             motor.fail(f"does not answer within {self.config.answer_timeout:g} s")
         status = motor.known.status
         fault = status not in {Status.DISABLED, Status.ENABLED} and not reset
-        hint = "; open with reset_faults=True once that is cured" if fault else ""
+        hint = "; open with reset_faults=True (limo run --reset-faults)" if fault else ""
         motor.fail(f"cannot be enabled: {status_words(status)}{hint}")
 
     def _run_cycle(self) -> None:

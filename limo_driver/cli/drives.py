@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from backends.can.config import ArmConfig
     from limo_driver.types import FloatArray
 
@@ -49,15 +51,15 @@ def command(
     from backends.can.drives.scenario import Scenario
     from backends.can.drives.session import run_drives
     from limo_driver.physics import Simulation
-    from limo_driver.realtime import Realtime
 
     arm = ArmConfig.load(config)
     faults = None if scenario is None else Scenario.load(scenario, arm.joints)
     simulation = Simulation(robot=arm.robot) if sim is None else Simulation.load(sim)
     position = None if trajectory is None else _start_of(trajectory, arm)
 
-    def ready() -> None:
-        realtime.freeze()
+    def ready(refused: Sequence[str]) -> None:
+        for each in refused:
+            typer.echo(f"not permitted: {each}", err=True)
         nodes = [joint.node for joint in arm.joints]
         where = f"{arm.bus.interface} {arm.bus.channel}"
         if as_json:
@@ -65,19 +67,16 @@ def command(
         else:
             typer.echo(f"{len(nodes)} {arm.convention} drives on {where}, nodes {nodes}")
 
-    with Realtime(fifo=fifo) as realtime:
-        for refused in realtime.refused:
-            typer.echo(f"not permitted: {refused}", err=True)
-        counts = run_drives(
-            arm,
-            simulation,
-            ready,
-            realtime.tidy,
-            position=position,
-            seed=seed,
-            scenario=faults,
-            duration=duration,
-        )
+    counts = run_drives(
+        arm,
+        simulation,
+        ready,
+        fifo=fifo,
+        position=position,
+        seed=seed,
+        scenario=faults,
+        duration=duration,
+    )
     if as_json:
         typer.echo(json.dumps(counts.as_json()))
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 from backends.can import damiao, sdo
@@ -15,6 +16,7 @@ from backends.can.frames import SDO_REPLY, SDO_REQUEST
 from backends.can.port import Port
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.interrupts import interrupts
+from limo_driver.realtime import Realtime
 from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
@@ -32,9 +34,9 @@ ANSWER_TIME: Final = 0.1  # [s] in which drives answer that are there already
 def run_drives(
     config: ArmConfig,
     simulation: Simulation,
-    ready: Callable[[], None],
-    tidy: Callable[[], None],
+    ready: Callable[[Sequence[str]], None],
     *,
+    fifo: bool = False,
     position: Sequence[float] | FloatArray | None = None,
     seed: int = 0,
     scenario: Scenario | None = None,
@@ -45,8 +47,8 @@ def run_drives(
     Args:
         config: The arm.
         simulation: Arm and effects behind the drives.
-        ready: Called once the drives can be spoken to.
-        tidy: Called now and then, where a moment is left.
+        ready: Called once the drives can be spoken to, with what the system does not permit.
+        fifo: Ask for SCHED_FIFO and locked memory.
         position: Where the arm stands at first, (n,) [rad].
         seed: Of the sensor noise.
         scenario: What goes wrong.
@@ -70,14 +72,16 @@ def run_drives(
         interrupts(interrupted.set),
         Port(config.bus) as port,
         Station(config, port, simulation, position, seed, scenario) as station,
+        ExitStack() as open_,
     ):
         _require_alone(config, port)
+        realtime = open_.enter_context(Realtime(fifo=fifo))  # now that everything is loaded
         ends = math.inf if duration is None else time.monotonic() + duration
         station.start()
-        ready()
+        ready(realtime.refused)
         while not interrupted.is_set() and time.monotonic() < ends:
             station.turn()
-            tidy()
+            realtime.tidy()
     return station.counts
 
 
