@@ -26,6 +26,7 @@ import time
 from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -195,6 +196,7 @@ class Fuzz:
         self._nodes = [joint.node for joint in config.joints]
         self._told: dict[int, float] = {}  # last set-point of each node [rad]
         self.violations: Counter[str] = Counter()
+        self.crashes: Counter[str] = Counter()
 
     def run(self, frames: int) -> int:
         """Throw so many frames, print what happened, and return the exit status."""
@@ -211,8 +213,9 @@ class Fuzz:
                 quiet = max(quiet - 1, 0)
                 since += 1
                 phase = 2 * np.pi * since * robot.spec.period / SWING
+                command = PositionCommand(position=start + AMPLITUDE * (1 - np.cos(phase)))
                 try:
-                    robot.send(PositionCommand(position=start + AMPLITUDE * (1 - np.cos(phase))))
+                    self._survive(partial(robot.send, command))
                     moved += 1
                 except BackendError:
                     held += 1
@@ -220,16 +223,28 @@ class Fuzz:
                         start, since = self._recover(robot, start), 0
                         quiet = QUIET if held % (2 * QUIET) else 0
                 with suppress(BackendError):
-                    robot.receive()
+                    self._survive(robot.receive)
                 self._check_joints()
-        bad = sum(self.violations.values())
+        bad = sum(self.violations.values()) + sum(self.crashes.values())
         print(f"{thrown} frames of nonsense in {time.monotonic() - began:.0f} s")
         print(f"  cycles commanded, held                  {moved:8d}, {held}")
-        print("  crashes                                        0      limit 0")
-        print(f"  set-points or motion out of contract    {bad:8d}      limit {FUZZ_BAR}")
-        if bad:
-            print(f"  {dict(self.violations)}")
+        for what, counted in (
+            ("crashes", self.crashes),
+            ("set-points or motion out of contract", self.violations),
+        ):
+            print(f"  {what:<40}{sum(counted.values()):8d}      limit {FUZZ_BAR}")
+            for name, count in counted.items():
+                print(f"    {count} {name}")
         return int(bad > FUZZ_BAR)
+
+    def _survive(self, call: Callable[[], object]) -> None:
+        """Call; an error that is none of limo's own is a crash."""
+        try:
+            call()
+        except BackendError:
+            raise
+        except Exception as error:  # noqa: BLE001  # whatever it is
+            self.crashes[f"{type(error).__name__}: {error}"] += 1
 
     def _recover(self, robot: CanRobot, start: FloatArray) -> FloatArray:
         """Cure what can be cured, and go on from where the arm is."""

@@ -215,7 +215,7 @@ def open_for(
         given |= {} if robot is None else {"robot": robot}
         given |= {} if simulation is None else {"sim": simulation}
     known = signature(opener).parameters
-    if unknown := [f"--{name}" for name in given if name not in known]:
+    if unknown := [f"--{name.replace('_', '-')}" for name in given if name not in known]:
         raise ConfigError(f"backend {backend!r} takes no {' or '.join(unknown)}")
     if not opener.simulated:
         return _checked(opener(**given), trajectory)

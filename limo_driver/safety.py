@@ -195,8 +195,9 @@ class SafetyContract:
             return
         if memory.phase is Phase.ACTIVE and not isinstance(memory.command, PositionCommand):
             self._anchor()
-        memory.phase, memory.reason = Phase.HOLDING, reason
-        memory.command = memory.after = None
+            memory.after = None
+        # A position that was sent already is the set-point of the next cycle: braking begins there.
+        memory.phase, memory.reason, memory.command = Phase.HOLDING, reason, None
 
     def resume(self) -> None:
         """End a hold: the next command starts again from the measured pose."""

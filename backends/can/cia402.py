@@ -100,13 +100,13 @@ def towards_enabled(state: State, sent: int, *, reset: bool) -> Controlword:
     Args:
         state: Where the drive is.
         sent: Controlword of the cycle before: a fault is reset by an edge of its bit.
-        reset: Whether a fault, or a quick stop, may be ended.
+        reset: Whether a fault may be ended.
     """
     if state in _UP:
         return _UP[state]
     if reset and state is State.FAULT and sent != Controlword.FAULT_RESET:
         return Controlword.FAULT_RESET
-    if reset and state is State.QUICK_STOP:
+    if state is State.QUICK_STOP:
         return Controlword.ENABLE  # transition 16, which drives have that hold after a quick stop
     return Controlword.DISABLE_VOLTAGE if state is State.FAULT else Controlword.QUICK_STOP
 

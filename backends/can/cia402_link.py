@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 START, PRE_OPERATIONAL = 0x01, 0x80  # NMT commands
 SLACK: Final = 0.01  # [rad] that a joint may be moved beyond what its velocity allows
 MODE_PATIENCE: Final = 3  # drive statuses after which a mode has to be taken
-BACKLOG: Final = 256  # frames that are still read once a cycle is due
 CATCH_UP: Final = 0.5  # [s] at most, to read what came before drives are enabled
 SHORT_TIMEOUT: Final = 0.05  # [s] at least, for an answer that others wait for
 
@@ -66,12 +65,12 @@ class Cia402Link(Link):
 
     def __init__(self, config: ArmConfig, port: Port, *, reset: bool = False) -> None:
         bus_load(config).require(config.rate)
-        self.config, self.port, self._reset = config, port, reset
+        super().__init__(port, 1.0 / config.rate)
+        self.config, self._reset = config, reset
         self._joints: tuple[Cia402Joint, ...] = config.joints  # type: ignore[assignment]
         self._drives = [Drive(j, joint.node) for j, joint in enumerate(self._joints, start=1)]
         self._handlers = self._dispatch()
         self._codec = Codec(self._joints, [1.0] * len(self._joints))
-        self._period = 1.0 / config.rate
         counts = np.abs(self._codec.counts_per_radian)
         self._fastest = (counts * VELOCITY_TOLERANCE * config.model.limits.velocity).tolist()
         self._slack = (counts * SLACK).tolist()
@@ -112,30 +111,31 @@ class Cia402Link(Link):
         self._catch_up()
         until = self.port.now() + self.config.answer_timeout
         self._mode, self._commanded = Mode.POSITION, False
-        if reset:
-            for drive in self._drives:
-                if drive.nmt not in {None, OPERATIONAL}:  # it restarted, and has forgotten all
-                    self._start(drive)
         self.port.bus_off = False
+        for drive in self._drives:
+            if self._has_forgotten(drive):
+                self._start(drive)
         waiting = [drive for drive in self._drives if drive.state is not State.ENABLED]
         for drive in waiting:
             self._ask_where(drive, reset=reset)
             self._pinned[drive.joint - 1] = True
         self._powered = True
         self._follow([drive for drive in self._drives if self._pinned[drive.joint - 1]])
-        while waiting:
+        while missing := waiting or [drive for drive in self._drives if not drive.prompt]:
+            if self.port.now() > until:
+                self._give_up(missing[0])
             for drive in waiting:
                 drive.controlword = towards_enabled(drive.state, drive.controlword, reset=reset)
             self._follow(waiting)
             self._run_cycle()
             waiting = [drive for drive in waiting if drive.state is not State.ENABLED]
-            if waiting and self.port.now() > until:
-                self._give_up(waiting[0])
         self._reset = False
 
     def disable(self) -> None:
         """Switch the drives off, one after the other, the last joint first."""
         if self._powered:
+            if self._mode is Mode.TORQUE:
+                self._keep_pose()  # while one after the other is switched off
             for drive in reversed(self._drives):
                 self._switch_off(drive)
         self._powered = False
@@ -175,9 +175,12 @@ class Cia402Link(Link):
             self._torque = np.clip(command.torque + gravity, -most, most)
         elif isinstance(command, PositionCommand):
             self._set_mode(Mode.POSITION)
-            self._target = np.where(
-                self._pinned, self._target, command.position + self._bridge.offset
-            )
+            # With the bridge a set-point could be beyond the range, by what the arm lags behind.
+            limits, held = self.config.model.limits, self._target
+            lower = np.minimum(limits.position_min, held)
+            upper = np.maximum(limits.position_max, held)
+            target = np.clip(command.position + self._bridge.offset, lower, upper)
+            self._target = np.where(self._pinned, held, target)
 
     def begin(self) -> None:
         """Follow commands again that start from the measured pose."""
@@ -194,22 +197,10 @@ class Cia402Link(Link):
             self._pinned[drive.joint - 1] = True
         self._follow(fallen)
         if not self._commanded and self._mode is Mode.TORQUE:  # at rest: nobody wants torque
-            self._set_mode(Mode.POSITION)
-            self._pinned[:] = True
-            self._follow(self._drives)
+            self._keep_pose()
         self._commanded = False
         self._bridge.advance()
         self._put()
-
-    def listen(self, until: float) -> None:
-        """Take in what the drives say until then [s], of the port's clock."""
-        backlog = BACKLOG
-        while (frame := self.port.receive(until)) is not None:
-            self._take(frame)
-            if self.port.now() >= until:
-                backlog -= 1
-                if not backlog:  # a babbling node does not keep the arm from its cycles
-                    return
 
     def measure(self, until: float) -> Sample | None:
         """Start a cycle and return what all drives measured; None if one was not heard in time."""
@@ -278,19 +269,13 @@ class Cia402Link(Link):
         for drive, fastest, slack in zip(self._drives, self._fastest, self._slack, strict=True):
             drive.open_cycle(now, fastest * (now - drive.heard_at + self._period) + slack)
         self.port.send(SYNC, b"")
-        if not any(drive.silent for drive in self._drives):
-            until += self._period  # late is better than lost: once, the next cycle waits
-        backlog = BACKLOG
-        while not all(drive.heard for drive in self._drives):
-            if (frame := self.port.receive(until)) is None:
-                break
-            self._take(frame)
-            if self.port.now() >= until:
-                backlog -= 1
-                if not backlog:
-                    break
+        patient = not any(drive.silent for drive in self._drives)
+        self._hear_answers(until, self._all_heard, patient=patient)
         for drive in self._drives:
             drive.close_cycle()
+        return self._all_heard()
+
+    def _all_heard(self) -> bool:
         return all(drive.heard for drive in self._drives)
 
     def _catch_up(self) -> None:
@@ -322,6 +307,12 @@ class Cia402Link(Link):
         self._put()
         self._sync(began + self._period)
         self.listen(began + self._period)
+
+    def _keep_pose(self) -> None:
+        """Let all joints stay where they are, instead of following torques."""
+        self._set_mode(Mode.POSITION)
+        self._pinned[:] = True
+        self._follow(self._drives)
 
     def _follow(self, drives: list[Drive]) -> None:
         """Make what joints measure their target, so that none moves when it is enabled."""
@@ -355,11 +346,20 @@ class Cia402Link(Link):
         drive.nmt = None
         self.port.send(NMT, bytes((START, drive.node)))
 
+    def _has_forgotten(self, drive: Drive) -> bool:
+        """Say whether a drive restarted; it may have become operational by itself since then."""
+        if drive.nmt not in {None, OPERATIONAL} or drive.state is State.ENABLED:
+            return drive.nmt not in {None, OPERATIONAL}
+        return not self._commissioning(drive, self._patience).is_watched()
+
+    @property
+    def _patience(self) -> float | None:
+        """How long an answer may take [s]: others that hold stop by themselves if it is longer."""
+        return max(self.config.watchdog, SHORT_TIMEOUT) if self._powered else None
+
     def _ask_where(self, drive: Drive, *, reset: bool) -> None:
         """Ask for the position, which is answered for sure, where measurements are only heard."""
-        # Where others hold, they stop by themselves if this takes longer than their watchdogs.
-        wait = max(self.config.watchdog, SHORT_TIMEOUT) if self._powered else None
-        self._commissioning(drive, wait).start_values(reset=reset)
+        self._commissioning(drive, self._patience).start_values(reset=reset)
         drive.refer(self.port.now())
 
     def _await_measurements(self) -> None:
@@ -375,12 +375,13 @@ class Cia402Link(Link):
                 )
 
     def _give_up(self, drive: Drive) -> None:
-        text = describe(drive.error)
+        text = f"is not enabled: it is in state {drive.state.words!r}"
+        if not drive.heard:
+            text = "does not answer SYNC"
+        elif drive.error:
+            text += f", {describe(drive.error)}"
         raise DriveError(
-            drive.joint,
-            drive.node,
-            f"is not enabled within {self.config.answer_timeout:g} s: it is in state "
-            f"{drive.state.words!r}" + (f", {text}" if text else ""),
+            drive.joint, drive.node, f"{text}, for {self.config.answer_timeout:g} s by now"
         )
 
     def _switch_off(self, drive: Drive) -> None:

@@ -31,7 +31,7 @@ ON_LOST: Final = {"fault": 1, "disable": 2, "quick_stop": 3}  # object 6007
 QUICK_STOP_AND_STAY: Final = 6  # object 605A
 FAULT_RAMP: Final = 2  # object 605E: stop on the quick-stop ramp, then switch off
 LARGEST_BYTE: Final = 0xFF
-UNUSED: Final = (0x1402, 0x1403, 0x1803)  # PDOs that drives may have switched on by themselves
+SPARE: Final = (0x1402, 0x1403, 0x1802, 0x1803)  # PDOs that drives may have switched on
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,12 @@ class Commissioning:
             DriveError: It cannot be configured as it has to be.
         """
         period_us = round(1e6 / self.config.rate)
-        for pdo in self._pdos():
+        pdos = self._pdos()
+        for pdo in pdos:
             self._map(pdo)
-        for index in UNUSED:
-            self._set_if_there(index, 1, INVALID, 4)
+        for index in SPARE:
+            if index not in {pdo.communication for pdo in pdos}:
+                self._switch_off(index)
         self._set_if_there(0x1005, 0, SYNC, 4)
         self._set_if_there(0x1006, 0, period_us, 4)
         self._set_interpolation(period_us)
@@ -113,7 +115,21 @@ class Commissioning:
         self.drive.error = self.sdo.read(0x603F)
         if self.drive.state in {State.FAULT, State.FAULT_REACTION} and not reset:
             text = describe(self.drive.error) or "it gives no error code"
-            self._fail(f"is in fault: {text}; open with reset_faults=True once that is cured")
+            self._fail(
+                f"is in fault: {text}; once that is cured, "
+                "open with reset_faults=True (limo run --reset-faults)"
+            )
+
+    def is_watched(self) -> bool:
+        """Say whether it still has its watchdogs, which it forgets when it restarts.
+
+        Raises:
+            DriveError: No answer.
+        """
+        return (
+            self.sdo.read(0x1400, 5) == self._watchdog
+            and self.sdo.read(0x1016, 1) == self._watched_node
+        )
 
     def forget_master(self) -> None:
         """Let the drive not miss this program's heartbeat."""
@@ -127,7 +143,7 @@ class Commissioning:
                 0x1400,
                 0x1600,
                 ((0x6040, 0, 16), (0x607A, 0, 32), (0x60B2, 0, 16)),
-                event_timer=round(1e3 * self.config.watchdog),
+                event_timer=self._watchdog,
             ),
             Pdo(RPDO2, 0x1401, 0x1601, ((0x6071, 0, 16), (0x6060, 0, 8))),
             Pdo(TPDO1, 0x1800, 0x1A00, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))),
@@ -150,13 +166,31 @@ class Commissioning:
             self._require(pdo.communication, 5, pdo.event_timer, 2)
         write(pdo.communication, 1, known_as, 4)
 
+    @property
+    def _watchdog(self) -> int:
+        return round(1e3 * self.config.watchdog)  # [ms]
+
+    @property
+    def _watched_node(self) -> int:
+        return self.config.master << 16 | self._watchdog  # as in object 1016
+
+    def _switch_off(self, index: int) -> None:
+        """Switch off a PDO that is not used, where the drive has it; its id stays."""
+        try:
+            known_as = self.sdo.read(index, 1)
+        except SdoAbortError as error:
+            if not error.is_absent:
+                raise
+            return
+        if not known_as & INVALID:
+            self.sdo.write(index, 1, INVALID | known_as, 4)
+
     def _set_watchdogs(self) -> None:
-        ms = round(1e3 * self.config.watchdog)
         self._require(0x6007, 0, ON_LOST[self.config.on_lost], 2)
         self._set_if_there(0x605A, 0, QUICK_STOP_AND_STAY, 2)
         self._set_if_there(0x605E, 0, FAULT_RAMP, 2)
-        self._require(0x1016, 1, self.config.master << 16 | ms, 4)
-        self.sdo.write(0x1017, 0, max(ms // 4, 1), 2)
+        self._require(0x1016, 1, self._watched_node, 4)
+        self.sdo.write(0x1017, 0, max(self._watchdog // 4, 1), 2)
 
     def _set_interpolation(self, period_us: int) -> None:
         """Tell the time between set-points, value times ten to the exponent [s]."""

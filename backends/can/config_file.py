@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import yaml
 
@@ -24,6 +24,8 @@ from limo_driver.yaml_reader import YamlReader, is_null
 
 if TYPE_CHECKING:
     from backends.can.config import Joint, Option
+
+OF_CIA402: Final = {"master", "on_lost", "status_every", "temperature"}  # and of nobody else
 
 _Section = TypeVar("_Section", bound=Section)
 
@@ -49,6 +51,8 @@ class _Reader(YamlReader):
         if convention not in CONVENTIONS:
             known = ", ".join(CONVENTIONS)
             self._fail(given["convention"], f"convention is {convention}, expected one of {known}")
+        if convention != CIA402:
+            self._refuse_of_cia402(given, convention)
         parts: dict[str, Any] = {
             "bus": self._bus(given.pop("bus")),
             "joints": self._joints(given.pop("joints"), convention),
@@ -57,6 +61,12 @@ class _Reader(YamlReader):
         if (temperature := given.pop("temperature", None)) is not None and not is_null(temperature):
             parts["temperature"] = self._section(temperature, "temperature", Temperature)
         return self._made(self.root, ArmConfig, given, parts)
+
+    def _refuse_of_cia402(self, given: dict[str, yaml.Node], convention: str) -> None:
+        for name in OF_CIA402 & given.keys():
+            self._fail(
+                given[name], f"{name} is for CiA 402 drives; {convention} motors have no such thing"
+            )
 
     def _robot(self, node: yaml.Node) -> str:
         name = self._text(node)

@@ -25,9 +25,13 @@ REGISTERS: Final = 0x7FF  # arbitration id on which registers are asked for
 READ, WRITE, REFRESH = 0x33, 0x55, 0xCC
 TIMEOUT_UNIT: Final = 50e-6  # [s], of register 9
 MIT_MODE: Final = 1  # of register 10
-ENABLE, DISABLE, CLEAR = (bytes((0xFF,) * 7 + (last,)) for last in (0xFC, 0xFD, 0xFB))
+ENABLE, DISABLE, ZERO, CLEAR = (bytes((0xFF,) * 7 + (last,)) for last in (0xFC, 0xFD, 0xFE, 0xFB))
 _REGISTER = struct.Struct("<HBB4s")
 _FLOAT, _WHOLE = struct.Struct("<f"), struct.Struct("<I")
+
+
+SPECIAL: Final = 0xFF_FFFF_FFFF_FFFF  # first seven bytes of those
+DAMPING_STEP: Final = 1 << 12  # of a command
 
 
 class Register(IntEnum):
@@ -113,6 +117,8 @@ def encode_command(command: MitCommand, ranges: Ranges) -> bytes:
     word = word << 12 | _code(command.stiffness, 0.0, STIFFEST, FULL_12)
     word = word << 12 | _code(command.damping, 0.0, MOST_DAMPING, FULL_12)
     word = word << 12 | _code(command.torque, -ranges.torque, ranges.torque, FULL_12)
+    if word >> 8 == SPECIAL:  # all at full scale would switch the motor off, or move its zero
+        word -= DAMPING_STEP
     return word.to_bytes(FRAME, "big")
 
 

@@ -1,18 +1,18 @@
 """DamiaoLink: motors in MIT mode; each command is answered by what the motor measures.
 
-There is no SYNC: set-points act as they arrive, joint after joint, within the 1.8 ms that seven
+There is no SYNC: set-points act as they arrive, joint after joint, within the 1.9 ms that seven
 commands and seven replies take of a bus of 1 Mbit/s. The motors know no arm, so that gravity is
 compensated here, by their torque.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from backends.can import damiao
-from backends.can.damiao import MOST_DAMPING, STIFFEST, MitCommand, status_words
+from backends.can.damiao import MOST_DAMPING, STIFFEST, MitCommand, Status, status_words
 from backends.can.damiao_motor import Motor
 from backends.can.damiao_setup import Setup, check_ids
 from backends.can.frames import BusLoad, Traffic
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from backends.can.config import ArmConfig, DamiaoJoint
     from backends.can.port import Frame, Port
     from limo_driver.types import FloatArray, JointCommand
-
-BACKLOG: Final = 256  # frames that are still read once a cycle is due
 
 
 class DamiaoLink(Link):
@@ -42,7 +40,8 @@ class DamiaoLink(Link):
 
     def __init__(self, config: ArmConfig, port: Port, *, reset: bool = False) -> None:
         bus_load(config).require(config.rate)
-        self.config, self.port, self._reset = config, port, reset
+        super().__init__(port, 1.0 / config.rate)
+        self.config, self._reset = config, reset
         joints: tuple[DamiaoJoint, ...] = config.joints  # type: ignore[assignment]
         self._motors = [Motor(j, joint) for j, joint in enumerate(joints, start=1)]
         self._by_reply = {motor.joint.reply_id: motor for motor in self._motors}
@@ -72,26 +71,21 @@ class DamiaoLink(Link):
         """Let the motors hold the pose that they measure."""
         reset = reset or self._reset
         until = self.port.now() + self.config.answer_timeout
-        self._powered = True
+        self._powered, self.port.bus_off = True, False
+        self._command = None  # who is enabled holds its pose
+        # Somebody may have moved the arm since it was last heard. What is switched off answers to
+        # a command too, and obeys nothing.
+        self._run_cycle()
         waiting = [motor for motor in self._motors if not motor.enabled]
         while waiting:
-            measured = self._sample().position
             for motor in waiting:
                 motor.silent = 0
-                self._pinned[motor.number - 1] = True
-                self._target[motor.number - 1] = measured[motor.number - 1]
-                if motor.reply is not None and motor.reply.status not in {0, 1} and reset:
-                    self.port.send(motor.joint.node, damiao.CLEAR)
-                self.port.send(motor.joint.node, damiao.ENABLE)
-            due = self.port.now() + 1.0 / self.config.rate
-            self._exchange(due)
-            self.listen(due)
+                if motor.heard:
+                    self._switch_on(motor, reset=reset)
+            self._run_cycle()
             waiting = [motor for motor in waiting if not motor.enabled]
             if waiting and self.port.now() > until:
-                status = status_words(waiting[0].known.status)
-                fault = waiting[0].known.status not in {0, 1} and not reset
-                hint = "; open with reset_faults=True once that is cured" if fault else ""
-                waiting[0].fail(f"cannot be enabled: {status}{hint}")
+                self._give_up(waiting[0], reset=reset)
         self._reset = False
 
     def check(self, command: JointCommand) -> None:
@@ -121,21 +115,11 @@ class DamiaoLink(Link):
     def send(self) -> None:
         """Wait: a motor acts on its command as it arrives, which is when the cycle is due."""
 
-    def listen(self, until: float) -> None:
-        """Take in what the motors say until then [s], of the port's clock."""
-        backlog = BACKLOG
-        while (frame := self.port.receive(until)) is not None:
-            self._take(frame)
-            if self.port.now() >= until:
-                backlog -= 1
-                if not backlog:  # a babbling node does not keep the arm from its cycles
-                    return
-
     def measure(self, until: float) -> Sample | None:
         """Command all motors and return what they answer; None if one was not heard in time."""
         self._exchange(until)
         self._velocity = np.zeros(len(self._motors))  # a set-point that is repeated stands
-        if not all(motor.heard for motor in self._motors):
+        if not self._all_heard():
             return None
         return self._sample()
 
@@ -176,6 +160,28 @@ class DamiaoLink(Link):
 
     # within -------------------------------------------------------------------------------------
 
+    def _switch_on(self, motor: Motor, *, reset: bool) -> None:
+        """Enable a motor where it stands."""
+        self._pinned[motor.number - 1] = True
+        self._target[motor.number - 1] = self._sample().position[motor.number - 1]
+        if motor.known.status not in {Status.DISABLED, Status.ENABLED} and reset:
+            self.port.send(motor.joint.node, damiao.CLEAR)
+        self.port.send(motor.joint.node, damiao.ENABLE)
+
+    def _give_up(self, motor: Motor, *, reset: bool) -> None:
+        if not motor.heard:
+            motor.fail(f"does not answer within {self.config.answer_timeout:g} s")
+        status = motor.known.status
+        fault = status not in {Status.DISABLED, Status.ENABLED} and not reset
+        hint = "; open with reset_faults=True (limo run --reset-faults)" if fault else ""
+        motor.fail(f"cannot be enabled: {status_words(status)}{hint}")
+
+    def _run_cycle(self) -> None:
+        """Run one cycle apart from the robot's own."""
+        due = self.port.now() + self._period
+        self._exchange(due)
+        self.listen(due)
+
     def _exchange(self, until: float) -> None:
         """Command every motor that follows commands, and hear what they answer until then."""
         for motor in self._motors:
@@ -184,17 +190,13 @@ class DamiaoLink(Link):
         for motor, command in zip(self._motors, commands, strict=True):
             # One that is switched off answers too, and obeys nothing.
             self.port.send(motor.joint.node, damiao.encode_command(command, motor.ranges))
-        backlog = BACKLOG
-        while not all(motor.heard for motor in self._motors):
-            if (frame := self.port.receive(until)) is None:
-                break
-            self._take(frame)
-            if self.port.now() >= until:
-                backlog -= 1
-                if not backlog:
-                    break
+        patient = not any(motor.silent for motor in self._motors)
+        self._hear_answers(until, self._all_heard, patient=patient)
         for motor in self._motors:
             motor.silent = 0 if motor.heard else motor.silent + 1
+
+    def _all_heard(self) -> bool:
+        return all(motor.heard for motor in self._motors)
 
     def _commands(self) -> list[MitCommand]:
         """Return what each motor is told in this cycle."""

@@ -59,6 +59,11 @@ class Drive:
     controlword: int = Controlword.DISABLE_VOLTAGE
     cycle_at: float = 0.0  # start of the cycle that runs [s]
 
+    @property
+    def prompt(self) -> bool:
+        """Whether it answered to the last cycle in time."""
+        return self.heard and not self.silent
+
     def refer(self, now: float) -> None:
         """Begin anew with the position it has now [s]; the next ones have to be near."""
         self.heard_at = self.cycle_at = now

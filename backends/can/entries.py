@@ -74,6 +74,9 @@ def check(
         return
     if kind == FLAG:
         return
+    if isinstance(value, bool) or not isinstance(value, int if kind == WHOLE else (int, float)):
+        expected = "a whole number" if kind == WHOLE else "a number"
+        raise ConfigError(f"{name} is {value!r}, expected {expected}")
     if not lower <= value <= upper or (above and value == lower):
         bounds = _bounds(lower, upper, above=above)
         raise ConfigError(f"{name} is {value:g}, expected {bounds}")

@@ -76,7 +76,7 @@ class BusLoad:
     def most(self, rate: float) -> float:
         """Return the highest rate of cycles [Hz] that fits, of a load that is for `rate`."""
         cyclic = sum(self._share_of(item) for item in self.traffic if item.cyclic)
-        return rate * (FULLEST - (self.share - cyclic)) / cyclic
+        return max(rate * (FULLEST - (self.share - cyclic)) / cyclic, 0.0)
 
     def require(self, rate: float) -> None:
         """Refuse what does not fit, with the arithmetic.

@@ -5,10 +5,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from backends.can.port import Frame, Port
     from limo_driver.types import FloatArray, JointCommand
+
+BACKLOG: Final = 256  # frames that are still read when no time is left
+SHORTEST_WAIT: Final = 0.5  # of a period, for answers to a cycle that began late
+OVERSLEPT: Final = 0.25  # of a period by which this program woke up late
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,15 @@ class Link(ABC):
     A cycle: `send` puts the set-points on the bus, where they wait; `listen` hears what comes until
     the cycle is due; `measure` starts the cycle, makes the set-points count, and collects what the
     drives measured.
+
+    Args:
+        port: The bus.
+        period: Of the cycles [s].
     """
+
+    def __init__(self, port: Port, period: float) -> None:
+        self.port, self._period = port, period
+        self.overslept = 0.0  # how late this program woke up for answers, in the last cycle [s]
 
     @property
     @abstractmethod
@@ -93,9 +108,9 @@ class Link(ABC):
     def send(self) -> None:
         """Put the set-points of this cycle on the bus, commanded or not."""
 
-    @abstractmethod
     def listen(self, until: float) -> None:
         """Take in what the drives say until then [s], of the port's clock."""
+        self._hear(until, lambda: False)
 
     @abstractmethod
     def measure(self, until: float) -> Sample | None:
@@ -112,3 +127,38 @@ class Link(ABC):
     @abstractmethod
     def disable(self) -> None:
         """Switch the drives off, one after the other, the last joint first."""
+
+    @abstractmethod
+    def _take(self, frame: Frame) -> None:
+        """Note what a frame says; it may be of anybody."""
+
+    def _hear(self, until: float, enough: Callable[[], bool]) -> None:
+        """Take in frames until then [s] or until it is enough; also what waits by then."""
+        backlog = BACKLOG
+        while not enough() and (frame := self.port.receive(until)) is not None:
+            self._take(frame)
+            if self.port.now() >= until:
+                backlog -= 1
+                if not backlog:  # a babbling node does not keep the arm from its cycles
+                    return
+
+    def _hear_answers(self, until: float, answered: Callable[[], bool], *, patient: bool) -> None:
+        """Wait for what drives answer to a cycle that was started just now.
+
+        A computer that stalls says nothing about drives: they have their time to answer from when
+        the cycle was really started, and again once this program wakes up too late to have heard
+        them in time.
+
+        Args:
+            until: When the next cycle is due [s].
+            answered: Says whether all did.
+            patient: Whether one more period may be waited: late is better than lost.
+        """
+        until = max(until, self.port.now() + SHORTEST_WAIT * self._period)
+        if patient:
+            until += self._period
+        self._hear(until, answered)
+        now = self.port.now()
+        self.overslept = max(now - until, 0.0)
+        if self.overslept > OVERSLEPT * self._period:
+            self._hear(now + self._period, answered)

@@ -10,6 +10,7 @@ not for the driver; they are counted, since a bus full of them is worth knowing 
 from __future__ import annotations
 
 import logging
+import select
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from backends.can.config import Bus
 
 BUS_OFF: Final = 0x40  # class of error frames, as SocketCAN numbers them
+MOST_USELESS: Final = 256  # that are passed over at once, when no time is left to wait
+UNBUFFERED: Final = {"socketcan", "udp_multicast"}  # what has arrived is to be seen from outside
 # Frames of a simulated bus stay on this machine, unless told otherwise.
 _DEFAULTS: Final[dict[str, dict[str, Any]]] = {"udp_multicast": {"hop_limit": 0}}
 
@@ -69,6 +72,8 @@ class Port(Closing):
         self.now = clock
         self._fd = config.fd
         self._bus = _open(config) if bus is None else bus
+        # python-can waits by the wall clock: set back meanwhile, it would wait for as long again.
+        self._waits_by_select = config.interface in UNBUFFERED and _has_descriptor(self._bus)
 
     def send(self, frame_id: int, data: bytes) -> None:
         """Put a frame on the bus; on an FD bus with its data at the fast bit rate.
@@ -98,29 +103,38 @@ class Port(Closing):
         Raises:
             ConnectionLostError: The bus is gone.
         """
-        while True:
+        useless = 0
+        while useless < MOST_USELESS:
             remaining = until - self.now()
-            try:
-                message = self._bus.recv(max(remaining, 0.0))
-            except (can.CanOperationError, ValueError) as error:
-                if isinstance(error.__cause__, OSError) or _is_gone(self._bus):
-                    raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
-                self.counts.broken += 1  # bytes that are no frame
-                if remaining <= 0.0:  # however many more wait
-                    return None
-                continue
-            except OSError as error:
-                raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
-            if message is None:
-                if remaining <= 0.0:
-                    return None
-                continue
-            if (frame := self._frame(message)) is not None or remaining <= 0.0:
+            arrived, frame = self._read(max(remaining, 0.0))
+            if frame is not None:
                 return frame
+            if remaining <= 0.0:
+                if not arrived:
+                    return None
+                useless += 1  # one for the driver may wait behind it
+        return None
 
     def close(self) -> None:
         """Let go of the bus."""
         self._bus.shutdown()
+
+    def _read(self, timeout: float) -> tuple[bool, Frame | None]:
+        """Return whether anything arrived within the time [s], and the frame if it was one."""
+        try:
+            if self._waits_by_select:
+                if not select.select([self._bus], [], [], timeout)[0]:
+                    return False, None
+                timeout = 0.0
+            message = self._bus.recv(timeout)
+        except (can.CanOperationError, ValueError) as error:
+            if isinstance(error.__cause__, OSError) or _is_gone(self._bus):
+                raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
+            self.counts.broken += 1  # bytes that are no frame
+            return True, None
+        except OSError as error:
+            raise ConnectionLostError(f"{self.name} is gone: {_cause(error)}") from None
+        return message is not None, None if message is None else self._frame(message)
 
     def _frame(self, message: can.Message) -> Frame | None:
         if message.is_error_frame:
@@ -160,6 +174,13 @@ def _cause(error: BaseException) -> str:
     while (inner := error.__cause__) is not None:
         error = inner
     return str(error) or type(error).__name__
+
+
+def _has_descriptor(bus: can.BusABC) -> bool:
+    try:
+        return bus.fileno() >= 0
+    except NotImplementedError:
+        return False
 
 
 def _is_gone(bus: can.BusABC) -> bool:

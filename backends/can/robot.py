@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import suppress
 from pathlib import Path  # noqa: TC003  # the constructor's signature is read at run time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from backends.can.port import Port
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.robot import Measurement, Robot
-from limo_driver.safety import START_TOLERANCE, SafetyContract
+from limo_driver.safety import START_TOLERANCE, VELOCITY_TOLERANCE, SafetyContract
 from limo_driver.types import JointState, PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
@@ -26,7 +27,10 @@ if TYPE_CHECKING:
     from limo_driver.types import JointCommand, RobotSpec
 
 BRAKING_TIMEOUT: Final = 10.0  # [s] in which an arm that is closed comes to rest
-SHORTEST_CYCLE: Final = 0.5  # of a period, after a cycle that began late
+# Of a period, after a cycle that began late: sooner, the next set-point would be a faster motion
+# than any that may be measured.
+SHORTEST_CYCLE: Final = 1.0 / VELOCITY_TOLERANCE
+ROUNDING: Final = 1e-6  # of a period
 
 
 class CanRobot(Robot):
@@ -71,17 +75,36 @@ class CanRobot(Robot):
             raise
         self.lateness = LatencyHistogram()
         self._enabled = False
-        self._began = self._due = self._last = 0.0  # [s], of the port's clock
+        self._began = self._due = self._last = self._free = 0.0  # [s], of the port's clock
         self._cycle = -1  # counts SYNCs, or what else starts a cycle
-        self.overruns = 0  # cycles that did not take place, since this program came too late
+        self._slipped = 0.0  # time by which cycles came later than their grid, in all [s]
+        self._stall = (0.0, -math.inf)  # how late this program came last [s], to which cycle
+        self._silent = 0  # cycles in which not every drive was heard
 
     @property
     def drives(self) -> tuple[DriveState, ...]:
         """What is known of every drive, of joint 1 first."""
         return self._link.drives()
 
+    @property
+    def overruns(self) -> int:
+        """Cycles that did not take place: this program came too late, or an answer did."""
+        return int(self._slipped / self.spec.period + ROUNDING)
+
+    def link_figures(self) -> dict[str, Any]:
+        """Return what was counted on the bus, and how late cycles began."""
+        return {
+            "cycles": self._cycle + 1,
+            "missed_cycles": self.overruns,
+            "silent_cycles": self._silent,
+            **{f"{name}_frames": count for name, count in vars(self._port.counts).items()},
+            "late": self.lateness.as_json(),
+        }
+
     def reset_faults(self) -> None:
         """Reset the faults of drives, and enable them where they stand; the arm goes on holding.
+
+        What still moves comes to rest first.
 
         Raises:
             ConnectionLostError: The robot is closed.
@@ -90,6 +113,7 @@ class CanRobot(Robot):
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")
         self.hold("drives were reset")
+        self._brake()
         self._link.enable(reset=True)
         self._enabled = True
         self._restart_clock()
@@ -114,11 +138,16 @@ class CanRobot(Robot):
         self._link.listen(self._due)
         now = self._port.now()
         self.lateness.add(max(now - self._due, 0.0))
+        late = now - max(self._due, self._free)  # waiting for answers is not being late
         self._advance_clock(now)
         sample = self._link.measure(self._due if timeout is None else min(self._due, now + timeout))
+        self._free = self._port.now()
+        if (late := max(late, self._link.overslept)) > self.spec.period:
+            self._stall = (late, self._cycle)
         if reason := self._link.trouble():
-            self.hold(reason)
+            self.hold(reason + self._excuse())
         if sample is None:
+            self._silent += 1
             return None
         return Measurement(
             time=self._last - self._began,
@@ -136,10 +165,21 @@ class CanRobot(Robot):
         """Note the cycle that starts now, and when the next is due; cycles may be skipped."""
         period = self.spec.period
         missed = max(int((now - self._due) / period), 0)
-        self.overruns += missed
         self._cycle += 1
         self._last = now
-        self._due = max(self._due + (1 + missed) * period, now + SHORTEST_CYCLE * period)
+        due = max(self._due + (1 + missed) * period, now + SHORTEST_CYCLE * period)
+        self._slipped += due - (self._due + period)
+        self._due = due
+
+    def _excuse(self) -> str:
+        """Say that the computer may be to blame, where it is late itself."""
+        late, cycle = self._stall
+        if self._cycle - cycle > self.config.hold_after:
+            return ""
+        return (
+            f"; this program itself came {late:.3g} s late: give it real-time priority "
+            "(limo run --fifo), or the arm more patience (hold_after, watchdog)"
+        )
 
     def _send(self, command: JointCommand) -> None:
         self._link.command(command)
@@ -152,14 +192,16 @@ class CanRobot(Robot):
 
     def _close(self) -> None:
         try:
-            with suppress(BackendError):  # a bus that is gone: the drives' watchdogs stop them
+            # Where the bus is gone, the drives' watchdogs stop them.
+            with suppress(BackendError):
                 self._brake()
+            with suppress(BackendError):
                 self._link.disable()
         finally:
             self._port.close()
 
     def _brake(self) -> None:
-        """Come to rest within the limits."""
+        """Come to rest within the limits; the arm holds."""
         until = self._port.now() + BRAKING_TIMEOUT
         while self._enabled and not self.standing and self._port.now() < until:
             if (command := self._contract.stand_in()) is not None:

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from backends.can.config import ArmConfig
+    from limo_driver.types import FloatArray
 
 
 def command(
@@ -23,6 +29,9 @@ def command(
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this time \\[s]; else at Ctrl-C.")
     ] = None,
+    fifo: Annotated[
+        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Say that they are ready, and the summary, as JSON.")
     ] = False,
@@ -42,14 +51,15 @@ def command(
     from backends.can.drives.scenario import Scenario
     from backends.can.drives.session import run_drives
     from limo_driver.physics import Simulation
-    from limo_driver.trajectory import Trajectory
 
     arm = ArmConfig.load(config)
     faults = None if scenario is None else Scenario.load(scenario, arm.joints)
     simulation = Simulation(robot=arm.robot) if sim is None else Simulation.load(sim)
-    position = None if trajectory is None else Trajectory.load(trajectory).position[0]
+    position = None if trajectory is None else _start_of(trajectory, arm)
 
-    def ready() -> None:
+    def ready(refused: Sequence[str]) -> None:
+        for each in refused:
+            typer.echo(f"not permitted: {each}", err=True)
         nodes = [joint.node for joint in arm.joints]
         where = f"{arm.bus.interface} {arm.bus.channel}"
         if as_json:
@@ -61,6 +71,7 @@ def command(
         arm,
         simulation,
         ready,
+        fifo=fifo,
         position=position,
         seed=seed,
         scenario=faults,
@@ -74,3 +85,18 @@ def command(
         f"{counts.heard} frames heard, {counts.sent} sent, {counts.syncs} cycles, "
         f"{counts.lost} lost, {counts.babbled} babbled; faults: {faults_begun}"
     )
+
+
+def _start_of(path: Path, arm: ArmConfig) -> FloatArray:
+    """Return where a trajectory starts, (n,) [rad], if it is one of this arm."""
+    from limo_driver.errors import ConfigError
+    from limo_driver.trajectory import Trajectory
+    from limo_driver.types import same_robot
+
+    motion, model = Trajectory.load(path), arm.model
+    if motion.n != model.n or (motion.robot and not same_robot(motion.robot, model.name)):
+        raise ConfigError(
+            f"{path} is of {motion.robot or 'a robot'} with {motion.n} joints, "
+            f"but the drives are of {model.name} with {model.n}"
+        )
+    return motion.position[0]

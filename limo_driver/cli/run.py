@@ -38,6 +38,9 @@ def command(
     arm_config: Annotated[
         Path | None, typer.Option("--config", help="What is to be known of a real arm (YAML).")
     ] = None,
+    reset_faults: Annotated[
+        bool, typer.Option("--reset-faults", help="Reset the faults of a real arm's drives.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of a simulated arm's sensor noise.")] = 0,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory \\[s].")
@@ -107,7 +110,12 @@ def command(
                 simulation=simulation,
                 robot=robot,
                 seed=seed,
-                link={"host": host, "port": port, "config": arm_config},
+                link={
+                    "host": host,
+                    "port": port,
+                    "config": arm_config,
+                    "reset_faults": reset_faults or None,
+                },
             )
         )
         every = 1 if rate is None else _cycles_per_row(rate, arm.spec.period)

@@ -38,7 +38,8 @@ def test_way_up_and_no_reset_untold():
     assert words == [0x06, 0x07]
     assert towards_enabled(State.SWITCHED_ON, 0, reset=False) == 0x0F
     assert towards_enabled(State.FAULT, 0, reset=False) == 0x00
-    assert towards_enabled(State.QUICK_STOP, 0, reset=False) == 0x02
+    assert towards_enabled(State.QUICK_STOP, 0, reset=False) == 0x0F
+    assert towards_enabled(State.FAULT_REACTION, 0, reset=True) == 0x02
     assert towards_enabled(State.FAULT, 0, reset=True) == 0x80
     assert towards_enabled(State.FAULT, 0x80, reset=True) == 0x00  # an edge, not a level
 
@@ -119,6 +120,9 @@ def test_slow_bus_is_slow():
     slow = replace(CONFIG, bus=replace(CONFIG.bus, bitrate=125_000), rate=100.0)
     with pytest.raises(ConfigError, match="125000 bit/s"):
         bus_load(slow).require(slow.rate)
+    hopeless = replace(CONFIG, bus=replace(CONFIG.bus, bitrate=10_000), watchdog=0.02)
+    with pytest.raises(ConfigError, match="at most 0 Hz"):
+        bus_load(hopeless).require(hopeless.rate)
 
 
 @pytest.mark.parametrize(

@@ -164,3 +164,107 @@ def test_a_stream_starts_without_a_step_of_the_drives(bus, config, arm):
     assert abs(targets[0] - held) <= 2
     assert np.abs(np.diff(targets)).max() < 100  # it gives way slowly
     assert abs(targets[-1] - (held - 400)) <= 2
+
+
+def is_sync(bus):
+    return bus.sent[-1][0] == 0x080
+
+
+def test_reset_at_speed_brakes_first(bus, config, arm):
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        run(robot, 40, speed=0.3)
+        targets = []
+        bus.noise = lambda: targets.append(arm.drives[0].target) if is_sync(bus) else None
+        robot.receive()
+        arm.drives[2].trip(0x4310)
+        robot.receive()
+        robot.reset_faults()
+    speed = np.diff(targets)
+    slower = config.model.limits.acceleration[0] * config.joints[0].counts_per_radian / 100.0**2
+    assert speed[0] > 0
+    assert speed[-1] == 0
+    assert np.abs(np.diff(speed)).max() <= slower + 2
+
+
+def test_a_drive_that_started_again_by_itself_gets_its_watchdogs_back(bus, config, arm):
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        run(robot, 5)
+        drive = arm.drives[1]
+        drive.node.nmt.state = "INITIALISING"
+        for index in (0x1400, 0x1016):
+            drive.node.sdo[index][5 if index == 0x1400 else 1].raw = 0
+        drive.node.nmt.state = "OPERATIONAL"
+        drive.state, drive.word = 0x40, 0
+        for _ in range(3):
+            state = robot.receive()
+        assert state.holding
+        robot.reset_faults()
+        assert drive.node.sdo[0x1400][5].raw == 1000
+        assert drive.node.sdo[0x1016][1].raw == 127 << 16 | 1000
+        robot.resume()
+        assert not run(robot, 5).holding
+
+
+def test_what_lies_between_stream_and_drive_leads_no_joint_out_of_its_range(bus, config):
+    end = config.model.limits.position_max[0]
+    start = np.array([end - 0.05, *START[1:]])
+    most = round((end - config.joints[0].offset) * config.joints[0].counts_per_radian)
+    with (
+        CanopenArm(bus, NODES, counts_at(config, start)) as arm,
+        CanRobot(config, bus=bus, clock=bus.now) as robot,
+    ):
+        run(robot, 5)
+        robot.hold()
+        robot.receive()
+        arm.drives[0].lag = 3000  # counts behind its target: something leans on the joint
+        for _ in range(3):
+            state = robot.receive()
+        robot.resume()
+        targets = []
+        for k in range(60):
+            toward = np.array([0.002 * k, *np.zeros(6)])
+            robot.send(PositionCommand(position=state.position + toward))
+            robot.receive()
+            targets.append(arm.drives[0].target)
+    assert max(targets) == pytest.approx(most, abs=1)
+
+
+@pytest.mark.usefixtures("arm")
+def test_no_torque_goes_on_while_drives_are_switched_off(bus, config):
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        robot.receive()
+        for _ in range(10):
+            robot.send(TorqueCommand(torque=np.zeros(7)))
+            robot.receive()
+        bus.sent.clear()
+    wrist = [frame_id == 0x200 + NODES[-1] and data[0] == 0x06 for frame_id, data in bus.sent]
+    modes = {
+        data[2] for frame_id, data in bus.sent[wrist.index(True) :] if frame_id - 0x300 in NODES
+    }
+    assert modes <= {8}
+
+
+@pytest.mark.usefixtures("arm")
+def test_unused_pdos_are_switched_off(bus, config, arm):
+    record = arm.drives[0].node.sdo[0x1802]
+    record[1].raw = 0x380 + NODES[0]  # as it was delivered
+    with CanRobot(replace(config, temperature=None), bus=bus, clock=bus.now):
+        assert record[1].raw == 0x8000_0000 | 0x380 + NODES[0]
+
+
+@pytest.mark.usefixtures("arm")
+def test_a_joint_that_was_silent_is_waited_for_before_commands_are_taken_again(bus, config):
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        run(robot, 5)
+        bus.losing = 4
+        states = [robot.receive() for _ in range(2)]
+        assert states[-1].holding
+        with pytest.raises(BackendError, match="silent for 2 cycles; call reset_faults"):
+            robot.resume()
+        robot.reset_faults()
+        robot.resume()
+        assert not run(robot, 5).holding
+        bus.losing = 10_000
+        robot.receive()
+        with pytest.raises(BackendError, match=r"joint 1 \(node 11\) does not answer SYNC"):
+            robot.reset_faults()

@@ -62,11 +62,43 @@ def test_what_is_no_frame_for_a_driver_is_counted(port, address):
     assert port.bus_off
 
 
+class FullBus(can.BusABC):
+    """Has frames waiting, first some that are not for a driver."""
+
+    def __init__(self, useless):
+        super().__init__(channel="full")
+        foreign = can.Message(arbitration_id=0x18B, is_extended_id=False, is_remote_frame=True)
+        good = can.Message(arbitration_id=0x18B, data=b"x", is_extended_id=False)
+        self.waiting = [foreign] * useless + [good]
+
+    def send(self, msg, timeout=None):  # noqa: ARG002  # of python-can
+        raise AssertionError("nothing is to be sent")
+
+    def _recv_internal(self, timeout):  # noqa: ARG002  # of python-can
+        return (self.waiting.pop(0) if self.waiting else None), True
+
+
+def test_what_waits_behind_other_frames_is_taken_when_no_time_is_left():
+    with Port(Bus(interface="virtual", channel="full"), FullBus(20)) as port:
+        assert port.receive(port.now() - 1.0) == (0x18B, b"x")
+        assert port.receive(port.now() - 1.0) is None
+    with Port(Bus(interface="virtual", channel="full"), FullBus(10_000)) as port:
+        assert port.receive(port.now() - 1.0) is None  # not for ever
+
+
 def test_waiting_ends(port):
     began = time.monotonic()
     assert port.receive(port.now() + 0.02) is None
     assert time.monotonic() - began >= 0.02
     assert port.receive(port.now() - 1.0) is None
+
+
+def test_waiting_ends_also_when_the_clock_on_the_wall_is_set_back(port, monkeypatch):
+    hours = iter(range(1_000_000_000, 0, -3600))
+    monkeypatch.setattr("can.bus.time", lambda: next(hours))
+    began = time.monotonic()
+    assert port.receive(port.now() + 0.02) is None
+    assert time.monotonic() - began < 600.0
 
 
 def test_closed_bus_is_lost(address):

@@ -26,6 +26,7 @@ from test_robot import (  # noqa: F401  # collected here, for another robot
 )
 from test_robot_holding import (  # noqa: F401
     test_expired_command_leads_to_a_hold_within_the_limits,
+    test_hold_asked_for_after_a_command_keeps_the_limits,
     test_hold_from_full_speed_keeps_the_limits,
     test_long_loss_of_measurements_leads_to_a_hold,
     test_nothing_resumes_without_being_told,

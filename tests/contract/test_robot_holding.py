@@ -64,6 +64,19 @@ def test_hold_from_full_speed_keeps_the_limits(robot):
     assert len(path) > 210  # it took a while: nothing stops at once
 
 
+def test_hold_asked_for_after_a_command_keeps_the_limits(robot):
+    moves = smooth_move(0.3, 400)[:201]
+    _, sent = follow(robot, moves[:200])
+    sent.append(robot.send(position(moves[200])))
+    robot.hold()
+    path = [command.position for command in sent]
+    robot.receive()
+    while not robot.standing:
+        robot.receive()
+        path.append(robot.setpoint)
+    check_acceleration(robot, path)
+
+
 @pytest.mark.parametrize("commanded", [False, True])
 def test_resuming_while_braking_keeps_the_limits(robot, commanded):
     _, sent = follow(robot, smooth_move(0.3, 400)[:200])

@@ -57,6 +57,7 @@ class DamiaoDrive(Drive):
         self.ranges = Ranges(POSITION_RANGE, VELOCITY_RANGE, TORQUE_MARGIN * torque_limit)
         self.status = Status.DISABLED
         self._commanded_at: float | None = None  # [s] last command while enabled
+        self._zero = 0.0  # set by whoever commissions it [rad]
         self._at_rest = Actuation.BRAKE  # what acts on the joint without power
 
     @property
@@ -113,6 +114,9 @@ class DamiaoDrive(Drive):
                 self._switch(Status.DISABLED)
         elif data == damiao.CLEAR:
             self._switch(Status.DISABLED)
+        elif data == damiao.ZERO:
+            if self.status is Status.DISABLED:  # what is powered would jump
+                self._zero += self._position
         elif self._registers[Register.MODE] != MIT_MODE:
             return
         elif self.status is Status.ENABLED:
@@ -123,10 +127,16 @@ class DamiaoDrive(Drive):
     def _follow(self, command: damiao.MitCommand) -> None:
         port, sign = self._port, self._joint.direction
         port.actuation = Actuation.IMPEDANCE
-        port.position = sign * (command.position - self._joint.offset)
+        port.position = sign * (command.position + self._zero - self._joint.offset)
         port.velocity = sign * command.velocity
         port.torque = sign * command.torque
         port.stiffness, port.damping = command.stiffness, command.damping
+
+    @property
+    def _position(self) -> float:
+        """Position of the motor, from its zero [rad]."""
+        joint = self._joint
+        return joint.offset + joint.direction * self._port.measured_position - self._zero
 
     def _switch(self, status: Status) -> None:
         port = self._port
@@ -140,7 +150,7 @@ class DamiaoDrive(Drive):
         reply = Reply(
             self.status,
             self.node,
-            self._joint.offset + sign * port.measured_position,
+            self._position,
             sign * port.measured_velocity,
             sign * port.measured_torque,
             warm,

@@ -26,6 +26,7 @@ class SimulatedDrives(Closing):
         scenario: What goes wrong.
         trajectory: The arm stands where it starts; in the middle of its range if not given.
         seed: Of the sensor noise.
+        fifo: Ask for SCHED_FIFO, where the computer has to keep time for both ends of the bus.
 
     Raises:
         BackendError: They did not start; says what they said.
@@ -39,6 +40,7 @@ class SimulatedDrives(Closing):
         scenario: Path | str | None = None,
         trajectory: Path | str | None = None,
         seed: int = 0,
+        fifo: bool = False,
     ) -> None:
         options = {"config": config, "sim": sim, "scenario": scenario, "trajectory": trajectory}
         given = [
@@ -47,6 +49,7 @@ class SimulatedDrives(Closing):
             if value is not None
             for word in (f"--{name}", str(value))
         ]
+        given += ["--fifo"] if fifo else []
         self._process = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
             [sys.executable, "-c", _COMMAND, "drives", *given, "--seed", str(seed), "--json"],
             stdin=subprocess.DEVNULL,
@@ -55,7 +58,12 @@ class SimulatedDrives(Closing):
             text=True,
         )
         self.summary: dict[str, Any] | None = None  # once closed: what happened on the bus
-        if not self._read_line():
+        try:
+            started = self._read_line()
+        except BaseException:
+            self.kill()
+            raise
+        if not started:
             _, said = self._process.communicate()
             raise BackendError(f"the simulated drives did not start: {said.strip()}")
 

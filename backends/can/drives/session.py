@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
-import gc
 import math
-import signal
 import threading
 import time
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Final
 
+from backends.can import damiao, sdo
+from backends.can.config import Cia402Joint
+from backends.can.discovery import DEVICE_TYPE
 from backends.can.drives.station import Station
+from backends.can.frames import SDO_REPLY, SDO_REQUEST
 from backends.can.port import Port
-from limo_driver.errors import ConfigError
+from limo_driver.errors import BackendError, ConfigError
+from limo_driver.interrupts import interrupts
+from limo_driver.realtime import Realtime
 from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
+    from collections.abc import Callable, Sequence
 
-    from backends.can.config import ArmConfig
+    from backends.can.config import ArmConfig, Joint
     from backends.can.drives.scenario import Scenario
     from backends.can.drives.station import StationCounts
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
+ANSWER_TIME: Final = 0.1  # [s] in which drives answer that are there already
+
 
 def run_drives(
     config: ArmConfig,
     simulation: Simulation,
-    ready: Callable[[], None],
+    ready: Callable[[Sequence[str]], None],
     *,
+    fifo: bool = False,
     position: Sequence[float] | FloatArray | None = None,
     seed: int = 0,
     scenario: Scenario | None = None,
@@ -40,7 +47,8 @@ def run_drives(
     Args:
         config: The arm.
         simulation: Arm and effects behind the drives.
-        ready: Called once the drives can be spoken to.
+        ready: Called once the drives can be spoken to, with what the system does not permit.
+        fifo: Ask for SCHED_FIFO and locked memory.
         position: Where the arm stands at first, (n,) [rad].
         seed: Of the sensor noise.
         scenario: What goes wrong.
@@ -51,7 +59,7 @@ def run_drives(
 
     Raises:
         ConfigError: The simulation is of another robot.
-        BackendError: The bus cannot be opened.
+        BackendError: The bus cannot be opened, or has such drives already.
         ConnectionLostError: It is gone.
     """
     if not same_robot(simulation.model.name, config.model.name):
@@ -59,39 +67,40 @@ def run_drives(
             f"the simulation is of {simulation.model.name}, but the drives are of "
             f"{config.model.name}"
         )
+    interrupted = threading.Event()
     with (
-        _interrupts() as interrupted,
+        interrupts(interrupted.set),
         Port(config.bus) as port,
         Station(config, port, simulation, position, seed, scenario) as station,
+        ExitStack() as open_,
     ):
+        _require_alone(config, port)
+        realtime = open_.enter_context(Realtime(fifo=fifo))  # now that everything is loaded
         ends = math.inf if duration is None else time.monotonic() + duration
         station.start()
-        gc.collect()
-        gc.freeze()  # what is there stays; to go through it again takes longer than a cycle
-        ready()
+        ready(realtime.refused)
         while not interrupted.is_set() and time.monotonic() < ends:
             station.turn()
+            realtime.tidy()
     return station.counts
 
 
-@contextmanager
-def _interrupts() -> Generator[threading.Event]:
-    """Turn SIGINT and SIGTERM into an event; a second one acts as usual."""
-    event = threading.Event()
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    previous = {number: signal.getsignal(number) for number in numbers}
+def _require_alone(config: ArmConfig, port: Port) -> None:
+    """Refuse a bus on which these drives are already: every question would have two answers."""
+    for joint in config.joints:
+        if isinstance(joint, Cia402Joint):
+            port.send(SDO_REQUEST + joint.node, sdo.FRAME.pack(sdo.READ, DEVICE_TYPE, 0, b""))
+        else:
+            port.send(damiao.REGISTERS, damiao.register_frame(joint.node, damiao.REFRESH))
+    answers = {_answer_id(joint): joint.node for joint in config.joints}
+    until = port.now() + ANSWER_TIME
+    while (frame := port.receive(until)) is not None and port.now() < until:
+        if (node := answers.get(frame.id)) is not None:
+            raise BackendError(
+                f"node {node} answers on {port.name} already: end the other drives on this bus "
+                "first, or give this arm a bus of its own"
+            )
 
-    def restore() -> None:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
-    def note(*_: object) -> None:
-        event.set()
-        restore()
-
-    for number in previous:
-        signal.signal(number, note)
-    try:
-        yield event
-    finally:
-        restore()
+def _answer_id(joint: Joint) -> int:
+    return SDO_REPLY + joint.node if isinstance(joint, Cia402Joint) else joint.reply_id

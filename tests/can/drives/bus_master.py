@@ -1,6 +1,5 @@
 """A bus for each test, and a master of few words."""
 
-import socket
 import struct
 import time
 
@@ -10,13 +9,6 @@ from backends.can.drives.station import Station
 from limo_driver.physics import Simulation
 
 GROUP = "239.74.163.45"
-
-
-def free_port():
-    """Return a UDP port that nobody uses: multicast frames cross groups on the same port."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        return probe.getsockname()[1]
 
 
 class Master:

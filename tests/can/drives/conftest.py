@@ -2,7 +2,8 @@
 
 import can
 import pytest
-from bus_master import GROUP, Master, free_port
+from arms import free_port
+from bus_master import GROUP, Master
 
 from backends.can.config import ArmConfig
 from backends.can.drives.scenario import Scenario

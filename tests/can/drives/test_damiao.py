@@ -68,6 +68,14 @@ def test_values_beyond_the_ranges_are_cut_to_them():
     assert damiao.encode_command(far, RANGES).hex() == "ffff000ffffff000"
 
 
+def test_no_command_is_one_of_the_special_frames():
+    most = MitCommand(1e9, 1e9, 1e9, 1e9, 1e9)
+    data = damiao.encode_command(most, RANGES)
+    assert data not in {damiao.ENABLE, damiao.DISABLE, damiao.ZERO, damiao.CLEAR}
+    assert data[:7] != b"\xff" * 7
+    assert damiao.decode_command(data, RANGES).damping == pytest.approx(5.0, abs=2e-3)
+
+
 @pytest.mark.parametrize("length", [0, 7, 9, 64])
 def test_frames_of_another_length_are_refused(length):
     for decode in (damiao.decode_command, damiao.decode_reply):
@@ -112,6 +120,13 @@ def test_it_is_enabled_and_disabled_and_says_so(motors):
     assert reply_of(motors, damiao.ENABLE).status == Status.ENABLED
     assert reply_of(motors, damiao.DISABLE).status == Status.DISABLED
     assert reply_of(motors, command(motors)).status == Status.DISABLED  # does not enable
+
+
+def test_its_zero_can_be_set_while_it_is_off(motors):
+    assert reply_of(motors, damiao.ZERO).position == pytest.approx(0.0, abs=1e-3)
+    reply_of(motors, damiao.ENABLE)
+    before = reply_of(motors, command(motors)).position
+    assert reply_of(motors, damiao.ZERO).position == pytest.approx(before, abs=1e-3)  # not now
 
 
 def test_its_reply_is_of_the_motor_with_its_sign_and_offset(motors):

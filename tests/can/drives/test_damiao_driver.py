@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import replace
 
+import can
 import numpy as np
 import pytest
 from bus_master import DrivesBus
@@ -11,7 +12,7 @@ from backends.can import ArmConfig, CanRobot, damiao
 from backends.can.config import DamiaoJoint
 from backends.can.damiao import Register, Status
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError
-from limo_driver.types import ImpedanceCommand, PositionCommand
+from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 POSE = [0.4, -0.3]
 
@@ -98,6 +99,60 @@ def test_motors_in_fault_are_not_reset_unless_told(config, bus):
         robot.receive()
     with opened(config, DrivesBus(config, POSE), reset_faults=True) as robot:
         robot.receive()
+
+
+def test_an_arm_that_was_moved_by_hand_is_held_where_it_is(config, bus):
+    with opened(config, bus) as robot:
+        bus.station.arm._knots += 0.3  # somebody moves it, slowly
+        until = bus.time + 3.0
+        while bus.time < until:
+            bus.recv(0.01)
+        bus.queue.clear()
+        bus.sent.clear()
+        state = robot.receive()
+        assert state.position == pytest.approx(np.array(POSE) + 0.3, abs=0.02)
+        told = commands(bus, 1)
+        assert told
+        assert [each.position for each in told] == pytest.approx(
+            [state.position[0]] * len(told), abs=0.01
+        )
+
+
+def commands(bus, node):
+    """Return the commands that a motor was sent since it was last enabled."""
+    sent = [data for frame_id, data in bus.sent if frame_id == node]
+    if damiao.ENABLE in sent:
+        sent = sent[len(sent) - sent[::-1].index(damiao.ENABLE) :]
+    ranges = bus.station.drives[node - 1].ranges
+    return [damiao.decode_command(data, ranges) for data in sent]
+
+
+def test_the_others_are_held_while_a_motor_is_reset(config, bus):
+    with opened(config, bus) as robot:
+        robot.receive()
+        for _ in range(10):
+            robot.send(TorqueCommand(torque=np.zeros(2)))
+            robot.receive()
+        bus.station.drives[1].fail(Status.OVERCURRENT)
+        robot.receive()
+        bus.sent.clear()
+        robot.reset_faults()
+        stiffness = [command.stiffness for command in commands(bus, 1)]
+        assert stiffness == pytest.approx([500.0] * len(stiffness), abs=0.5)
+
+
+def test_a_bus_that_was_off_is_used_again_when_told(config, bus):
+    with opened(config, bus) as robot:
+        state = robot.receive()
+        robot.send(PositionCommand(position=state.position))
+        bus.queue.append(can.Message(arbitration_id=0x40, is_error_frame=True))
+        assert robot.receive().holding
+        with pytest.raises(BackendError, match="too many errors"):
+            robot.resume()
+        robot.reset_faults()
+        robot.resume()
+        robot.send(PositionCommand(position=robot.receive().position))
+        assert not robot.receive().holding
 
 
 def test_closing_switches_the_motors_off(config, bus):

@@ -11,12 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bus_master import GROUP, DrivesBus, free_port
+from arms import free_port
+from bus_master import GROUP, DrivesBus
 
 from backends.can import ArmConfig, CanRobot
 from backends.can.drives import SimulatedDrives
 from backends.can.drives.scenario import Scenario
 from limo_driver.errors import BackendError, HoldingError
+from limo_driver.trajectory import Trajectory
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 JOINTS = {
@@ -93,7 +95,7 @@ def cycle_until_held(robot):
     target = state.position
     while time.monotonic() < ends:
         try:
-            robot.send(PositionCommand(position=target))
+            robot.send(PositionCommand(valid_for=1.0, position=target))
         except HoldingError as held:
             return str(held)
         robot.receive()
@@ -105,7 +107,7 @@ def test_a_motion_is_followed_over_the_bus(flawless):
         first, has_servo = fresh(robot), robot.config.convention == "cia402"
         for k in range(1, 141):
             away = 0.1 * (1 - np.cos(np.pi * min(k / 100, 1.0)))
-            robot.send(PositionCommand(position=first.position + away))
+            robot.send(PositionCommand(valid_for=1.0, position=first.position + away))
             robot.receive()
         state = fresh(robot)
         assert not state.holding
@@ -120,7 +122,7 @@ def test_torque_mode_is_on_top_of_gravity(flawless):
     with CanRobot(flawless) as robot:
         first = fresh(robot)
         for k in range(80):
-            robot.send(TorqueCommand(torque=np.array([2.0 * min(k / 10, 1.0), 0.0])))
+            robot.send(TorqueCommand(valid_for=1.0, torque=np.array([2.0 * min(k / 10, 1.0), 0.0])))
             state = robot.receive()
         assert fresh(robot).position[0] > first.position[0] + 1e-3
         assert not state.holding
@@ -132,16 +134,16 @@ def test_an_impedance_is_damiaos_own(flawless):
         first = fresh(robot)
         if robot.config.convention == "cia402":
             with pytest.raises(BackendError, match="positions \\(CSP\\) or torques \\(CST\\)"):
-                robot.send(ImpedanceCommand(position=first.position, **stiff))
+                robot.send(ImpedanceCommand(valid_for=1.0, position=first.position, **stiff))
             return
         for k in range(150):
             target = first.position + 0.05 * min(k / 100, 1.0)
-            robot.send(ImpedanceCommand(position=target, **stiff))
+            robot.send(ImpedanceCommand(valid_for=1.0, position=target, **stiff))
             robot.receive()
         assert fresh(robot).position == pytest.approx(first.position + 0.05, abs=0.02)
         stiff["stiffness"] = np.full(2, 501.0)
         with pytest.raises(BackendError, match=r"stiffness 501 N m/rad is outside \[0, 500\]"):
-            robot.send(ImpedanceCommand(position=target, **stiff))
+            robot.send(ImpedanceCommand(valid_for=1.0, position=target, **stiff))
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
@@ -158,7 +160,7 @@ def test_a_drive_in_fault_leads_to_hold_and_is_named(arm, scenario, convention):
         robot.reset_faults()
         robot.resume()
         state = fresh(robot)
-        robot.send(PositionCommand(position=state.position))
+        robot.send(PositionCommand(valid_for=1.0, position=state.position))
         assert not robot.receive().holding
 
 
@@ -174,7 +176,7 @@ def test_drives_that_vanish_are_stale_then_hold(arm, convention):
             assert all(each.stale for each in states[2:])
             assert states[-1].position == pytest.approx(state.position, abs=1e-2)  # never zero
             with pytest.raises(HoldingError, match="silent"):
-                robot.send(PositionCommand(position=state.position))
+                robot.send(PositionCommand(valid_for=1.0, position=state.position))
 
 
 def test_lost_frames_are_lived_through(arm, scenario):
@@ -185,7 +187,7 @@ def test_lost_frames_are_lived_through(arm, scenario):
             first = fresh(robot)
             for k in range(1, 151):
                 away = 0.05 * (1 - np.cos(np.pi * min(k / 100, 1.0)))
-                robot.send(PositionCommand(position=first.position + away))
+                robot.send(PositionCommand(valid_for=1.0, position=first.position + away))
                 robot.receive()
             assert fresh(robot).position == pytest.approx(first.position + 0.1, abs=5e-3)
         drives.close()
@@ -217,7 +219,7 @@ def test_a_babbling_node_does_not_keep_the_arm_from_moving(arm, scenario):
     with driven(path, faults) as robot:
         first = fresh(robot)
         for k in range(1, 61):
-            robot.send(PositionCommand(position=first.position + 0.001 * k))
+            robot.send(PositionCommand(valid_for=1.0, position=first.position + 0.001 * k))
             robot.receive()
         assert fresh(robot).position == pytest.approx(first.position + 0.06, abs=5e-3)
 
@@ -228,6 +230,15 @@ def test_drives_of_another_robot_are_refused(arm, limo, tmp_path):
     refused = limo("drives", "--config", arm("cia402"), "--sim", sim)
     assert refused.returncode == 2
     assert "limo: the simulation is of iiwa14, but the drives are of " in refused.stderr
+
+
+def test_a_trajectory_of_another_robot_is_refused(arm, limo, tmp_path):
+    path = tmp_path / "other.traj.parquet"
+    still = np.zeros((11, 3))
+    Trajectory(np.linspace(0, 1, 11), still, still, still, robot="other").save(path)
+    refused = limo("drives", "--config", arm("cia402"), "--trajectory", path)
+    assert refused.returncode == 2
+    assert "other.traj.parquet is of other with 3 joints, but the drives are" in refused.stderr
 
 
 def test_the_command_says_that_it_is_ready_and_what_happened(arm, commanded):
@@ -245,3 +256,23 @@ def test_the_command_says_that_it_is_ready_and_what_happened(arm, commanded):
 def test_drives_that_cannot_start_say_why(tmp_path):
     with pytest.raises(BackendError, match=r"did not start: limo: .*nowhere\.yaml: cannot be read"):
         SimulatedDrives(tmp_path / "nowhere.yaml")
+
+
+def test_drives_do_not_join_a_bus_that_has_them(flawless):
+    with pytest.raises(BackendError, match=r"node \d+ answers on udp_multicast .* already"):
+        SimulatedDrives(flawless)
+
+
+def test_drives_that_stopped_since_a_program_was_killed_are_enabled_by_the_next(arm):
+    config = ArmConfig.load(arm("cia402"))
+    bus = DrivesBus(config)
+    first = CanRobot(config, bus=bus, clock=bus.now)
+    fresh(first)
+    until = bus.time + 2 * config.watchdog  # it was killed: nothing comes any more
+    while bus.time < until:
+        bus.recv(0.01)
+    assert {drive.drive_state.name for drive in bus.station.drives} == {"QUICK_STOP"}
+    with CanRobot(config, bus=bus, clock=bus.now) as second:
+        state = fresh(second)
+        second.send(PositionCommand(valid_for=1.0, position=state.position))
+        assert not fresh(second).holding

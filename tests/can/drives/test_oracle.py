@@ -2,7 +2,8 @@
 
 import canopen
 import pytest
-from bus_master import GROUP, free_port, wait_until
+from arms import free_port
+from bus_master import GROUP, wait_until
 from canopen.objectdictionary import (
     INTEGER8,
     INTEGER16,
