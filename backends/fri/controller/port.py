@@ -38,7 +38,8 @@ class Address(NamedTuple):
         Raises:
             ConfigError: Something else.
         """
-        host, _, number = text.rpartition(":") if ":" in text else (text, "", str(port or ""))
+        known = "" if port is None else str(port)  # 0 is any free one
+        host, _, number = text.rpartition(":") if ":" in text else (text, "", known)
         if not (host and number.isdecimal() and 0 <= int(number) < 1 << 16):
             expected = "HOST:PORT" if port is None else "HOST or HOST:PORT"
             raise ConfigError(f"{what} {text!r} is no {expected}, for example 127.0.0.1:30200")
