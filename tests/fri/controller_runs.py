@@ -92,8 +92,19 @@ def session(
             report = _by_command(asked, port, controller)
         else:
             report = _in_thread(asked, port, controller, until)
-        rest, _ = asked.communicate(timeout=PATIENCE)
-    return Session(report, json.loads(rest.splitlines()[-1]), asked.returncode)
+        told = last_line(asked)
+    return Session(report, told, asked.returncode)
+
+
+def last_line(client: subprocess.Popen[str]) -> dict[str, Any]:
+    """Wait for the end of a client, which comes by itself, and return what it said last.
+
+    `communicate` would not see what `readline` has taken from the pipe beyond its line.
+    """
+    assert client.stdout is not None
+    lines = client.stdout.read().splitlines()
+    client.wait(PATIENCE)
+    return json.loads(lines[-1])
 
 
 def _wait_until_enough(client: subprocess.Popen[str]) -> None:
