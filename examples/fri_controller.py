@@ -75,8 +75,11 @@ def draw(recording: Recording, report: dict) -> None:
     active = next(v["at"] for v in report["states"] if v["state"] == "COMMANDING_ACTIVE")
     time = recording.time - recording.time[0]
     figure, (motion, torque) = plt.subplots(2, 1, figsize=(8, 6), sharex=True)
-    motion.plot(time, recording.position)
+    joints = [str(joint) for joint in range(1, recording.position.shape[1] + 1)]
+    motion.plot(time, recording.position, label=joints)
     motion.set_ylabel("measured position [rad]")
+    motion.legend(title="joint", ncols=len(joints), fontsize="small", loc="lower center")
+    motion.margins(y=0.35)
     torque.plot(time, recording.torque[:, 1], color="C1")
     torque.axvspan(
         PUSH_AT - active, PUSH_AT - active + 1.0, alpha=0.2, label="somebody leans on it"

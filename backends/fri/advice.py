@@ -70,6 +70,22 @@ def advice(message: Monitoring) -> list[str]:
     return said
 
 
+def why_not_ready(message: Monitoring | None, waited: float, malformed: str) -> str:
+    """Say why a session took no commands, and what to do about it.
+
+    Args:
+        message: The robot's last one; None if it is silent.
+        waited: How long was waited [s].
+        malformed: What was wrong with the last datagram that could not be used.
+    """
+    if message is None or message.connection is None:
+        why = f": {malformed}" if malformed else ""
+        return f"the robot sent nothing usable any more when {waited:g} s were over{why}"
+    state = message.connection.session_state
+    reasons = "; ".join(advice(message)[:3])
+    return f"the session is still in {state.name} after {waited:g} s: {reasons}"
+
+
 def _period(message: Monitoring) -> list[str]:
     """Say whether the controller would let a session of this period be commanded."""
     connection, ipo = message.connection, message.ipo

@@ -10,11 +10,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from backends.fri.messages import Command, CommandData, CommandMode, Header, SessionState
 from backends.fri.version import Generation
 from backends.fri.wire_limits import numbers
+from limo_driver.errors import BackendError
 from limo_driver.types import PositionCommand, TorqueCommand, WrenchCommand
 
 if TYPE_CHECKING:
@@ -38,12 +40,45 @@ def command_mode(message: Monitoring) -> CommandMode:
     return CommandMode.NONE if ipo is None or ipo.command_mode is None else ipo.command_mode
 
 
+def check_taken(message: Monitoring, command: JointCommand) -> None:
+    """Refuse a command that the session does not take.
+
+    Raises:
+        BackendError: The session is not active, or in another command mode.
+    """
+    connection = message.connection
+    if connection is None or connection.session_state is not SessionState.COMMANDING_ACTIVE:
+        name = "no state" if connection is None else connection.session_state.name
+        raise BackendError(
+            f"the session is in {name}; commands are taken in COMMANDING_ACTIVE, "
+            "for which wait_until_ready() waits"
+        )
+    mode = command_mode(message)
+    taken = taken_in(mode)
+    if taken is None:
+        raise BackendError(f"the session's command mode is {mode.name}, which limo cannot command")
+    if not isinstance(command, taken):
+        raise BackendError(
+            f"the session takes {taken.__name__} (command mode {mode.name}), "
+            f"not {type(command).__name__}"
+        )
+
+
 def application_position(message: Monitoring, wire: WireLimits) -> Joints | None:
     """Return where the robot's own application has the arm [rad]; None if it does not say.
 
     A position that is not finite, or out of the arm's range, is none.
     """
     told = None if message.ipo is None else message.ipo.joint_position
+    return told if told is not None and wire.usable(told) else None
+
+
+def left_position(message: Monitoring, wire: WireLimits) -> Joints | None:
+    """Return where the client before this one left the arm [rad]; None if that is not said.
+
+    Only 1.x says so.
+    """
+    told = None if message.data is None else message.data.commanded_position
     return told if told is not None and wire.usable(told) else None
 
 
@@ -121,12 +156,15 @@ def _mirrored(
     message: Monitoring, mode: CommandMode, wire: WireLimits, outputs: tuple[IoValue, ...]
 ) -> CommandData | None:
     """Return the position of the robot's application; None if there is none to mirror."""
-    if mode is CommandMode.CARTESIAN_POSE and message.ipo is not None and message.ipo.pose:
-        return CommandData(pose=message.ipo.pose, redundancy=message.ipo.redundancy, io=outputs)
+    ipo = message.ipo
+    if mode is CommandMode.CARTESIAN_POSE and ipo is not None and ipo.pose is not None:
+        if not all(map(math.isfinite, ipo.pose.elements)):
+            return None
+        return CommandData(pose=ipo.pose, redundancy=ipo.redundancy, io=outputs)
     told = application_position(message, wire)
-    if told is None:
+    position = None if told is None else wire.position(told)
+    if position is None:
         return None
-    position = wire.position(told)
     if mode is CommandMode.TORQUE:
         return CommandData(position, joint_torque=wire.torque(None), io=outputs)
     if mode is CommandMode.WRENCH:

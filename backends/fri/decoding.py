@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from backends.fri.layouts import Kind, Layout, Part
+from backends.fri.layouts import CHANGING, Kind, Layout, Part
 from backends.fri.messages import COMMAND_ID, MAX_DATAGRAM, MAX_NAME, MONITORING_ID
 from backends.fri.version import framed, unframed
 from backends.fri.wire import (
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from backends.fri.version import Generation
 
 Path: TypeAlias = tuple[str, ...]  # of attributes, from the message down
-Trace: TypeAlias = list[tuple[Path, int, int]]  # where a number stands: first byte, one after last
+# Where a number that changes from cycle to cycle stands: first byte, one after the last.
+Trace: TypeAlias = list[tuple[Path, int, int]]
 
 _MASK32: Final = (1 << 32) - 1
 _HIGHEST: Final = {Kind.UINT64: (1 << 64) - 1, Kind.INT32: (1 << 31) - 1}
@@ -90,7 +91,7 @@ def _value(data: bytes, fields: list[Field], part: Part, path: Path, trace: Trac
     for field in fields:
         _check_type(field, part, path)
     if part.most is not None:
-        return _repeated(data, fields, part, path)
+        return _repeated(data, fields, part, path, trace)
     if part.kind is Kind.MESSAGE:
         return _message(data, [(f.start, f.stop) for f in fields], part.of, path, trace)
     return _single(data, fields, part, path, trace)
@@ -103,7 +104,8 @@ def _single(data: bytes, fields: list[Field], part: Part, path: Path, trace: Tra
         return _doubles(data, [f for f in inside if f.number == 1], part, path, trace, last.at)
     if part.kind is Kind.TEXT:
         return _text(data, last, path)
-    _note(trace, path, last.start, last.stop)
+    if part.kind is Kind.DOUBLE or part.name in CHANGING:
+        _note(trace, path, last.start, last.stop)
     if part.kind is Kind.DOUBLE:
         return read_double(data, last.start)
     known = [_integer(field, part, path) for field in fields]
@@ -122,12 +124,14 @@ def _check_type(field: Field, part: Part, path: Path) -> None:
         )
 
 
-def _repeated(data: bytes, fields: list[Field], part: Part, path: Path) -> tuple[Any, ...]:
+def _repeated(
+    data: bytes, fields: list[Field], part: Part, path: Path, trace: Trace | None
+) -> tuple[Any, ...]:
     values: list[Any] = []
     for field in fields:
         if part.kind is Kind.MESSAGE:
-            # Numbers in repeated messages are left out of the trace: a path names one value only.
-            values.append(_message(data, [(field.start, field.stop)], part.of, path, None))
+            where = (*path, str(len(values)))
+            values.append(_message(data, [(field.start, field.stop)], part.of, where, trace))
         else:
             values += [_integer(item, part, path) for item in _unpacked(data, field)]
     if part.most is not None and len(values) > part.most:

@@ -2,13 +2,15 @@
 
 First it listens on the port and on FRI's usual ones; where a robot sends, it then answers as the
 driver does, for the quality of a connection shows only in answers. It commands nothing: what it
-answers is the position that the robot's own application has.
+answers is the position that the robot's own application has. Still, to the robot it is a client: a
+session that waited for one becomes active, and the application's own motion may begin.
 """
 
 from __future__ import annotations
 
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,14 +20,14 @@ from backends.fri.listening import Heard, listen
 from backends.fri.messages import PORTS, Quality, SessionState
 from backends.fri.network import near, networks, own_address
 from backends.fri.robot import FriRobot
-from limo_driver.errors import BackendError, ConnectionLostError
+from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError
 
 if TYPE_CHECKING:
     from backends.fri.version import Generation
 
 MOST_LOST: Final = 0.001  # of the packets
 MOST_LATE: Final = 0.01  # of the answers
-MOST_POOR: Final = 0.1  # of the packets below GOOD, where others are better; it begins POOR
+MOST_POOR: Final = 0.1  # of the packets below GOOD, once one was better
 
 
 @dataclass(frozen=True)
@@ -153,11 +155,19 @@ def _answer(
         with FriRobot(sender, port, connect_timeout=max(seconds, 1.0)) as robot:
             deadline = time.monotonic() + seconds
             while time.monotonic() < deadline:
-                if not robot.receive().stale and (quality := robot.quality) is not None:
-                    qualities[quality] += 1
+                with suppress(CycleTimeoutError):  # nothing yet since it was opened
+                    if not robot.receive().stale and (quality := robot.quality) is not None:
+                        _count(qualities, quality)
             _judge(found, robot, qualities)
     except ConnectionLostError as error:
         found.add("lost", str(error))
+
+
+def _count(qualities: Counter[Quality], quality: Quality) -> None:
+    """Count a packet; those before the first good one are forgotten: every session begins POOR."""
+    if quality >= Quality.GOOD and max(qualities, default=Quality.POOR) < Quality.GOOD:
+        qualities.clear()
+    qualities[quality] += 1
 
 
 def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality]) -> None:

@@ -82,6 +82,15 @@ class Endpoint:
             if time.monotonic() >= deadline:
                 return None
 
+    def waiting(self) -> bool:
+        """Say whether a datagram waits to be read."""
+        self._socket.settimeout(0.0)
+        try:
+            self._socket.recv(1, socket.MSG_PEEK)
+        except OSError:
+            return False
+        return True
+
     def settle(self, sender: Address) -> None:
         """Take a sender for the robot: nobody else is listened to any more."""
         self.robot, self.peer = sender[0], sender

@@ -17,6 +17,7 @@ from backends.fri.version import Generation
 if TYPE_CHECKING:
     from enum import IntEnum
 
+CHANGING: Final = frozenset({"sequence", "reflected", "seconds", "nanoseconds"})  # integers
 MATRIX: Final = 12
 QUATERNION: Final = 7
 

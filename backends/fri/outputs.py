@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from backends.fri.messages import MAX_IO, IoDirection, IoType, IoValue
 from limo_driver.errors import ConfigError
@@ -59,13 +62,20 @@ class Outputs:
 def _valued(io: IoValue, value: float | bool) -> IoValue:
     """Return the output with a value of its type."""
     if io.type is IoType.ANALOG:
-        if isinstance(value, bool):
-            raise ConfigError(f"{io.name} is analog, but {value} was given")
+        if isinstance(value, bool) or not _finite(value):
+            raise ConfigError(f"{io.name} is analog, but {value!r} was given")
         return IoValue(io.name, io.type, io.direction, analog=float(value))
     if io.type is IoType.BOOLEAN:
         if value not in (0, 1):
-            raise ConfigError(f"{io.name} is a boolean, but {value} was given")
+            raise ConfigError(f"{io.name} is a boolean, but {value!r} was given")
         return IoValue(io.name, io.type, io.direction, digital=int(value))
-    if isinstance(value, bool) or int(value) != value or not 0 <= value < _DIGITAL:
-        raise ConfigError(f"{io.name} is an integer of 64 bits, but {value} was given")
+    if isinstance(value, bool) or not _finite(value) or value % 1 or not 0 <= value < _DIGITAL:
+        raise ConfigError(f"{io.name} is an integer of 64 bits, but {value!r} was given")
     return IoValue(io.name, io.type, io.direction, digital=int(value))
+
+
+def _finite(value: object) -> bool:
+    try:
+        return isinstance(value, (int, float, np.number)) and math.isfinite(value)
+    except OverflowError:  # an integer beyond all floats
+        return False

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from backends.fri.advice import advice
-from backends.fri.answers import answer_to, application_position, command_mode, taken_in
+from backends.fri.advice import why_not_ready
+from backends.fri.answers import answer_to, check_taken
 from backends.fri.connection import Connection, connect, pace, unusable
+from backends.fri.lead import Lead
 from backends.fri.messages import (
     DEFAULT_PORT,
+    Command,
+    Header,
     Monitoring,
     Quality,
     SessionState,
@@ -21,19 +25,24 @@ from backends.fri.session import LinkFigures, Order, Session, Visit
 from backends.fri.template import CommandTemplate, MonitoringTemplate
 from backends.fri.velocity import VelocityFilter
 from backends.fri.version import FriVersion
-from backends.fri.wire_limits import WireLimits, numbers
-from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
+from backends.fri.wire_limits import WireLimits
+from limo_driver.errors import (
+    BackendError,
+    ConfigError,
+    ConnectionLostError,
+    CycleTimeoutError,
+    WireFormatError,
+)
 from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
 from limo_driver.robot import READY_TIMEOUT, Measurement, Robot
-from limo_driver.safety import STALE_TIMEOUT, START_TOLERANCE, SafetyContract
+from limo_driver.safety import START_TOLERANCE, SafetyContract
 from limo_driver.types import JointState, PositionCommand, RobotSpec, WrenchLimits
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from backends.fri.endpoint import Datagram
-    from backends.fri.messages import Joints
     from backends.fri.version import Generation
     from limo_driver.types import FloatArray, JointCommand
 
@@ -42,6 +51,7 @@ WRENCH_LIMITS: Final = WrenchLimits(
     rate=np.array([500.0, 500.0, 500.0, 100.0, 100.0, 100.0]),
 )
 PATIENCE: Final = 0.01  # [s] beyond a period in which a late packet is waited for
+OUTDATED: Final = 5e-3  # [s] of waiting to be read, after which a packet moves nothing any more
 MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
 UNCONFIRMED: Final = 0.1  # [s] of commands that the robot may leave unconfirmed
 FEWEST_UNCONFIRMED: Final = 10  # commands
@@ -60,6 +70,8 @@ class FriRobot(Robot):
     measured pose, so that an arm that was pushed aside does not jump. Leaving COMMANDING_ACTIVE is
     a hold, which ends only by `resume`. Where packets stay away for longer than a period and 10 ms,
     states are stale, and what is sent then reaches nobody: the set-point waits for the next packet.
+    After a stall of this machine, packets that others have followed already are not returned, and
+    answered with what was said last: set-points that pile up would reach the robot as a jump.
 
     FRI measures no velocity. It is the difference of positions over the robot's own time through a
     causal low-pass of first order with a time constant of 5 ms, so it lags by about that much.
@@ -105,6 +117,7 @@ class FriRobot(Robot):
         self._writer = CommandTemplate(self._link.generation)
         self._session = Session(1e-3 * self._link.send_period)
         self._wire = WireLimits(spec)
+        self._lead = Lead(self._contract, self._wire)
         self._velocity = VelocityFilter(spec.n)
         self._outputs = Outputs()
         self._message: Monitoring | None = None  # the last one
@@ -112,8 +125,6 @@ class FriRobot(Robot):
         self._arrived = 0.0  # [s], of this machine's monotonic clock
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
-        self._commanded = False  # since COMMANDING_ACTIVE was entered
-        self._joined = False  # while it was COMMANDING_ACTIVE already
         self._missed = 0  # cycles in a row
         self._most_unconfirmed = max(FEWEST_UNCONFIRMED, round(UNCONFIRMED / spec.period))
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
@@ -214,14 +225,18 @@ class FriRobot(Robot):
             BackendError: It did not in time; says what to do about it.
         """
         deadline = time.monotonic() + timeout
-        while self.receive().stale or self._session.state is not SessionState.COMMANDING_ACTIVE:
+        while not self._takes_commands():
             if time.monotonic() > deadline:
-                state = self._session.state
-                reasons = "; ".join(advice(self.monitoring)[:3])
-                raise BackendError(
-                    f"the session is still in {'no state' if state is None else state.name} "
-                    f"after {timeout:g} s: {reasons}"
-                )
+                last = None if self._missed else self._message
+                raise BackendError(why_not_ready(last, timeout, self.malformed))
+
+    def _takes_commands(self) -> bool:
+        """Wait for a cycle; say whether the session is active in it."""
+        try:
+            fresh = not self.receive().stale
+        except CycleTimeoutError:  # since it was opened: it may well come later
+            return False
+        return fresh and self._session.state is SessionState.COMMANDING_ACTIVE
 
     def _of_data(self, name: str) -> FloatArray:
         values = getattr(self.monitoring.data, name, None)
@@ -230,30 +245,15 @@ class FriRobot(Robot):
         return np.array(values)
 
     def _check(self, command: JointCommand) -> None:
-        if (state := self._session.state) is not SessionState.COMMANDING_ACTIVE:
-            name = "no state" if state is None else state.name
-            raise BackendError(
-                f"the session is in {name}; commands are taken in COMMANDING_ACTIVE, "
-                "for which wait_until_ready() waits"
-            )
-        mode = command_mode(self.monitoring)
-        taken = taken_in(mode)
-        if taken is None:
-            raise BackendError(
-                f"the session's command mode is {mode.name}, which limo cannot command"
-            )
-        if not isinstance(command, taken):
-            raise BackendError(
-                f"the session takes {taken.__name__} (command mode {mode.name}), "
-                f"not {type(command).__name__}"
-            )
+        check_taken(self.monitoring, command)
 
     def _send(self, command: JointCommand) -> None:
         if self._missed or self._session.state is not SessionState.COMMANDING_ACTIVE:
             self._contract.withhold()  # there is no packet that could be answered with it
         else:
-            self._commanded = True
-            self._reply(command)
+            self._lead.commanded = True
+            if not self._replied:  # else it goes out with the next packet: one answer to each
+                self._reply(command)
 
     def _receive(self, timeout: float | None) -> Measurement | None:
         if not self._replied:
@@ -314,13 +314,13 @@ class FriRobot(Robot):
         self._link.endpoint.settle(datagram.sender)
         self._arrived, self._message = time.monotonic() - datagram.age, message
         self._note(message)
-        self._follow(message, before, order)
-        if datagram.age > STALE_TIMEOUT:
-            self._session.figures.outdated += 1
-            return None
+        self._lead.follow(message, order, (before, self._session.state), self._position)
         if self._session.packets - self._answered_packet < self._link.multiplier:
             return None
         self._answered_packet = self._session.packets
+        if datagram.age > max(OUTDATED, self.spec.period) and self._link.endpoint.waiting():
+            self._say_again(message)
+            return None
         return message
 
     def _note(self, message: Monitoring) -> None:
@@ -331,39 +331,6 @@ class FriRobot(Robot):
             self._torque = np.array(data.measured_torque)
             self._velocity.update(self._session.time, self._position)
         self._outputs.note_received(message.header.reflected)
-
-    def _follow(self, message: Monitoring, before: SessionState | None, order: Order) -> None:
-        """Keep the contract in step with the session."""
-        active = SessionState.COMMANDING_ACTIVE
-        state = self._session.state
-        leaves = before is active and (state is not active or order is Order.RESTARTED)
-        if leaves and state is not None:
-            reasons = "".join(f"; {said}" for said in advice(message)[:1])
-            self._contract.hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
-        self._joined = state is active and (self._joined or before is None)
-        if state is not active or leaves:
-            self._wire.reset()
-            self._commanded = False
-            told = application_position(message, self._wire)
-            if told is not None or self._wire.usable(numbers(self._position)):
-                self._contract.lead(self._position if told is None else np.array(told))
-        elif not self._commanded and self._contract.at_rest:
-            # Once commanded, the arm stays where that took it, not where the application would be.
-            told = self._start(message, before) or numbers(self._contract.setpoint)
-            self._contract.lead(np.array(self._wire.reachable(told)))
-
-    def _start(self, message: Monitoring, before: SessionState | None) -> Joints | None:
-        """Return where commands start from, in an active session; None to stay at the set-point.
-
-        A session that was active before this driver heard of it was another client's: it starts
-        where that left the arm, which need not be where the robot's application would have it.
-        """
-        if not self._joined:
-            return application_position(message, self._wire)
-        told = None if message.data is None else message.data.commanded_position  # only 1.x says
-        if told is None and before is None:  # once: an arm told to be where it is would sink
-            told = numbers(self._position)
-        return told if told is not None and self._wire.usable(told) else None
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1
@@ -385,26 +352,38 @@ class FriRobot(Robot):
     def _reply(self, command: JointCommand | None) -> None:
         """Answer the last message, with a command or by what the driver answers itself."""
         self._replied = True
-        message, session = self._message, self._session
+        message = self._message
         if message is None:
             return
-        sequence = session.next_sequence()
         answer = answer_to(
             message,
-            sequence,
+            self._session.next_sequence(),
             self._link.generation,
             self._wire,
             self._contract.setpoint,
             command,
             self._outputs.waiting,
         )
-        if answer is None:
-            return
+        if answer is not None:
+            self._lead.said = answer.data
+            self._transmit(answer)
+
+    def _say_again(self, message: Monitoring) -> None:
+        """Answer a packet that others have followed without moving on: a burst would be a jump."""
+        self._session.figures.outdated += 1
+        if self._session.state is not SessionState.COMMANDING_ACTIVE:
+            self._reply(None)
+        elif self._lead.said is not None:
+            header = Header(self._session.next_sequence(), message.header.sequence)
+            self._transmit(Command(header, replace(self._lead.said, io=self._outputs.waiting)))
+
+    def _transmit(self, answer: Command) -> None:
+        session = self._session
         if not self._link.endpoint.send(self._writer.encode(answer)):
             session.figures.unsent += 1
             return
         session.note_answer()
-        self._outputs.note_sent(sequence)
+        self._outputs.note_sent(answer.header.sequence)
         self.latency.add(time.monotonic() - self._arrived)
 
 

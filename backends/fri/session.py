@@ -38,7 +38,7 @@ class LinkFigures:
     lost: int = 0  # packets of the robot that never came
     old: int = 0  # copies, and packets that others had overtaken
     malformed: int = 0  # datagrams that are no message, or none that can be used
-    outdated: int = 0  # valid, but too old to answer when they were read
+    outdated: int = 0  # valid, but followed by others already when they were read
     answered: int = 0  # commands sent
     unsent: int = 0  # commands that the network did not take
     late: int = 0  # commands that the robot had not received one answer later

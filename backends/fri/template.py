@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from backends.fri.decoding import decode
 from backends.fri.encoding import encode
-from backends.fri.layouts import LAYOUTS, Layout
+from backends.fri.layouts import CHANGING, LAYOUTS, Layout
 from backends.fri.messages import Command, Monitoring
 from backends.fri.wire import varint
 
@@ -28,10 +28,8 @@ if TYPE_CHECKING:
     from backends.fri.version import Generation
 
 MOST_LAYOUTS: Final = 32  # that are remembered
-_COUNTERS: Final = frozenset({"sequence", "reflected", "seconds", "nanoseconds"})
 _HIGHEST: Final = (1 << 32) - 1
 _CRC: Final = 4  # bytes
-_DOUBLE: Final = 8  # bytes
 
 Message = TypeVar("Message", Monitoring, Command)
 
@@ -45,6 +43,7 @@ class _Node:
     numbers: list[tuple[str, int]] = field(default_factory=list)  # one double each
     counters: list[tuple[str, int]] = field(default_factory=list)
     children: list[tuple[str, _Node]] = field(default_factory=list)
+    lists: list[tuple[str, list[_Node]]] = field(default_factory=list)  # messages that repeat
     fixed: list[tuple[str, Any]] = field(default_factory=list)  # what must not change
     written: dict[str, bytes] = field(default_factory=dict[str, bytes])  # counters read last,
     counted: dict[str, int] = field(default_factory=dict[str, int])  # and what they say
@@ -65,6 +64,8 @@ class _Node:
             content[name] = self.counted[name]
         for name, child in self.children:
             content[name] = child.build(values)
+        for name, items in self.lists:
+            content[name] = tuple([item.build(values) for item in items])
         return made
 
     def take(self, message: Any, values: list[Any]) -> bool:  # noqa: ANN401
@@ -87,9 +88,18 @@ class _Node:
             if len(written) != len(values[at]):
                 return False
             values[at] = written
+        return self._take_inner(content, values)
+
+    def _take_inner(self, content: dict[str, Any], values: list[Any]) -> bool:
         for name, child in self.children:
             part = content[name]
             if part is None or not child.take(part, values):
+                return False
+        for name, items in self.lists:
+            parts = content[name]
+            if len(parts) != len(items):
+                return False
+            if not all(map(_Node.take, items, parts, [values] * len(items))):
                 return False
         return True
 
@@ -99,17 +109,14 @@ class _Learned:
 
     def __init__(self, data: bytes, message: Any, trace: Trace, generation: Generation) -> None:  # noqa: ANN401
         self.framed = generation.framed
-        trace = sorted(
-            (item for item in trace if item[2] - item[1] == _DOUBLE or item[0][-1] in _COUNTERS),
-            key=lambda item: item[1],
-        )
+        trace = sorted(trace, key=lambda item: item[1])
         end = len(data) - (_CRC if self.framed else 0)
         mask, at = bytearray(b"\xff" * len(data)), 0
         mask[end:] = b"\x00" * (len(data) - end)
         reading, writing = "<", "<"
         self._pieces: list[Any] = []
         for path, start, stop in trace:
-            counts = path[-1] in _COUNTERS
+            counts = path[-1] in CHANGING
             # The top bits of a counter say how long it is.
             mask[start:stop] = (b"\x80" if counts else b"\x00") * (stop - start)
             code = f"{stop - start}s" if counts else "d"
@@ -220,13 +227,17 @@ def _node(message: Any, trace: Trace, path: Path) -> _Node:  # noqa: ANN401
             else:
                 inner.add(name)
     for name, value in vars(message).items():
-        if name in inner:
-            node.children.append((name, _node(value, trace, (*path, name))))
+        here = (*path, name)
+        if name in inner and isinstance(value, tuple):
+            items = [_node(item, trace, (*here, str(k))) for k, item in enumerate(value)]  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+            node.lists.append((name, items))
+        elif name in inner:
+            node.children.append((name, _node(value, trace, here)))
         elif name not in places:
             node.fixed.append((name, value))
         elif isinstance(value, tuple):
             node.arrays.append((name, places[name][0], places[name][-1] + 1))
-        elif name in _COUNTERS:
+        elif name in CHANGING:
             node.counters.append((name, places[name][0]))
         else:
             node.numbers.append((name, places[name][0]))

@@ -2,7 +2,8 @@
 
 The safety contract makes set-points; this only compares numbers that leave this machine, one after
 the other, whoever made them: a set-point, a mirrored position of the robot's own application, or a
-hold. Torques and wrenches that are no longer wanted go to zero at their rate, not at once.
+hold. The first of them is compared with where the arm stands; where nobody knows that, none leaves.
+Torques and wrenches that are no longer wanted go to zero at their rate, not at once.
 
 Seven numbers are quicker in plain Python than in arrays, and the wire takes plain numbers anyway.
 """
@@ -44,12 +45,22 @@ class WireLimits:
         rate = none if wrench is None else wrench.rate
         self._wrench_step = numbers(rate * period * (1 + _LAST_DIGITS))
         self.changed = 0  # commands that had to be changed here
-        self.reset()
+        self.begin(None)
 
-    def reset(self) -> None:
-        """Begin anew: the robot is under its own command."""
-        self._position: Numbers | None = None  # [rad], sent last
+    def begin(self, position: Numbers | None) -> None:
+        """Begin anew: the robot is under its own command.
+
+        Args:
+            position: Where the arm stands, or is told to, within its range, (n,) [rad]; None where
+                that is not known.
+        """
+        self._position = position  # sent last
         self._effort: Numbers | None = None  # torque or wrench, sent last
+
+    @property
+    def anchored(self) -> bool:
+        """Whether it is known where the arm stands."""
+        return self._position is not None
 
     def usable(self, position: Numbers) -> bool:
         """Say whether a position that the robot names may be mirrored."""
@@ -61,8 +72,10 @@ class WireLimits:
         return wanted if self._position is None else _near(wanted, self._position, self._step)
 
     def position(self, wanted: Numbers) -> Numbers | None:
-        """Return the position to send, (n,) [rad]; None if there is none within the arm's range."""
-        sent: Numbers | None = self.reachable(wanted)
+        """Return the position to send, (n,) [rad], within the arm's range; None for none."""
+        if self._position is None:
+            return None
+        sent = self.reachable(wanted)
         if not self.usable(sent):
             sent = self._position
         self.changed += sent is not wanted

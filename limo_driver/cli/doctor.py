@@ -35,6 +35,9 @@ def fri(
 ) -> None:
     """Listen to the arm, answer it without commanding anything, and say how the link stands.
 
+    To the robot it is a client like any other: where a session waits for one, the robot's own
+    program may begin to move. Keep a hand on the stop.
+
     Exit status 0 if the link works, 1 if something is wrong with it.
 
     [bold]Examples[/bold]

@@ -236,14 +236,7 @@ def _link_line(link: dict[str, Any]) -> str:
     """Say how fast packets were answered, and all that went wrong and is not zero."""
     answer = link.get("answer", {})
     times = ", ".join(
-        f"{said} {1e3 * answer[key]:.2f} ms"
-        for key, said in (
-            ("p50", "p50"),
-            ("p99", "p99"),
-            ("p99_9", "p99.9"),
-            ("longest", "longest"),
-        )
-        if key in answer
+        f"{said} {1e3 * answer[key]:.2f} ms" for key, said in _ANSWERED.items() if key in answer
     )
     counts = ", ".join(
         f"{count} {name.replace('_', ' ')}"

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from backends.fri.controller.settings import MODES, ControllerSettings
 from backends.fri.version import FriVersion
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Callable, Generator
 
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 CLIENT = Path(__file__).parent / "bare_client.py"
@@ -71,7 +72,11 @@ def started_client(*options: str, port: int = 0) -> Generator[tuple[subprocess.P
 
 
 def session(
-    client: tuple[str, ...], *, process_of_its_own: bool = False, **controller: Any
+    client: tuple[str, ...],
+    *,
+    process_of_its_own: bool = False,
+    until: Callable[[SimulatedController], bool] | None = None,
+    **controller: Any,
 ) -> Session:
     """Run both over UDP; the controller is told to stop when the client has seen enough.
 
@@ -79,13 +84,27 @@ def session(
         client: Options of the client, which is always a process of its own.
         process_of_its_own: Run `limo controller`, and not the same in a thread, which starts
             sooner and is patient.
+        until: What the controller in a thread has to have seen, too.
         controller: Options of `limo controller`.
     """
-    run = _by_command if process_of_its_own else _in_thread
     with started_client(*client) as (asked, port):
-        report = run(asked, port, controller)
-        rest, _ = asked.communicate(timeout=PATIENCE)
-    return Session(report, json.loads(rest.splitlines()[-1]), asked.returncode)
+        if process_of_its_own:
+            report = _by_command(asked, port, controller)
+        else:
+            report = _in_thread(asked, port, controller, until)
+        told = last_line(asked)
+    return Session(report, told, asked.returncode)
+
+
+def last_line(client: subprocess.Popen[str]) -> dict[str, Any]:
+    """Wait for the end of a client, which comes by itself, and return what it said last.
+
+    `communicate` would not see what `readline` has taken from the pipe beyond its line.
+    """
+    assert client.stdout is not None
+    lines = client.stdout.read().splitlines()
+    client.wait(PATIENCE)
+    return json.loads(lines[-1])
 
 
 def _wait_until_enough(client: subprocess.Popen[str]) -> None:
@@ -107,7 +126,10 @@ def _by_command(
 
 
 def _in_thread(
-    client: subprocess.Popen[str], port: int, controller: dict[str, Any]
+    client: subprocess.Popen[str],
+    port: int,
+    controller: dict[str, Any],
+    until: Callable[[SimulatedController], bool] | None,
 ) -> dict[str, Any]:
     known = dict(controller)
     settings = ControllerSettings(
@@ -119,6 +141,9 @@ def _in_thread(
     with SimulatedController(settings) as robot, ThreadPoolExecutor(1) as thread:
         running = thread.submit(robot.run)
         _wait_until_enough(client)
+        deadline = time.monotonic() + PATIENCE
+        while until is not None and not until(robot) and time.monotonic() < deadline:
+            time.sleep(0.01)
         robot.stop()
         return running.result(timeout=PATIENCE).as_json()
 

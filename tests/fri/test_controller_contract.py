@@ -10,8 +10,6 @@ import subprocess
 import pytest
 from controller_runs import LIMO, PATIENCE, free_port, process, session
 
-from backends.fri.controller.quality import QualityModel
-
 ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMMANDING_ACTIVE"]
 
 
@@ -89,11 +87,16 @@ def test_a_wrong_client_is_told_what_is_wrong_and_does_no_harm(wrong: str, compl
 
 
 def test_a_client_that_leaves_is_missed() -> None:
-    with_client = session(("--wrong", "leave"), quality=QualityModel())
-    assert with_client.client_status == 0
-    assert with_client.report["packets"]["lost"] > 10
-    assert "the quality of the connection is" in json.dumps(with_client.report["states"])
-    assert with_client.states[-1] == "IDLE"
+    quality = "the quality of the connection is"
+    run = session(
+        ("--wrong", "leave"),
+        until=lambda robot: any(quality in visit.reason for visit in robot.visits),
+        period_ms=4,
+    )
+    assert run.client_status == 0
+    assert run.report["packets"]["lost"] > 10
+    assert quality in json.dumps(run.report["states"])
+    assert run.states[-1] == "IDLE"
 
 
 def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> None:
@@ -120,6 +123,10 @@ def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> 
         (("--client", "127.0.0.1:99999"), "no HOST:PORT"),
         (("--bind", "192.0.2.1:0"), "cannot bind 192.0.2.1:0"),
         (("--position", "1,2"), "has to be 7 angles"),
+        (("--position", "0,0,0,nan,0,0,0"), "joint 4: initial position nan rad is outside"),
+        (("--client", f"{'x' * 70}:30200"), "is not known"),
+        (("--bind", "x" * 70), "cannot bind"),
+        (("--late-ms", "inf"), "late_after = inf s has to be 0 or more"),
         (("--scenario", "none.yaml"), "none.yaml: cannot be read"),
     ],
 )

@@ -293,3 +293,11 @@ def test_commanding_needs_short_receive_intervals(
         Address("127.0.0.1", 30200), mode=mode, period_ms=period, multiplier=multiplier
     )
     assert bool(settings.monitoring_only) != allowed
+
+
+def test_an_address_may_leave_its_port_open_where_one_is_known() -> None:
+    assert Address.parse("127.0.0.2", "--bind", port=0) == ("127.0.0.2", 0)
+    assert Address.parse("127.0.0.2:30200", "--bind", port=0) == ("127.0.0.2", 30200)
+    for text in ("127.0.0.2", "127.0.0.2:", ":30200", "127.0.0.2:x", "127.0.0.2:-1"):
+        with pytest.raises(ConfigError, match=r"--client .* is no HOST:PORT"):
+            Address.parse(text, "--client")

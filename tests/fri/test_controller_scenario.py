@@ -1,9 +1,7 @@
 """A scenario on the wire: what a client sees of it, and what the report says."""
 
-import json
-
 import pytest
-from controller_runs import PATIENCE, PATIENT, free_port, started_client
+from controller_runs import PATIENT, free_port, last_line, started_client
 
 from backends.fri.controller.controller import SimulatedController
 from backends.fri.controller.events import (
@@ -33,8 +31,8 @@ def played(*events, duration, **options):
         )
         with SimulatedController(settings, scenario=Scenario(events, seed=3)) as robot:
             report = robot.run().as_json()
-        rest, _ = client.communicate(timeout=PATIENCE)
-    return report, json.loads(rest.splitlines()[-1]), client.returncode
+        told = last_line(client)
+    return report, told, client.returncode
 
 
 def reasons(report):

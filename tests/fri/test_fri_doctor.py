@@ -138,6 +138,18 @@ def test_stuck_session_and_poor_quality_are_explained(few_ports):
     assert "commanding needs GOOD" in text_of(found, "stuck")
 
 
+def test_quality_that_has_yet_to_rise_is_no_fault(few_ports, monkeypatch):
+    monkeypatch.setattr(doctor, "MOST_POOR", 0.0)
+
+    def rise(arm):
+        arm.quality = Quality.EXCELLENT if len(arm.answers) > 10 else Quality.POOR
+
+    with sending(SteppedArm(port=few_ports[0]), change=rise):
+        found = examine(None, few_ports[0], 0.5)
+    assert "quality" not in codes(found)
+    assert set(found.figures["quality"]) == {"EXCELLENT"}
+
+
 def test_lost_packets_are_said(few_ports):
     def lose(arm):
         arm.sequence += 1

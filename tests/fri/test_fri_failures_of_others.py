@@ -1,6 +1,7 @@
 """What goes wrong for users of other FRI stacks, each as a test."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,7 +145,7 @@ def test_client_does_not_wait_for_ever_for_a_robot_that_is_not_there():
         robot.receive()
         robot.arm.losing = 10**6
         assert robot.receive().stale
-        with pytest.raises(BackendError, match="still in COMMANDING_ACTIVE"):
+        with pytest.raises(BackendError, match="sent nothing usable any more"):
             robot.wait_until_ready(timeout=0.05)
 
 
@@ -221,7 +222,7 @@ def test_nothing_is_sent_in_answer_to_nothing():
             robot.send(position(goal))
             robot.receive()
         arm.listen()
-        assert len(arm.answers) == count + 1  # to the last packet that came
+        assert len(arm.answers) == count  # the last packet that came is answered already
         for _ in range(20):
             robot.send(position(goal))
             robot.receive()
@@ -229,6 +230,47 @@ def test_nothing_is_sent_in_answer_to_nothing():
         assert robot.limited_at_wire == 0  # the set-point has waited
     step = robot.spec.limits.velocity * robot.spec.period
     assert (np.abs(np.diff(path, axis=0)) <= step * (1 + 1e-5)).all()
+
+
+def test_what_piled_up_in_a_stall_is_no_jump_and_no_fresh_state():
+    with stepped() as robot:
+        arm = robot.arm
+        goal = speed_up(robot, 100)
+        arm.listen()
+        last, count = arm.answers[-1].data, len(arm.answers)
+        before = robot.receive().sequence
+        robot.send(position(goal))
+        for _ in range(30):  # cycles in which this machine does nothing
+            arm.cycle()
+        time.sleep(0.02)
+        assert robot.receive().sequence == before + 31  # with the one of this cycle
+        arm.listen()
+        late = [command.data for command in arm.answers[count:]]
+        assert len(late) == 31
+        assert set(late[1:]) == {late[0]}
+        robot.send(position(goal))
+        path = positions_of(arm)
+    assert robot.figures.outdated == 30
+    step = robot.spec.limits.velocity * robot.spec.period * (1 + 1e-5)
+    assert (np.abs(path[-1] - np.array(last.joint_position)) <= 2 * step).all()
+    assert (np.abs(np.diff(path, axis=0)) <= step).all()
+
+
+def test_torque_goes_on_unchanged_over_a_stall():
+    with stepped(mode=CommandMode.TORQUE) as robot:
+        arm = robot.arm
+        robot.receive()
+        for _ in range(20):
+            robot.send(TorqueCommand(torque=np.full(7, 0.5)))
+            robot.receive()
+        robot.send(TorqueCommand(torque=np.full(7, 0.5)))
+        for _ in range(10):
+            arm.cycle()
+        time.sleep(0.02)
+        robot.receive()
+        arm.listen()
+        assert {command.data.joint_torque for command in arm.answers[-10:]} == {(0.5,) * 7}
+        assert robot.figures.outdated == 10
 
 
 def test_velocity_limit_guards_torque_sessions_too():
@@ -278,6 +320,55 @@ def test_application_position_that_no_arm_has_is_not_mirrored():
             arm.ipo = np.full(7, bad)
             robot.receive()
             assert arm.listen() == []
+
+
+def unsaid(arm, measured):
+    """Let an arm say nothing usable of where it is told to be."""
+    plain = arm.message
+
+    def message(**changes):
+        told = plain(**changes)
+        data = replace(told.data, measured_position=measured, commanded_position=(np.nan,) * 7)
+        return replace(told, data=data, ipo=replace(told.ipo, joint_position=None))
+
+    arm.message = message
+
+
+def test_joined_session_that_does_not_say_where_it_stands_is_not_sent_to_zero():
+    with stepped() as robot:
+        unsaid(robot.arm, POSE)
+        for _ in range(3):
+            robot.receive()
+        path = positions_of(robot.arm)
+    assert path == pytest.approx(np.tile(POSE, (2, 1)))
+
+
+@pytest.mark.parametrize("before", [None, SessionState.MONITORING_READY])
+def test_where_nobody_knows_where_the_arm_stands_nothing_is_commanded(before):
+    beyond = (3.2,) * 7
+    with stepped() as robot:
+        arm = robot.arm
+        if before is not None:
+            speed_up(robot, 50)
+            arm.state = before
+            arm.position = arm.ipo = np.array(beyond)
+        unsaid(arm, beyond)
+        robot.receive()
+        arm.state = ACTIVE
+        robot.receive()
+        arm.listen()
+        arm.answers.clear()
+        robot.resume()
+        for _ in range(5):
+            robot.receive()
+        assert arm.listen() == []
+        assert not arm.answers
+        del arm.message  # it says so again
+        arm.position = arm.ipo = np.array(POSE)
+        for _ in range(3):
+            robot.receive()
+        path = positions_of(arm)
+    assert path == pytest.approx(np.tile(POSE, (2, 1)))
 
 
 def test_arm_outside_its_range_is_not_commanded_there():

@@ -266,21 +266,30 @@ def test_outputs_are_set_until_received_and_inputs_read():
     io = (
         IoValue("Tool.Grip", IoType.BOOLEAN, IoDirection.OUTPUT, 0),
         IoValue("Tool.Force", IoType.ANALOG, IoDirection.INPUT, analog=2.5),
+        IoValue("Tool.Volt", IoType.ANALOG, IoDirection.OUTPUT, analog=0.0),
+        IoValue("Tool.Code", IoType.DIGITAL, IoDirection.OUTPUT, 0),
     )
     with stepped() as robot:
         arm = robot.arm
         arm.io = io
         robot.receive()
-        assert robot.ios == {"Tool.Grip": False, "Tool.Force": 2.5}
+        said = {"Tool.Grip": False, "Tool.Force": 2.5, "Tool.Volt": 0.0, "Tool.Code": 0}
+        assert robot.ios == said
         robot.set_output("Tool.Grip", True)
         arm.deaf = 1  # the first answer with it is lost
         for _ in range(5):
             robot.receive()
         arm.listen()
         for name, value, said in (
-            ("Tool.Nope", 1, "names: Tool.Grip, Tool.Force"),
+            ("Tool.Nope", 1, "names: Tool.Grip, Tool.Force, "),
             ("Tool.Force", 1.0, "is an input"),
             ("Tool.Grip", 2, "is a boolean"),
+            ("Tool.Volt", float("nan"), "is analog, but nan"),
+            ("Tool.Volt", "1", "is analog, but '1'"),
+            ("Tool.Code", float("inf"), "is an integer of 64 bits, but inf"),
+            ("Tool.Code", 2**64, "is an integer of 64 bits"),
+            ("Tool.Code", 10**400, "is an integer of 64 bits"),
+            ("Tool.Code", 1.5, "is an integer of 64 bits, but 1.5"),
         ):
             with pytest.raises(ConfigError, match=said):
                 robot.set_output(name, value)
@@ -312,6 +321,44 @@ def test_waiting_for_commanding_answers_meanwhile_and_says_what_is_missing():
         robot.arm.state = ACTIVE
         robot.wait_until_ready()
         robot.send(PositionCommand(position=np.array(POSE)))
+
+
+def test_a_robot_that_pauses_after_its_first_packet_is_waited_for():
+    with stepped() as robot:
+        robot.arm.losing = 3
+        robot.wait_until_ready()
+        assert robot.figures.stale == 3
+    with stepped() as robot:
+        robot.arm.losing = 10**9
+        with pytest.raises(BackendError, match=r"nothing usable any more when 0\.02 s were over"):
+            robot.wait_until_ready(timeout=0.02)
+
+
+def test_each_packet_is_answered_once_however_often_one_sends():
+    with stepped() as robot:
+        robot.receive()
+        for aside in (0.0, 0.001, -0.001):
+            robot.send(PositionCommand(position=np.array(POSE) + aside))
+        assert [command.header.reflected for command in robot.arm.listen()] == [0]
+        for _ in range(100):
+            robot.receive()
+        robot.arm.listen()
+        assert robot.arm.answers[-1].data.joint_position == pytest.approx(np.array(POSE) - 0.001)
+
+
+def test_cartesian_pose_that_is_not_finite_is_not_mirrored():
+    pose = m.Transformation("tip", (0.1, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    with stepped(state=SessionState.COMMANDING_WAIT, generation=Generation.TWO_FIVE) as robot:
+        arm = robot.arm
+        plain = SteppedArm.message
+        for elements in (pose.elements, (*pose.elements[:6], float("nan"))):
+            ipo = m.IpoData(
+                pose=replace(pose, elements=elements), command_mode=CommandMode.CARTESIAN_POSE
+            )
+            arm.message = lambda ipo=ipo: replace(plain(arm), ipo=ipo)
+            robot.receive()
+            mirrored = [command.data.pose for command in arm.listen()]
+            assert mirrored == ([pose] if elements == pose.elements else [])
 
 
 def test_session_of_another_pace_is_another_session():

@@ -94,6 +94,40 @@ def test_change_of_state_is_seen_at_once():
             assert template.encode(message) == data
 
 
+def test_analog_inputs_do_not_leave_the_hot_path(monkeypatch):
+    def message(k):
+        io = tuple(
+            IoValue(f"Tool.Force{j}", IoType.ANALOG, IoDirection.INPUT, analog=0.1 * k + j)
+            for j in range(3)
+        )
+        plain = monitoring(sequence=200 + k)
+        return replace(plain, data=replace(plain.data, io=io))
+
+    template = MonitoringTemplate(Generation.ONE)
+    first = encode_monitoring(message(0), Generation.ONE)
+    assert template.decode(first) == message(0)
+    assert template.encode(message(0)) == first
+    monkeypatch.setattr("backends.fri.template.decode", None)
+    monkeypatch.setattr("backends.fri.template.encode", None)
+    for k in range(1, 20):
+        data = encode_monitoring(message(k), Generation.ONE)
+        assert template.decode(data) == message(k)
+        assert template.encode(message(k)) == data
+
+
+def test_integer_padded_to_the_length_of_a_double_stays_an_integer():
+    data = encode_monitoring(monitoring(), Generation.ONE)
+    at = data.index(bytes.fromhex("08041003"))  # state and quality
+    template = MonitoringTemplate(Generation.ONE)
+    for quality in (3, 2, 0):
+        padded = bytes((0x08, 0x04, 0x10, quality | 0x80, *[0x80] * 6, 0x00))
+        size = data[at - 1]
+        inner = padded + data[at + 4 : at + size]
+        spoiled = data[: at - 1] + bytes([len(inner)]) + inner + data[at + size :]
+        assert template.decode(spoiled) == decode_monitoring(spoiled, Generation.ONE)
+        assert template.decode(spoiled).connection.quality is Quality(quality)
+
+
 def test_negative_zero_is_not_taken_for_zero():
     template = CommandTemplate(Generation.ONE)
     for value in (0.0, -0.0):

@@ -19,6 +19,7 @@ from limo_driver.closing import Closing
 from limo_driver.realtime import Pace, Realtime, sleeper
 
 if TYPE_CHECKING:
+    from backends.fri.controller.session import Visit
     from backends.fri.controller.settings import ControllerSettings
     from limo_driver.physics import Simulation
 
@@ -78,6 +79,11 @@ class SimulatedController(Closing):
     def address(self) -> str:
         """Where the controller listens."""
         return str(self._port.address)
+
+    @property
+    def visits(self) -> tuple[Visit, ...]:
+        """The session states so far, when each was entered, and why where that was a loss."""
+        return tuple(self._session.visits)
 
     def stop(self) -> None:
         """End the session in order, soon; may be called from a signal handler."""
@@ -220,7 +226,7 @@ class SimulatedController(Closing):
             multiplier=settings.multiplier,
             duration=self._time,
             ledger=self._ledger,
-            visits=tuple(self._session.visits),
+            visits=self.visits,
             quality=self._level,
             findings=self.findings,
             fates={"to_client": self._network.fates, "to_robot": self._listener.network.fates},

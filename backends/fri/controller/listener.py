@@ -57,7 +57,7 @@ class Listener:
         self.stop = ""  # why a command stopped the arm; empty if none did lately
         self._stop_until = 0.0  # [s]
         self._asked_from = 0  # counter of the first packet that asked for commands
-        self._intervals = 0  # since the last command that counted
+        self.begin()
         self._commands = CommandTemplate(settings.version)
         interval = 1e-3 * settings.interval_ms
         self._judge = CommandJudge(settings.mode, motion.limits, settings.limits, interval)
@@ -93,14 +93,19 @@ class Listener:
     def close_interval(self) -> bool | None:
         """End the receive interval if it is over; return whether it was answered in time."""
         answered = self.ledger.close_interval()
-        self._intervals += answered is not None
+        if self._followed and answered is not None:
+            self.begin()
+        else:
+            self._intervals += answered is not None
         if answered is False:
             self.confirmed = 0
         return answered
 
     def begin(self) -> None:
-        """Let commands count from now on."""
-        self._intervals = 0
+        """Measure the steps of commands from where the arm is told to be by now."""
+        self._before = self._motion.commanded  # (7,) [rad]
+        self._intervals = 1  # that a command has had since
+        self._followed = False  # one, in this interval
 
     def _receive(self, data: bytes, at_ns: int, now: float, session: Session) -> None:
         try:
@@ -138,12 +143,15 @@ class Listener:
             self._follow(wanted, now)
 
     def _follow(self, wanted: Wanted, now: float) -> None:
-        """Let the arm follow a command, or stop it."""
-        since = (self._motion.commanded, self._intervals)
+        """Let the arm follow a command, or stop it.
+
+        Several in one interval have no more time than one: answers that pile up are a jump.
+        """
+        since = (self._before, self._intervals)
         self._findings.step(self._judge.share_of_step(wanted, *since))
         if stop := self._judge.stops(wanted, *since):
             self.stop, self._stop_until = stop, now + self._settings.times.stop
             self._findings.stop(stop, now)
             return
         self._motion.take(wanted)
-        self._intervals = 0
+        self._followed = True

@@ -63,8 +63,8 @@ class Motion:
         return max(1.0 - off / TRACKING, 0.0)
 
     def ask(self) -> None:
-        """Prepare for commands, under the control that they need."""
-        self._ipo_base = self.path.position - self.program
+        """Prepare for commands, under the control that they need; earlier ones are over."""
+        self.begin()
         if self._settings.control is not ControlMode.POSITION:
             self.arm.take_control(self._settings.control, self.path.position)
 
@@ -109,4 +109,5 @@ class Motion:
             targets, self._fresh = self.path.follow(self._fresh, steps), None
         else:
             targets = self.path.rest(self.program, steps)
+            self._ipo_base = self.path.position - self.program  # also while it still brakes
         self.state = self.arm.advance(targets, self._command.torque, self._command.wrench)

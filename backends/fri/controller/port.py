@@ -38,7 +38,8 @@ class Address(NamedTuple):
         Raises:
             ConfigError: Something else.
         """
-        host, _, number = text.rpartition(":") if ":" in text else (text, "", str(port or ""))
+        known = "" if port is None else str(port)  # 0 is any free one
+        host, _, number = text.rpartition(":") if ":" in text else (text, "", known)
         if not (host and number.isdecimal() and 0 <= int(number) < 1 << 16):
             expected = "HOST:PORT" if port is None else "HOST or HOST:PORT"
             raise ConfigError(f"{what} {text!r} is no {expected}, for example 127.0.0.1:30200")
@@ -52,8 +53,8 @@ class Address(NamedTuple):
         """
         try:
             return Address(socket.gethostbyname(self.host), self.port)
-        except OSError as error:
-            raise ConfigError(f"host {self.host!r} is not known: {error.strerror}") from None
+        except (OSError, UnicodeError) as error:
+            raise ConfigError(f"host {self.host!r} is not known: {_said(error)}") from None
 
 
 class Datagram(NamedTuple):
@@ -81,9 +82,9 @@ class Port(Closing):
             if _LINUX:
                 self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
             self._socket.bind(bind)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             self._socket.close()
-            raise ConfigError(f"cannot bind {bind}: {error.strerror}") from None
+            raise ConfigError(f"cannot bind {bind}: {_said(error)}") from None
         self.address = Address(*self._socket.getsockname())
         self.unsent = 0  # datagrams that the network refused
         self.last_refusal = ""
@@ -125,3 +126,8 @@ class Port(Closing):
     def close(self) -> None:
         """Close the port."""
         self._socket.close()
+
+
+def _said(error: OSError | UnicodeError) -> str:
+    """Return what is wrong with an address; a name may have too long a part for any."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

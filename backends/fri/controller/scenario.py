@@ -122,7 +122,8 @@ def together(events: Iterable[Event]) -> Now:
             case QualityDrop():
                 now = replace(now, quality=min(now.quality, event.quality))
             case SafetyStop():
-                now = replace(now, safety=event.state)
+                stops = {now.safety, event.state} - {SafetyState.NORMAL}
+                now = replace(now, safety=min(stops, default=SafetyState.NORMAL))  # 1 is worst
             case SessionCap():
                 now = replace(now, session=min(now.session, event.state))
             case Silence():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -65,6 +66,8 @@ class ControllerSettings:
             raise ConfigError(f"receive multiplier {self.multiplier} has to be 1 to 100")
         if self.duration is not None and not self.duration > 0:
             raise ConfigError(f"duration {self.duration:g} s has to be positive")
+        if self.late_after is not None and not 0 <= self.late_after < math.inf:
+            raise ConfigError(f"late_after = {self.late_after:g} s has to be 0 or more")
         if self.client.port == 0:
             raise ConfigError(f"client {self.client} has no port to send to")
 

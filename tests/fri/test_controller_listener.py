@@ -1,0 +1,112 @@
+"""What the simulated controller makes of answers that come late, at once, or in another state."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from backends.fri.codec import encode_command
+from backends.fri.controller.judge import Wanted
+from backends.fri.controller.link import UNDISTURBED
+from backends.fri.controller.listener import Listener
+from backends.fri.controller.motion import Motion
+from backends.fri.controller.port import Address, Datagram
+from backends.fri.controller.report import Findings
+from backends.fri.controller.scenario import Now
+from backends.fri.controller.session import Session, SessionTimes
+from backends.fri.controller.settings import POSE, ControllerSettings
+from backends.fri.messages import Command, CommandData, CommandMode, Header, SessionState
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CLIENT = Address("127.0.0.1", 30200)
+PERIOD = 1_000_000  # [ns]
+
+
+class Mailbox:
+    """A port at which everything is there already."""
+
+    def __init__(self, *answers: bytes) -> None:
+        self.answers = answers
+
+    def received(self) -> Iterator[Datagram]:
+        for data in self.answers:
+            yield Datagram(data, 0, CLIENT)
+
+
+class Bench:
+    """A listener in an active session, interval by interval."""
+
+    def __init__(self) -> None:
+        self.settings = ControllerSettings(CLIENT, period_ms=1)
+        self.motion = Motion(self.settings, None)
+        self.findings = Findings()
+        self.listener = Listener(self.settings, CLIENT, 0, self.findings, self.motion)
+        self.session = Session(SessionTimes())
+        self.session.state = SessionState.COMMANDING_ACTIVE
+        self.motion.begin()
+        self.listener.begin()
+        self.intervals = 0
+
+    def interval(self, *answers: bytes) -> None:
+        """Send a packet, and take what has come before the next one."""
+        self.listener.ledger.send(self.intervals * PERIOD, expects_answer=True)
+        self.intervals += 1
+        self.listener.listen(Mailbox(*answers), 1e-3 * self.intervals, UNDISTURBED, self.session)  # type: ignore[arg-type]
+        self.listener.close_interval()
+
+    def answer(self, packet: int, steps: float) -> bytes:
+        """Answer a packet with a position some cycles of full speed away."""
+        position = np.array(POSE) + steps * 1e-3 * self.motion.limits.velocity
+        data = CommandData(tuple(position.tolist()))
+        return encode_command(Command(Header(packet, packet), data), self.settings.version)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_answers_of_the_intervals_that_were_missed_may_come_together(bench: Bench) -> None:
+    bench.interval()
+    bench.interval()
+    bench.interval(*(bench.answer(k, 0.9 * (k + 1)) for k in range(3)))
+    bench.interval(bench.answer(3, 3.6))
+    assert bench.listener.stop == ""
+    assert bench.findings.largest_step == pytest.approx(0.9)
+
+
+def test_answers_that_piled_up_are_a_jump(bench: Bench) -> None:
+    for _ in range(49):
+        bench.interval()
+    bench.interval(*(bench.answer(k, 0.9 * (k + 1)) for k in range(50)))
+    assert "illegal axis delta" in bench.listener.stop
+
+
+def test_two_answers_in_one_interval_have_the_time_of_one(bench: Bench) -> None:
+    bench.interval()
+    bench.interval(bench.answer(1, 0.9))
+    bench.interval(bench.answer(0, 1.5), bench.answer(2, 2.4))
+    assert "illegal axis delta" in bench.listener.stop
+
+
+def test_waiting_again_ends_the_commands_and_tells_where_the_arm_brakes() -> None:
+    settings = ControllerSettings(CLIENT, mode=CommandMode.TORQUE, period_ms=5)
+    motion = Motion(settings, None)
+    motion.ask()
+    motion.begin()
+    for k in range(40):
+        wanted = motion.path.position + 2e-3 * min(k, 10) / 10
+        motion.take(Wanted(position=wanted, torque=np.full(7, 3.0)))
+        motion.move(Now(), 5e-3 * k, 5, active=True)
+    assert motion.path.velocity.any()
+    resting = motion.state.model_torque
+    motion.ask()  # a session that goes back to COMMANDING_WAIT
+    assert motion.commanded_torque == pytest.approx(resting)
+    for k in range(40, 80):
+        motion.move(Now(), 5e-3 * k, 5, active=False)
+        assert motion.ipo == pytest.approx(motion.path.position)
+    assert not motion.path.velocity.any()
