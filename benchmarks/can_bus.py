@@ -99,7 +99,7 @@ def run(config: ArmConfig, path: Path, minutes: float, *, realtime: bool) -> Non
         f"                     p50, longest         {1e3 * late.percentile(50):8.3f} ms, "
         f"{1e3 * late.longest:.3f} ms"
     )
-    print(f"  whole periods missed by the driver      {robot.overruns:8d}")
+    print(f"  cycles that did not take place          {robot.overruns:8d}")
     print(f"  furthest from the set-point             {1e3 * away:8.3f} mrad")
     print(f"  processor time of the driver            {100 * used:8.1f} % of one core")
     print(f"  drives: {drives.summary}")
