@@ -16,7 +16,7 @@ from limo_driver.interrupts import interrupts
 from limo_driver.realtime import Realtime
 from limo_driver.recorder import Recorder
 from limo_driver.registry import ROBOTS, find
-from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand, same_robot
+from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -220,7 +220,7 @@ def open_for(
     if not opener.simulated:
         return _checked(opener(**given), trajectory)
     arm = _arm_of(simulation, robot, trajectory)
-    _check_robot(arm.model.n, arm.model.name, trajectory)
+    trajectory.check_robot(arm.model.n, arm.model.name)
     options: dict[str, Any] = {
         "simulation": arm,
         "initial_position": trajectory.position[0],
@@ -243,18 +243,8 @@ def _arm_of(simulation: Simulation | None, robot: str | None, trajectory: Trajec
 
 def _checked(robot: Robot, trajectory: Trajectory) -> Robot:
     try:
-        _check_robot(robot.spec.n, robot.spec.name, trajectory)
+        trajectory.check_robot(robot.spec.n, robot.spec.name)
     except ConfigError:
         robot.close()
         raise
     return robot
-
-
-def _check_robot(n: int, name: str, trajectory: Trajectory) -> None:
-    if trajectory.robot and not same_robot(trajectory.robot, name):
-        raise ConfigError(
-            f"the trajectory was planned for {trajectory.robot}, but the robot is {name}; "
-            f"plan again with `limo plan --robot {name}`"
-        )
-    if trajectory.n != n:
-        raise ConfigError(f"the trajectory moves {trajectory.n} joints, but {name} has {n}")

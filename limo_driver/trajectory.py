@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limo_driver.errors import ConfigError, PathError
-from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, Motion, same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -83,6 +83,20 @@ class Trajectory(Motion):
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.time[-1] - self.time[0])
+
+    def check_robot(self, n: int, name: str) -> None:
+        """Check that a robot of n joints and this name can follow.
+
+        Raises:
+            ConfigError: It was planned for another one.
+        """
+        if self.robot and not same_robot(self.robot, name):
+            raise ConfigError(
+                f"the trajectory was planned for {self.robot}, but the robot is {name}; "
+                f"plan again with `limo plan --robot {name}`"
+            )
+        if self.n != n:
+            raise ConfigError(f"the trajectory moves {self.n} joints, but {name} has {n}")
 
     def resample(self, period: float) -> Motion:
         """Evaluate the trajectory every `period` seconds, its last sample included.
@@ -180,6 +194,8 @@ class Trajectory(Motion):
 
         try:
             table = pq.read_table(Path(path))
+        except FileNotFoundError:
+            raise ConfigError("cannot be read as a trajectory: no such file", path=path) from None
         except (OSError, ArrowException) as error:
             raise ConfigError(f"cannot be read as a trajectory: {error}", path=path) from None
         try:

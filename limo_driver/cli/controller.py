@@ -43,6 +43,9 @@ def command(
     position: Annotated[
         str | None, typer.Option(help="Where the arm stands at first, seven angles \\[rad].")
     ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="The arm stands where this trajectory starts.")
+    ] = None,
     late_ms: Annotated[
         float | None, typer.Option(min=0.0, help="Count answers slower than this \\[ms].")
     ] = None,
@@ -59,7 +62,7 @@ def command(
 
     [bold]Examples[/bold]
 
-        limo controller --fri 1.15 --client 127.0.0.1:30200
+        limo controller --fri 1.15 --client 127.0.0.1:30200 --trajectory limo.traj.parquet
 
         limo controller --fri 2.7 --mode torque --period-ms 1 --duration 10 --json
 
@@ -68,7 +71,7 @@ def command(
     from backends.fri.controller.controller import SimulatedController
     from backends.fri.controller.port import Address
     from backends.fri.controller.scenario import Scenario
-    from backends.fri.controller.settings import ANYWHERE, MODES, POSE, ControllerSettings
+    from backends.fri.controller.settings import ANYWHERE, MODES, ControllerSettings
     from backends.fri.version import FriVersion
     from limo_driver.interrupts import interrupts
     from limo_driver.physics import Simulation
@@ -82,7 +85,7 @@ def command(
         multiplier=multiplier,
         duration=duration,
         late_after=None if late_ms is None else 1e-3 * late_ms,
-        position=POSE if position is None else _angles(position),
+        position=_start(position, trajectory),
         seed=seed,
         fifo=fifo,
     )
@@ -94,6 +97,23 @@ def command(
         with interrupts(controller.stop):
             report = controller.run()
     typer.echo(json.dumps(report.as_json()) if as_json else report.as_text())
+
+
+def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
+    """Return where the arm stands at first [rad]."""
+    from backends.fri.controller.settings import POSE
+    from backends.fri.messages import JOINTS
+    from limo_driver.errors import ConfigError
+    from limo_driver.model import BUILT_IN
+    from limo_driver.trajectory import Trajectory
+
+    if trajectory is None:
+        return POSE if position is None else _angles(position)
+    if position is not None:
+        raise ConfigError("give --position or --trajectory, not both")
+    motion = Trajectory.load(trajectory)
+    motion.check_robot(JOINTS, BUILT_IN[0])
+    return tuple(motion.position[0].tolist())
 
 
 def _angles(text: str) -> tuple[float, ...]:

@@ -89,14 +89,8 @@ def command(
 
 def _start_of(path: Path, arm: ArmConfig) -> FloatArray:
     """Return where a trajectory starts, (n,) [rad], if it is one of this arm."""
-    from limo_driver.errors import ConfigError
     from limo_driver.trajectory import Trajectory
-    from limo_driver.types import same_robot
 
-    motion, model = Trajectory.load(path), arm.model
-    if motion.n != model.n or (motion.robot and not same_robot(motion.robot, model.name)):
-        raise ConfigError(
-            f"{path} is of {motion.robot or 'a robot'} with {motion.n} joints, "
-            f"but the drives are of {model.name} with {model.n}"
-        )
+    motion = Trajectory.load(path)
+    motion.check_robot(arm.model.n, arm.model.name)
     return motion.position[0]

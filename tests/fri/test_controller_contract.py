@@ -124,6 +124,8 @@ def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> 
         (("--bind", "192.0.2.1:0"), "cannot bind 192.0.2.1:0"),
         (("--position", "1,2"), "has to be 7 angles"),
         (("--position", "0,0,0,nan,0,0,0"), "joint 4: initial position nan rad is outside"),
+        (("--trajectory", "none.parquet"), "none.parquet: cannot be read as a trajectory: no such"),
+        (("--trajectory", "none.parquet", "--position", "0"), "not both"),
         (("--client", f"{'x' * 70}:30200"), "is not known"),
         (("--bind", "x" * 70), "cannot bind"),
         (("--late-ms", "inf"), "late_after = inf s has to be 0 or more"),
