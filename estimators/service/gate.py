@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from scipy.stats import t as student
 
 from limo_driver.errors import DivergedError, ShapeError
 
@@ -204,6 +203,8 @@ def _block_means(errors: FloatArray, block: int) -> FloatArray:
 
 def _interval(value: FloatArray, influence: FloatArray, level: float = LEVEL) -> Interval:
     """Return the interval of a mean from what each of K blocks adds to it, (K,) or (K, n)."""
+    from scipy.special import stdtrit  # slow to import, and a service begins without it
+
     K = len(influence)
     if K < FEWEST_BLOCKS:
         infinite = np.full(np.shape(value), np.inf)
@@ -213,7 +214,7 @@ def _interval(value: FloatArray, influence: FloatArray, level: float = LEVEL) ->
     shared = np.sum(centred[1:] * centred[:-1], axis=0) / np.maximum(variance * (K - 1), 1e-300)
     shared = np.clip(shared, 0.0, _MOST_SHARED)
     width = np.sqrt(variance / K * (1 + shared) / (1 - shared))
-    width = width * float(student.ppf((1 + level) / 2, K - 1))
+    width = width * float(stdtrit(K - 1, (1 + level) / 2))  # Student's t
     return Interval(np.asarray(value), value - width, value + width)
 
 

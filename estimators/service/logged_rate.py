@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.ndimage import median_filter, minimum_filter1d
 
 from limo_driver.causal_differentiation import RATE_TOLERANCE
 from limo_driver.messages import JOINT_STATE
@@ -52,6 +51,8 @@ class LoggedRates:
 
     def of_rate(self, stamps: NDArray[np.int64], rate: float) -> NDArray[np.bool_]:
         """Return which stamps (T,) [ns] are of states that came at a rate [Hz], beyond doubt."""
+        from scipy.ndimage import minimum_filter1d  # slow to import; a service begins without
+
         logged, interval = self._intervals
         near = np.abs(interval * rate / _PER_SECOND - 1.0) <= RATE_TOLERANCE  # NaN is not
         for first, stop in pairwise(self._bounds):
@@ -81,6 +82,8 @@ class LoggedRates:
     @property
     def _intervals(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return stamps [ns] and the time from one state to the next around each [ns]."""
+        from scipy.ndimage import median_filter  # as above
+
         stamps = np.array(self._stamps, dtype=np.int64)
         numbers = np.array(self._numbers, dtype=np.int64)
         interval = np.full(stamps.shape, np.nan)
