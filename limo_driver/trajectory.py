@@ -62,6 +62,7 @@ class Trajectory(Motion):
 
     robot: str = ""  # name of the robot it was planned for
     segments: tuple[Segment, ...] = ()
+    source: str = ""  # file it was read from, for messages
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,10 +94,14 @@ class Trajectory(Motion):
         if self.robot and not same_robot(self.robot, name):
             raise ConfigError(
                 f"the trajectory was planned for {self.robot}, but the robot is {name}; "
-                f"plan again with `limo plan --robot {name}`"
+                f"plan again with `limo plan --robot {name}`",
+                path=self.source or None,
             )
         if self.n != n:
-            raise ConfigError(f"the trajectory moves {self.n} joints, but {name} has {n}")
+            raise ConfigError(
+                f"the trajectory moves {self.n} joints, but {name} has {n}",
+                path=self.source or None,
+            )
 
     def resample(self, period: float) -> Motion:
         """Evaluate the trajectory every `period` seconds, its last sample included.
@@ -200,7 +205,7 @@ class Trajectory(Motion):
             raise ConfigError(f"cannot be read as a trajectory: {error}", path=path) from None
         try:
             robot, segments = _parse_header((table.schema.metadata or {}).get(_METADATA_KEY, b"{}"))
-            return cls(**_arrays(table), robot=robot, segments=segments)
+            return cls(**_arrays(table), robot=robot, segments=segments, source=str(path))
         except ConfigError as error:
             raise ConfigError(str(error), path=path) from None
 

@@ -238,7 +238,7 @@ def test_a_trajectory_of_another_robot_is_refused(arm, limo, tmp_path):
     Trajectory(np.linspace(0, 1, 11), still, still, still, robot="other").save(path)
     refused = limo("drives", "--config", arm("cia402"), "--trajectory", path)
     assert refused.returncode == 2
-    assert "other.traj.parquet is of other with 3 joints, but the drives are" in refused.stderr
+    assert "other.traj.parquet: the trajectory was planned for other, but the" in refused.stderr
 
 
 def test_the_command_says_that_it_is_ready_and_what_happened(arm, commanded):
