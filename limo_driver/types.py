@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from limo_driver.errors import ShapeError
 
 FloatArray: TypeAlias = NDArray[np.float64]
+_FLOAT64 = np.dtype(np.float64)
 
 
 def readonly(values: ArrayLike) -> FloatArray:
@@ -34,13 +35,25 @@ class ArrayFields:
     def __post_init__(self) -> None:
         shape: tuple[int, ...] | None = None
         for name in _array_fields(type(self)):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            array = getattr(self, name)
+            if not _is_settled(array):
+                array = np.array(array, dtype=np.float64)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
             if shape is None and array.ndim == 1:
                 shape = array.shape
             if array.shape != shape:
                 raise ShapeError(name, array.shape, "(n,)" if shape is None else f"{shape}")
+
+
+def _is_settled(array: object) -> bool:
+    """Say whether nobody can write to an array: it owns its values, and they are read-only."""
+    return (
+        type(array) is np.ndarray
+        and array.base is None
+        and not array.flags.writeable
+        and array.dtype is _FLOAT64
+    )
 
 
 @cache

@@ -37,7 +37,7 @@ from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
 from limo_driver.robot import READY_TIMEOUT, Measurement, Robot
 from limo_driver.safety import START_TOLERANCE, SafetyContract
-from limo_driver.types import JointState, PositionCommand, RobotSpec, WrenchLimits
+from limo_driver.types import JointState, PositionCommand, RobotSpec, WrenchLimits, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -121,7 +121,7 @@ class FriRobot(Robot):
         self._velocity = VelocityFilter(spec.n)
         self._outputs = Outputs()
         self._message: Monitoring | None = None  # the last one
-        self._position = self._torque = np.zeros(spec.n)
+        self._position = self._torque = readonly(np.zeros(spec.n))
         self._arrived = 0.0  # [s], of this machine's monotonic clock
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
@@ -329,6 +329,8 @@ class FriRobot(Robot):
         if data is not None and data.measured_position and data.measured_torque:
             self._position = np.array(data.measured_position)
             self._torque = np.array(data.measured_torque)
+            self._position.setflags(write=False)  # else it is copied on its way into the state
+            self._torque.setflags(write=False)
             self._velocity.update(self._session.time, self._position)
         self._outputs.note_received(message.header.reflected)
 
@@ -389,7 +391,9 @@ class FriRobot(Robot):
 
 def _warm_up(spec: RobotSpec) -> None:
     """Load what is compiled, before a robot waits for an answer."""
-    contract, middle = SafetyContract(spec), np.zeros(spec.n)
+    contract, middle, velocity = SafetyContract(spec), np.zeros(spec.n), VelocityFilter(spec.n)
+    for time_ in (0.0, spec.period):
+        velocity.update(time_, readonly(middle))
     contract.observe(JointState(0.0, middle, middle, middle, 0))
     contract.admit(PositionCommand(position=middle))
     contract.observe(JointState(spec.period, middle, middle, middle, 1))

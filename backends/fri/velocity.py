@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numba import njit
+
+from limo_driver.types import readonly
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
@@ -25,18 +28,24 @@ class VelocityFilter:
 
     def __init__(self, n: int) -> None:
         self._time: float | None = None
-        self._position = np.zeros(n)
-        self.velocity = np.zeros(n)  # (n,) [rad/s]
+        self._position = self.velocity = readonly(np.zeros(n))  # (n,) [rad, rad/s]
 
     def update(self, time: float, position: FloatArray) -> None:
-        """Take a sample: robot time [s], position (n,) [rad]."""
+        """Take a sample: robot time [s], position (n,) [rad], read-only."""
         if self._time is not None:
             step = time - self._time
             if step > LONGEST_STEP:
-                self.velocity = np.zeros(position.size)
+                self.velocity = readonly(np.zeros(position.size))
             elif step > 0.0:
-                share = step / (step + TIME_CONSTANT)
-                self.velocity = (1.0 - share) * self.velocity + (share / step) * (
-                    position - self._position
-                )
+                self.velocity = _filtered(self.velocity, position, self._position, step)
+                self.velocity.setflags(write=False)  # as in the kind that is compiled
         self._time, self._position = time, position
+
+
+@njit(cache=True)
+def _filtered(
+    velocity: FloatArray, position: FloatArray, before: FloatArray, step: float
+) -> FloatArray:
+    """Return the velocity [rad/s] after a step [s]."""
+    share = step / (step + TIME_CONSTANT)
+    return (1.0 - share) * velocity + (share / step) * (position - before)
