@@ -6,7 +6,8 @@
     python benchmarks/fri_link.py --fuzz 1000000          # datagrams that are none, on both sides
 
 Every figure is printed beside its bar. An answer is late if the controller has it more than 0.5 ms
-after it sent the packet, by the kernel's time of arrival.
+after it sent the packet, by the kernel's time of arrival. Before the link, the same packets go to
+and from a process that does nothing but send them back: what is late there is late by the machine.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import json
 import os
 import platform
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,9 +30,11 @@ import typer
 import yaml
 
 from backends.fri import FriRobot
-from backends.fri.messages import SessionState
+from backends.fri.endpoint import Endpoint
+from backends.fri.messages import MAX_DATAGRAM, SessionState
 from limo_driver.errors import BackendError
-from limo_driver.realtime import Realtime
+from limo_driver.latency import LatencyHistogram
+from limo_driver.realtime import Pace, Realtime
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:
@@ -38,6 +42,7 @@ if TYPE_CHECKING:
 
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 PORT, IDLE = 30209, SessionState.IDLE
+PACKET, ANSWER = 471, 90  # bytes
 LATE_MS, LATE_BAR, LATE_BAR_FIFO = 0.5, 1e-3, 1e-4  # fractions of the cycles
 SPEED = 0.2  # [rad/s], of the motion
 REBUILD, APART = 0.1, 1.5  # [s] that a session is interrupted, and from one to the next
@@ -50,11 +55,16 @@ def main(
     period_ms: Annotated[int, typer.Option(help="Send period [ms].")] = 1,
     rebuild: Annotated[int, typer.Option("--rebuilds", help="Sessions interrupted.")] = 0,
     fuzz: Annotated[int, typer.Option(help="Datagrams, half on each side.")] = 0,
+    echo: Annotated[int, typer.Option(hidden=True)] = 0,
 ) -> None:
     """Measure what was asked for: --minutes, --rebuilds or --fuzz."""
+    if echo:
+        send_back(echo, fifo=fifo)
+        return
     print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} CPUs, load "
           f"{os.getloadavg()[0]:.1f}, Linux {platform.release()}")  # fmt: skip
     if minutes:
+        bare_link(60.0 * min(minutes, 1.0), period_ms, fifo=fifo)
         link(60.0 * minutes, period_ms, fifo=fifo)
     if rebuild:
         rebuilds(rebuild)
@@ -81,6 +91,47 @@ def report_of(running: subprocess.Popen[str]) -> dict[str, Any]:
     if running.returncode:
         raise SystemExit(complained)
     return json.loads(said)
+
+
+def send_back(port: int, *, fifo: bool) -> None:
+    """Send back whatever comes to a port, until a datagram is empty."""
+    with Realtime(fifo=fifo), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", port))
+        while True:
+            data, sender = link.recvfrom(MAX_DATAGRAM)
+            if not data:
+                return
+            link.sendto(data[:ANSWER], sender)
+
+
+def bare_link(seconds: float, period_ms: int, *, fifo: bool) -> None:
+    """Say how late packets come back that are only sent back."""
+    options = ["--echo", str(PORT), *(["--fifo"] if fifo else [])]
+    answers, late, count = LatencyHistogram(), 0, round(1e3 * seconds / period_ms)
+    with (
+        subprocess.Popen([sys.executable, __file__, *options]) as peer,
+        Realtime(fifo=fifo),
+        closing(Endpoint(None, 0)) as endpoint,
+    ):
+        endpoint.settle(("127.0.0.1", PORT))
+        while endpoint.send(bytes(PACKET)) and endpoint.receive(0.1) is None:
+            pass  # it starts
+        pace = Pace(1e-3 * period_ms)
+        for _ in range(count):
+            pace.wait()
+            while endpoint.receive(0.0) is not None:
+                pass  # later than its own period
+            sent = time.monotonic()
+            endpoint.send(bytes(PACKET))
+            answer = endpoint.receive(0.9e-3 * period_ms)
+            took = np.inf if answer is None else time.monotonic() - answer.age - sent
+            late += took > 1e-3 * LATE_MS
+            if answer is not None:
+                answers.add(took)
+        endpoint.send(b"")
+        peer.wait()
+    print(f"\nonly sent back, {seconds:.0f} s: {100 * late / count:.4f} % later than {LATE_MS} ms; "
+          f"{answers.summary()}")  # fmt: skip
 
 
 def link(seconds: float, period_ms: int, *, fifo: bool) -> None:
