@@ -2,11 +2,13 @@
 
     python benchmarks/service_load.py training --model model/ --data train.parquet --minutes 2
     python benchmarks/service_load.py memory --model model/ --minutes 120
+    python benchmarks/service_load.py memory --model model/ --hours 24 --rate 100
     python benchmarks/service_load.py arms --model model/ --arms 1,2,4,8 --minutes 1
 
 `training` measures round trips at 1 kHz alone and then while a niced process fits joint-physics to
 a recording, over and over, as retraining does. `memory` measures the resident memory of `limo
-serve` and gives its slope with an interval. `arms` serves more and more arms from one process, each
+serve` and gives its slope with an interval; --hours are of simulated time, as fast as the service
+answers. `arms` serves more and more arms from one process, each
 at 1 kHz, until the 99th percentile doubles; their drivers share one process, which is burdened as
 well, so the service alone would bear more.
 """
@@ -26,6 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import t as student
 from service_processes import (
+    RATE,
     Answers,
     Driver,
     Motion,
@@ -44,6 +47,8 @@ if TYPE_CHECKING:
 
 TRAINING_BAR, MEMORY_BAR, ARMS_BAR = 2.0, 5.0, 2.0  # ratio of p99, MB, ratio of p99
 START, SETTLE = 180.0, 20.0  # [s] for the first estimate, and until everything is compiled
+LOG_SIZE = "0.5"  # [GB], so that old files are deleted while it runs
+NO_CONTACT = "1000"  # [N m]; the states have no torque
 NICE = 10  # of what trains
 BLOCKS = 20  # of memory samples, whose means hardly depend on each other
 LEVEL = 0.95
@@ -57,6 +62,8 @@ def main() -> None:
     parser.add_argument("--model", type=Path, required=True, help="model folder of limo train")
     parser.add_argument("--data", type=Path, help="recording to train on")
     parser.add_argument("--minutes", type=float, default=2.0, help="of each measurement")
+    parser.add_argument("--hours", type=float, help="of simulated time, for memory")
+    parser.add_argument("--rate", type=float, default=RATE, help="of the states in those [Hz]")
     parser.add_argument("--arms", default="1,2,4", help="how many, one after the other")
     given = parser.parse_args()
     if given.burden in {"training", "fit"} and given.data is None:
@@ -66,7 +73,8 @@ def main() -> None:
     elif given.burden == "training":
         beside_training(given.model, given.data, given.minutes)
     elif given.burden == "memory":
-        over_time(given.model, given.minutes)
+        served = Served(given.model, rate=given.rate, hurry=given.hours is not None)
+        over_time(served, given.minutes if given.hours is None else 60.0 * given.hours)
     else:
         with_more_arms(given.model, [int(count) for count in given.arms.split(",")], given.minutes)
     print(describe_machine())
@@ -78,11 +86,14 @@ class Served:
     Args:
         model: Model folder.
         arms: How many.
-        log: Whether the service logs, as it does in use.
+        rate: Of the states [Hz].
+        hurry: Send states as fast as they are answered.
     """
 
-    def __init__(self, model: Path, arms: int = 1, *, log: bool = True) -> None:
-        self._motion, self._arms, self._log = Motion(model), arms, log
+    def __init__(
+        self, model: Path, arms: int = 1, *, rate: float = RATE, hurry: bool = False
+    ) -> None:
+        self._motion, self._arms, self.rate, self._hurry = Motion(model), arms, rate, hurry
         self._model, self._open = model, ExitStack()
         self.answers: list[Answers] = []
         self.drivers: list[Driver] = []
@@ -93,13 +104,22 @@ class Served:
         store = two_versions(folder / "models", self._model, self._motion)
         names = [f"bench{k}" for k in range(self._arms)]
         given = [part for name in names for part in ("--arm", f"{name}={store.root}")]
-        given += ["--log", str(folder / "logs")] if self._log else []
+        given += ["--log", str(folder / "logs"), "--log-size", LOG_SIZE, "--contact", NO_CONTACT]
         here, there = configurations(folder)
         session = self._open.enter_context(open_session(config=here))
         (self.process,) = self._open.enter_context(running(serve(there, *given)))
         self.answers = [Answers(session, Keys(name).estimate) for name in names]
         self.drivers = [
-            self._open.enter_context(Driver(session, self._motion, name)) for name in names
+            self._open.enter_context(
+                Driver(
+                    session,
+                    self._motion,
+                    name,
+                    rate=self.rate,
+                    answers=answers if self._hurry else None,
+                )
+            )
+            for name, answers in zip(names, self.answers, strict=True)
         ]
         for answers in self.answers:
             wait_for(lambda a=answers: bool(a.sequences), START, "estimate")
@@ -168,23 +188,28 @@ def fit(model: Path, data: Path) -> None:
         JointPhysics(simulation).fit([recording])
 
 
-def over_time(model: Path, minutes: float) -> None:
-    """Measure the resident memory of the service once a second."""
-    with Served(model) as served:
-        resident = []
-        ends = time.monotonic() + 60.0 * minutes
-        while time.monotonic() < ends:
+def over_time(serving: Served, minutes: float) -> None:
+    """Measure the resident memory of the service once a second, for so long of the arm's time."""
+    with serving as served:
+        (driver,), (answers,) = served.drivers, served.answers
+        resident, began, first = [], time.monotonic(), len(driver.sent)
+        while len(driver.sent) - first < 60.0 * minutes * served.rate:
             resident.append(memory(served.process.pid))
             time.sleep(1.0)
-        answered = sum(len(answers.sequences) for answers in served.answers)
+        answered, took = len(answers.sequences), (time.monotonic() - began) / 60.0
     values = np.array(resident)
     slope, half = trend(values)
-    print(f"memory of the service over {minutes:g} min, {answered} estimates [MB]")
+    print(
+        f"memory of the service over {minutes / 60.0:g} h at {served.rate:g} Hz in {took:.0f} min, "
+        f"{answered} estimates of {len(driver.sent)} states [MB]"
+    )
     print(f"  first, last, most      {values[0]:.1f}, {values[-1]:.1f}, {values.max():.1f}")
+    tenths = ", ".join(f"{part.mean():.1f}" for part in np.array_split(values, 10))
+    print(f"  by tenths              {tenths}")
     edge = max(1, values.size // 10)
     drift = values[-edge:].mean() - values[:edge].mean()
     print(f"  last tenth - first     {drift:+.2f}   bar {MEMORY_BAR:g}")
-    print(f"  slope                  {slope:+.2f} ± {half:.2f} MB/h (95 %)")
+    print(f"  slope                  {slope:+.2f} ± {half:.2f} MB per hour of this machine (95 %)")
 
 
 def memory(process: int) -> float:

@@ -32,6 +32,9 @@ RATE = 1000.0  # [Hz]
 DELAY = 0.1  # [s], the default of the service
 LIMO = [sys.executable, "-c", "from limo_driver.cli import main; main()"]
 _GOLDEN = 5.0  # [s] of motion
+_AHEAD = 8  # states that may be unanswered, where they are sent as fast as they are answered
+_LOST = 0.1  # [s] after which an answer is given up
+_SHORT = 2e-4  # [s]
 _ENDING = 30.0  # [s] for a process to end by itself
 
 
@@ -107,6 +110,7 @@ class Driver:
         arm: Name of the arm in keys.
         between: Called half a cycle after each state, with its number.
         rate: Of the states [Hz].
+        answers: If given, states are sent as fast as they are answered, not in real time.
     """
 
     def __init__(
@@ -116,9 +120,10 @@ class Driver:
         arm: str = ARM,
         between: Callable[[int], None] | None = None,
         rate: float = RATE,
+        answers: Answers | None = None,
     ) -> None:
         self._session, self._motion, self._arm, self._between = session, motion, arm, between
-        self._rate = rate
+        self._rate, self._answers = rate, answers
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._drive)
         self.sent: list[float] = []  # of the performance counter [s], by number
@@ -140,12 +145,23 @@ class Driver:
                 k = len(self.sent)
                 t = k / self._rate
                 state = JointState(t, self._motion.at(np.array([t]))[0], still, still, k)
-                sleep_until(began + t)
+                if self._answers is None:
+                    sleep_until(began + t)
+                else:
+                    self._wait_for(self._answers)
                 self.sent.append(time.perf_counter())
                 publisher.publish(state)
                 if self._between is not None:
                     sleep_until(began + t + 0.5 / self._rate)
                     self._between(k)
+
+    def _wait_for(self, answers: Answers) -> None:
+        """Wait until few states are unanswered; not for ever, since an answer may be lost."""
+        ends = time.perf_counter() + _LOST
+        while len(self.sent) - (answers.sequences[-1] if answers.sequences else 0) > _AHEAD:
+            if time.perf_counter() > ends:
+                return
+            time.sleep(_SHORT)
 
 
 class Answers:
