@@ -172,7 +172,8 @@ class Playback:
         }
         if (step := robot.spec.torque_resolution) is not None:
             header["torque_resolution"] = step.tolist()  # of each joint [N m]
-        return Recorder(self.record, robot.spec.n, header)
+        measured = robot.spec.measures_temperature
+        return Recorder(self.record, robot.spec.n, header, temperature=measured)
 
     def _stop(self, robot: Robot, recorder: Recorder) -> None:
         """Slow the arm down to a hold, recording on."""

@@ -39,24 +39,29 @@ _QUANTITIES = ("position", "velocity", "torque", "target_position")
 class Recorder(Closing):
     """Writes one row for each state: time, position_j, velocity_j, torque_j, target_position_j.
 
-    Joints are 1-based; SI units. Stale states are not recorded: they hold nothing new.
+    Joints are 1-based; SI units, and °C in temperature_j, which is there where it is measured.
+    Stale states are not recorded: they hold nothing new.
 
     Args:
         path: Parquet file to write; it appears when the recording is closed.
         n: Number of joints.
         header: What a reader should know, as JSON: robot, segments, provenance.
+        temperature: Whether states have temperatures to record.
 
     Raises:
         RecordingError: The file cannot be written, or an unfinished log of that name exists.
     """
 
-    def __init__(self, path: Path | str, n: int, header: Mapping[str, Any]) -> None:
+    def __init__(
+        self, path: Path | str, n: int, header: Mapping[str, Any], *, temperature: bool = False
+    ) -> None:
         self.path = Path(path)
         if self.path.is_dir():
             raise RecordingError("cannot be written: it is a folder", path=self.path)
         self.partial = partial_path(self.path)
         self.samples = 0
-        self._schema = _schema(n, header)
+        self._quantities = (*_QUANTITIES, "temperature") if temperature else _QUANTITIES
+        self._schema = _schema(self._quantities, n, header)
         self._n = n
         self._rows: list[FloatArray] = []
         self._lock = threading.Lock()
@@ -89,10 +94,10 @@ class Recorder(Closing):
             raise self._lost(self._failure)
         if state.stale:
             return
-        row = np.full(1 + len(_QUANTITIES) * self._n, np.nan)
+        row = np.full(1 + len(self._quantities) * self._n, np.nan)
         row[0] = state.time
-        known = (state.position, state.velocity, state.torque, target)
-        for k, values in enumerate(known):
+        known = (state.position, state.velocity, state.torque, target, state.temperature)
+        for k, values in enumerate(known[: len(self._quantities)]):
             if values is not None:
                 row[1 + k * self._n : 1 + (k + 1) * self._n] = values
         with self._lock:
@@ -200,8 +205,8 @@ def _complete_batches(stream: pa.ipc.RecordBatchStreamReader) -> Iterator[pa.Rec
             return
 
 
-def _schema(n: int, header: Mapping[str, Any]) -> pa.Schema:
-    names = ["time", *(f"{q}_{j + 1}" for q in _QUANTITIES for j in range(n))]
+def _schema(quantities: tuple[str, ...], n: int, header: Mapping[str, Any]) -> pa.Schema:
+    names = ["time", *(f"{q}_{j + 1}" for q in quantities for j in range(n))]
     return pa.schema(
         [(name, pa.float64()) for name in names],
         metadata={METADATA_KEY: json.dumps(dict(header)).encode()},

@@ -169,13 +169,19 @@ class Robot(Closing):
         if measured is None:
             if self._state is None:
                 raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
-            return replace(self._state, stale=True, holding=False)
+            temperature, drives = self._condition()
+            return replace(
+                self._state, stale=True, holding=False, temperature=temperature, drives=drives
+            )
+        temperature, drives = self._condition()
         return JointState(
             time=measured.time,
             position=measured.position,
             velocity=measured.velocity,
             torque=measured.torque,
             sequence=measured.sequence,
+            temperature=temperature,
+            drives=drives,
         )
 
     @abstractmethod
@@ -189,6 +195,10 @@ class Robot(Closing):
     @abstractmethod
     def _close(self) -> None:
         """Let go of the robot; called once."""
+
+    def _condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
+        """Return temperatures (n,) [°C] and statuses of the drives, also of those not heard."""
+        return None, ()
 
     def _check(self, command: JointCommand) -> None:  # most take every command
         """Raise if the robot cannot carry out a command; nothing is sent then."""

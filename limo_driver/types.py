@@ -93,6 +93,7 @@ class RobotSpec:
     period: float  # control cycle [s]
     wrench_limits: WrenchLimits | None = None  # of a robot that takes wrenches
     torque_resolution: FloatArray | None = None  # (n,) [N m], of measured torque, where known
+    measures_temperature: bool = False  # of its joints
 
     @property
     def n(self) -> int:
@@ -120,6 +121,12 @@ class JointState(ArrayFields):
     sequence: int  # counts cycles; a gap is a lost sample
     stale: bool = False  # no new measurement this cycle: values are the last known ones
     holding: bool = False  # the arm holds its pose and takes no command
+    temperature: FloatArray | None = None  # (n,) [°C], where measured; NaN before its first reading
+    drives: tuple[str, ...] = ()  # status of each joint's drive, in its own words, where it is told
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _settle_temperature(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,10 +183,7 @@ class JointSample(ArrayFields):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.temperature is not None:
-            object.__setattr__(self, "temperature", readonly(self.temperature))
-            if self.temperature.shape != self.position.shape:
-                raise ShapeError("temperature", self.temperature.shape, f"{self.position.shape}")
+        _settle_temperature(self)
 
     def motion(self) -> Motion:
         """Return the sample as a motion of one row."""
@@ -190,6 +194,14 @@ class JointSample(ArrayFields):
             self.acceleration[None],
             None if self.temperature is None else self.temperature[None],
         )
+
+
+def _settle_temperature(owner: JointState | JointSample) -> None:
+    """Make a temperature, if there is one, read-only and of all joints."""
+    if owner.temperature is not None:
+        object.__setattr__(owner, "temperature", readonly(owner.temperature))
+        if owner.temperature.shape != owner.position.shape:
+            raise ShapeError("temperature", owner.temperature.shape, f"{owner.position.shape}")
 
 
 @dataclass(frozen=True)

@@ -244,6 +244,14 @@ class Cia402Link(Link):
             )
         )
 
+    def condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
+        """Return temperatures (n,) [°C], None if there are none, and statuses, in every cycle."""
+        heat, temperature = self.config.temperature, None
+        if heat is not None:
+            degrees = [np.nan if d.temperature is None else d.temperature for d in self._drives]
+            temperature = heat.step * np.array(degrees)
+        return temperature, tuple([drive.status for drive in self._drives])
+
     # within -------------------------------------------------------------------------------------
 
     def _dispatch(self) -> dict[int, Callable[[bytes], None]]:

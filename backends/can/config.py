@@ -173,6 +173,7 @@ class ArmConfig(Section):
             model.limits,
             1.0 / self.rate,
             torque_resolution=torque_resolution,
+            measures_temperature=self.convention != CIA402 or self.temperature is not None,
         )
 
     def _check_nodes(self) -> None:

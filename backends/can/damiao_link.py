@@ -143,13 +143,18 @@ class DamiaoLink(Link):
                 position=float(sample.position[j]),
                 velocity=float(sample.velocity[j]),
                 torque=float(sample.torque[j]),
-                temperature=float(max(motor.known.transistors, motor.known.winding)),
+                temperature=motor.temperature,
                 mode="MIT",
                 error="" if motor.known.status in {0, 1} else status_words(motor.known.status),
                 silent=motor.silent,
             )
             for j, motor in enumerate(self._motors)
         )
+
+    def condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
+        """Return temperatures (n,) [°C] and statuses, in every cycle."""
+        temperature = np.array([motor.temperature for motor in self._motors])
+        return temperature, tuple([motor.status for motor in self._motors])
 
     def disable(self) -> None:
         """Switch the motors off, the last joint first; without a brake, the arm sinks."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 from backends.can import damiao
 from backends.can.damiao import Ranges, Reply, Status, status_words
 from backends.can.errors import DriveError
+from backends.can.link import status_line
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
@@ -44,6 +45,16 @@ class Motor:
     def enabled(self) -> bool:
         """Whether it follows commands."""
         return self.reply is not None and self.reply.status == Status.ENABLED
+
+    @property
+    def temperature(self) -> float:
+        """Of its transistors or its winding, whichever is hotter [°C]."""
+        return float(max(self.known.transistors, self.known.winding))
+
+    @property
+    def status(self) -> str:
+        """Its condition in words, for example `enabled`."""
+        return status_line(status_words(self.known.status), "", self.silent)
 
     def take(self, data: bytes) -> None:
         """Read a reply."""

@@ -17,7 +17,7 @@ from backends.can.cia402 import (
 )
 from backends.can.emergency import LAYOUT as EMERGENCY
 from backends.can.emergency import describe
-from backends.can.link import DriveState
+from backends.can.link import DriveState, status_line
 
 BOOTED: Final = 0x00
 STOPPED: Final = 0x04
@@ -155,6 +155,13 @@ class Drive:
             error=describe(self.error),
             silent=self.silent,
         )
+
+    @property
+    def status(self) -> str:
+        """Its condition in words, for example `operation enabled`."""
+        if not self.error and not self.silent:
+            return self.state.words
+        return status_line(self.state.words, describe(self.error), self.silent)
 
     def complaint(self, hold_after: int, heartbeat_timeout: float, now: float) -> str:
         """Say what keeps this drive from following set-points; empty if nothing does."""

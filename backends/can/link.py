@@ -39,6 +39,14 @@ class DriveState:
         return self.silent > 0
 
 
+def status_line(status: str, error: str, silent: int) -> str:
+    """Return the condition of a drive in words: status, error, cycles since it last spoke."""
+    line = f"{status}: {error}" if error else status
+    if silent:
+        line = f"silent for {silent} cycle{'s' if silent > 1 else ''}, before: {line}"
+    return line
+
+
 @dataclass(frozen=True)
 class Sample:
     """What the drives measured in one cycle; each array has shape (n,)."""
@@ -123,6 +131,10 @@ class Link(ABC):
     @abstractmethod
     def drives(self) -> tuple[DriveState, ...]:
         """Return what is known of every drive."""
+
+    @abstractmethod
+    def condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
+        """Return temperatures (n,) [°C], None if there are none, and statuses, in every cycle."""
 
     @abstractmethod
     def disable(self) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import can
 
     from backends.can.link import DriveState, Link
-    from limo_driver.types import JointCommand, RobotSpec
+    from limo_driver.types import FloatArray, JointCommand, RobotSpec
 
 BRAKING_TIMEOUT: Final = 10.0  # [s] in which an arm that is closed comes to rest
 # Of a period, after a cycle that began late: sooner, the next set-point would be a faster motion
@@ -156,6 +156,9 @@ class CanRobot(Robot):
             torque=sample.torque,
             sequence=self._cycle,
         )
+
+    def _condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
+        return self._link.condition()
 
     def _restart_clock(self) -> None:
         self._due = self._port.now()

@@ -41,6 +41,8 @@ def test_measures_position_torque_temperature_and_status(config):
         assert robot.drives[2].temperature == pytest.approx(30.5)
         assert robot.drives[2].status == "operation enabled"
         assert robot.drives[2].mode == "position"
+        assert states[-1].temperature[2] == pytest.approx(30.5)
+        assert states[-1].drives == ("operation enabled",) * 7
         assert robot.spec.torque_resolution == pytest.approx([0.1] * 7)
 
 
@@ -138,6 +140,7 @@ def test_silent_joint_is_stale_within_two_cycles_and_holds(config, arm):
         assert any(state.stale for state in states[:2])
         assert states[-1].holding
         assert robot.drives[5].stale
+        assert [told.partition(" ")[0] for told in states[-1].drives].index("silent") == 5
         with pytest.raises(HoldingError, match=r"joint 6 \(node 16\) is silent"):
             robot.send(PositionCommand(position=START))
 

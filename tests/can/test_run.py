@@ -17,6 +17,7 @@ robot: iiwa14
 rate: 100
 watchdog: 1.0
 hold_after: 50
+temperature: {{object: 0x2031, step: 0.1}}
 answer_timeout: 0.5
 joints:
 """
@@ -59,6 +60,7 @@ def test_runs_and_records(limo, arm_yaml, trajectory, tmp_path):
     recording = Recording.load(record)
     assert recording.robot == "iiwa14"
     assert recording.torque_resolution == pytest.approx([0.1] * 7)
+    assert np.nanmax(recording.temperature, axis=0) == pytest.approx([30.5] * 7, abs=1.0)
     assert recording.position[-1] == pytest.approx([0.02] * 7, abs=1e-3)
 
 

@@ -72,6 +72,9 @@ def test_a_position_is_followed(config, bus):
         assert state.position == pytest.approx(start + 0.2, abs=0.01)
         assert np.isfinite(state.velocity).all()
         assert [drive.temperature for drive in robot.drives] == [25.0, 25.0]
+        state = robot.receive()
+        assert state.temperature.tolist() == [25.0, 25.0]
+        assert state.drives == ("enabled", "enabled")
 
 
 def test_motors_that_lose_their_master_switch_off(config, bus):
