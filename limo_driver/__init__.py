@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Motion,
         PositionCommand,
         TorqueCommand,
+        WrenchCommand,
     )
 
 _HOME = {
@@ -33,6 +34,7 @@ _HOME = {
     "RobotModel": "model",
     "Simulation": "physics",
     "TorqueCommand": "types",
+    "WrenchCommand": "types",
     "Trajectory": "trajectory",
     "open_robot": "registry",
 }
@@ -49,6 +51,7 @@ __all__ = [
     "Simulation",
     "TorqueCommand",
     "Trajectory",
+    "WrenchCommand",
     "open_robot",
 ]
 
