@@ -1,13 +1,14 @@
 """Figures of `limo excite`: condition number, time taken, distance to the limits.
 
-Run it with `python benchmarks/excite.py`; it finds a minute of excitation for the iiwa 14 with each
-of three seeds (or those given) and prints each figure beside its bar. The first run also compiles,
-and says so.
+    python benchmarks/excite.py [SEED ...]
+
+It finds a minute of excitation for the iiwa 14 with each of three seeds (or those given) and prints
+each figure beside its bar. The first run also compiles, and says so.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import replace
 from time import perf_counter
 
@@ -61,4 +62,6 @@ def main(*seeds: int) -> None:
 
 
 if __name__ == "__main__":
-    main(*(list(map(int, sys.argv[1:])) or [0, 1, 2]))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("seeds", type=int, nargs="*", default=[0, 1, 2], help="of the searches")
+    main(*parser.parse_args().seeds)

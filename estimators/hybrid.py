@@ -12,7 +12,7 @@ from numba import njit
 from estimators.base import Estimate
 from estimators.residual_model import ResidualModel
 from estimators.scaling import normalise_inputs
-from limo_driver.errors import ModelStoreError
+from limo_driver.errors import ConfigError, ModelStoreError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -76,10 +76,13 @@ class FittedNetwork:
         """Return how many samples at `rate` [Hz] the network's memory spans at a time.
 
         Raises:
+            ConfigError: The network has a memory, and the rate is no positive number.
             ModelStoreError: The network has a memory and its rate cannot be reached.
         """
         if not self.network.recurrent:
             return 1
+        if not 0 < rate < np.inf:
+            raise ConfigError(f"rate = {rate:g} Hz has to be above 0 and finite")
         stride = max(1, round(rate / self.rate))
         if abs(rate / stride / self.rate - 1.0) > _RATE_TOLERANCE:
             raise ModelStoreError(
@@ -157,13 +160,14 @@ class HybridModel(ResidualModel[FittedNetwork]):
 
         Raises:
             NotFittedError: Nothing was trained or loaded.
+            ConfigError: The network has a memory, and the rate is no positive number.
             ModelStoreError: The network has a memory whose rate this one is no multiple of.
         """
         fitted = self.fitted
         return HybridState(
             self.simulation.init(),
             fitted.features.init(),
-            fitted.network.init(fitted.stride(rate or fitted.rate)),
+            fitted.network.init(fitted.stride(fitted.rate if rate is None else rate)),
         )
 
     def _advance(self, state: HybridState, motion: Motion) -> tuple[Estimate, HybridState]:

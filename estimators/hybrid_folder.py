@@ -90,9 +90,18 @@ def _fitted(opened: ModelFolder, n: int) -> FittedNetwork:
         gain,
         manifest.number("rate", least=_RATES[0], most=_RATES[1]),
         opened.bandwidth,
-        opened.record("held_out", "hybrid"),
+        _record(opened, n),
         standalone,
     )
+
+
+def _record(opened: ModelFolder, n: int) -> dict[str, Any]:
+    """Return what is said of training; the standard deviation follows from its errors."""
+    record = opened.record("held_out", "hybrid")
+    if "left_out" in record.get("rmse", {}):
+        left_out = opened.manifest.entries("training").entries("rmse").entries("left_out")
+        left_out.numbers("hybrid", n, least=0.0)
+    return record
 
 
 def _network(kind: str, opened: ModelFolder, features: Features) -> Network:

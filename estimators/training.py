@@ -16,6 +16,7 @@ from estimators.training_data import prepare
 from estimators.training_gain import carry_over
 from estimators.training_settings import (
     DEVICES,
+    WIDTHS,
     TrainingSettings,
     paper_settings,
     usual_settings,
@@ -49,8 +50,6 @@ __all__ = [
 
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
-# Hidden units for one joint, and the width of a transformer.
-_WIDTHS: Final = {"mlp7": 100, "lstm-2": 16, "lstm-fcl": 16, "transformer": 32}
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,7 @@ def _build(settings: TrainingSettings, features: Features) -> Module:
     from estimators.neural.transformer_module import TransformerModule
 
     columns, outputs = features.columns, 1
-    hidden = settings.hidden or _WIDTHS[settings.model]
+    hidden = settings.hidden or WIDTHS[settings.model]
     if settings.model == "mlp7":
         return MlpModule(columns, hidden, outputs)
     if not features.own_joint:  # one network for all joints

@@ -14,6 +14,8 @@ SCHEDULES: Final = ("cosine", "plateau")
 SPLITS: Final = ("blocks", "sequences", "recordings")
 KEEPS: Final = ("best", "last")
 DEVICES: Final = ("auto", "cpu", "cuda")
+# Hidden units for one joint, and the width of a transformer.
+WIDTHS: Final = {"mlp7": 100, "lstm-2": 16, "lstm-fcl": 16, "transformer": 32}
 _CHOICES: Final = {
     "model": tuple(NETWORKS),
     "schedule": SCHEDULES,
@@ -121,10 +123,9 @@ class TrainingSettings:
             raise ConfigError(
                 f"layers = {self.layers}, but {self.model} is built with at most {most}"
             )
-        if self.model == "transformer" and self.hidden % self.heads:
-            raise ConfigError(
-                f"hidden = {self.hidden} has to be a multiple of heads = {self.heads}"
-            )
+        width = self.hidden or WIDTHS[self.model]
+        if self.model == "transformer" and width % self.heads:
+            raise ConfigError(f"hidden = {width} has to be a multiple of heads = {self.heads}")
 
 
 def usual_settings(features: str) -> TrainingSettings:

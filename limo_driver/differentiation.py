@@ -212,6 +212,10 @@ def _below(value: float) -> float:
 
 def _check_lowest(bandwidth: float, time: FloatArray) -> None:
     """Refuse a bandwidth that would make the padding far longer than the recording."""
+    if time.size < 2:  # noqa: PLR2004
+        raise RecordingError(
+            f"is too short to be filtered: samples {time.size}, expected 2 or more"
+        )
     duration = float(time[-1] - time[0])
     if 0 < bandwidth < LEAST_PERIODS / duration:
         raise RecordingError(

@@ -148,12 +148,21 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
-        return float(self.time[-1] - self.time[0])
+        """Time from the first to the last sample [s]; 0 if there is none."""
+        return float(np.ptp(self.time)) if len(self) else 0.0
 
     @property
     def rate(self) -> float:
-        """Median sampling rate [Hz]."""
+        """Median sampling rate [Hz].
+
+        Raises:
+            RecordingError: There are fewer than two samples.
+        """
+        if len(self) < 2:  # noqa: PLR2004
+            raise RecordingError(
+                f"is too short to have a rate: samples {len(self)}, expected 2 or more",
+                path=self.source or None,
+            )
         return 1.0 / float(np.median(np.diff(self.time)))
 
     @cached_property
@@ -264,8 +273,11 @@ class Recording:
         """Check that the recording can be of this robot.
 
         Raises:
-            RecordingError: Other name, joint count, or positions that the joints cannot reach.
+            RecordingError: Other name, joint count, or positions that the joints cannot reach; or
+                there is no sample.
         """
+        if not len(self):
+            raise RecordingError("holds no sample", path=self.source or None)
         if self.robot and not same_robot(self.robot, model.name):
             raise RecordingError(
                 f"is of robot {self.robot}, expected {model.name}", path=self.source or None

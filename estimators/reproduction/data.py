@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.model import RobotModel
+from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.recording import Recording
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 SCHEMA: Final = 1
 DESCRIPTION: Final = "data.json"
 RECORDINGS: Final = ("excitation.parquet", "limo.parquet", "validation.parquet")
-_REQUIRED: Final = ("robot", "made_by", "scaffold_starts")
+ROBOT: Final = "robot"  # in data.json, and among the digests
+_REQUIRED: Final = (ROBOT, "made_by", "scaffold_starts")
 _JOINTS: Final = 7  # of the paper's table
 _SAME_RATE: Final = 0.05
 _SHORTEST: Final = 1.0  # [s] of a scaffold, so that its motion can be filtered and scored
@@ -47,7 +48,7 @@ class TableData:
     limo: Recording
     validation: Recording
     scaffold_starts: FloatArray  # (L,) [s], when the reach for each scaffold begins, of `limo`
-    digests: Mapping[str, str]  # sha256 of each file
+    digests: Mapping[str, str]  # sha256 of each file, and of the robot's if it is not built in
 
     @classmethod
     def load(cls, folder: Path) -> TableData:
@@ -61,10 +62,10 @@ class TableData:
         for name in RECORDINGS:
             if not (folder / name).is_file():
                 raise ConfigError(f"lacks {name}; it has to hold {_contents()}", path=folder)
-        model = RobotModel.load(said["robot"])
+        model = _robot(said[ROBOT], folder)
         if model.n != _JOINTS:
             raise ConfigError(
-                f"robot {said['robot']!r} has {model.n} joints, expected {_JOINTS}, as in the "
+                f"robot {said[ROBOT]!r} has {model.n} joints, expected {_JOINTS}, as in the "
                 "paper's table",
                 path=folder / DESCRIPTION,
             )
@@ -79,6 +80,8 @@ class TableData:
             )
         starts = _starts(said["scaffold_starts"], limo, folder / DESCRIPTION)
         digests = {name: _digest(folder / name) for name in (*RECORDINGS, DESCRIPTION)}
+        if model.name not in BUILT_IN:  # what a URDF says can change while its name stays
+            digests[ROBOT] = _digest(model.urdf)
         return cls(
             folder, model, str(said["made_by"]), excitation, limo, validation, starts, digests
         )
@@ -110,7 +113,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise ConfigError(
             f"cannot be read: {error.strerror}; a data folder holds {_contents()}", path=path
         ) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"is no JSON: {error}", path=path) from None
     if not isinstance(said, dict) or said.get("schema") != SCHEMA:
         raise ConfigError(f"its schema is not {SCHEMA}", path=path)
@@ -120,11 +123,22 @@ def _read(path: Path) -> dict[str, Any]:
     return said
 
 
+def _robot(given: Any, folder: Path) -> RobotModel:  # noqa: ANN401  # from JSON
+    """Load a robot: built in, or a URDF, which is looked for in the folder first."""
+    if not isinstance(given, str):
+        raise ConfigError(
+            f"robot is {given!r}, expected a built-in name or a URDF file",
+            path=folder / DESCRIPTION,
+        )
+    beside = folder / given
+    return RobotModel.load(beside if given not in BUILT_IN and beside.is_file() else given)
+
+
 def _starts(given: Any, limo: Recording, path: Path) -> FloatArray:  # noqa: ANN401  # from JSON
     """Check the times at which scaffolds start."""
     try:
         starts = np.asarray(given, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         starts = np.empty(0)
     if starts.ndim != 1 or starts.size < 2 or not np.isfinite(starts).all():  # noqa: PLR2004
         raise ConfigError("scaffold_starts: expected a list of 2 or more times [s]", path=path)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import yaml
 
-from estimators.reproduction.data import DESCRIPTION, RECORDINGS
+from estimators.reproduction.data import DESCRIPTION, RECORDINGS, ROBOT
 from estimators.rigid_body import identify
-from limo_driver.errors import ConfigError
+from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,7 +24,7 @@ def rigid_body(data: TableData, folder: Path) -> Path:
     """Identify base parameters with Coulomb and viscous friction from the excitation.
 
     Args:
-        data: Holds the excitation.
+        data: Holds the excitation and names the robot.
         folder: Where the simulation is kept; one that is there already is taken.
 
     Returns:
@@ -33,7 +33,8 @@ def rigid_body(data: TableData, folder: Path) -> Path:
     Raises:
         RecordingError: The excitation says too little.
     """
-    known = "".join(data.digests[name] for name in (RECORDINGS[0], DESCRIPTION))
+    of = (RECORDINGS[0], DESCRIPTION, ROBOT)
+    known = "".join(data.digests[name] for name in of if name in data.digests)
     path = folder / f"rigid_body-{sha256(known.encode()).hexdigest()[:_DIGITS]}.yaml"
     if not path.exists():
         partial = path.with_name(f".{path.name}.partial")
@@ -46,11 +47,9 @@ def physics_digest(simulation: Path) -> str:
     """Return the sha256 of what a sim.yaml says of inertias and joints, wherever its robot lies.
 
     Raises:
-        ConfigError: It cannot be read.
+        ConfigError: It cannot be read, or is no simulation.
     """
-    try:
-        content = yaml.safe_load(simulation.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", path=simulation) from None
+    Simulation.load(simulation)  # refuses by name what is none
+    content = yaml.safe_load(simulation.read_text(encoding="utf-8"))
     del content["robot"]  # a path relative to the file, which may have moved with its data
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

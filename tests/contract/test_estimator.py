@@ -149,6 +149,18 @@ def test_a_recording_shorter_than_its_filter_is_refused(name: str, recording: Re
         ESTIMATORS[name]("iiwa14").fit([recording[:8]])
 
 
+@pytest.mark.parametrize("samples", [0, 1])
+def test_a_recording_without_length_is_refused(
+    kind: str, estimator: InverseDynamics, recording: Recording, samples: int
+) -> None:
+    nothing = recording[:samples]
+    with pytest.raises(RecordingError, match="too short"):
+        estimator.predict(nothing)
+    for given in ([nothing], [recording, nothing]):
+        with pytest.raises(RecordingError, match=r"no sample|too short|no torque ever changes"):
+            ESTIMATORS[kind]("iiwa14").fit(given)
+
+
 def test_scanning_step_equals_predict(estimator: InverseDynamics, recording: Recording) -> None:
     predicted = estimator.predict(recording)
     motion = recording.motion(BANDWIDTH)

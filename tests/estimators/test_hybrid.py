@@ -14,7 +14,7 @@ from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import check_simulation
 from estimators.neural import NETWORKS
 from estimators.training import TrainingSettings
-from limo_driver.errors import ModelStoreError
+from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.physics import CoulombFriction, Simulation
 
 if TYPE_CHECKING:
@@ -172,6 +172,12 @@ def test_another_sampling_rate(model: HybridModel, test_recording: Recording) ->
     assert model.fitted.stride(1000.0) == 10
     with pytest.raises(ModelStoreError, match="remembers at 100 Hz, which samples at 50 Hz"):
         model.predict(test_recording[::2])
+
+
+@pytest.mark.parametrize("rate", [0.0, -100.0, float("nan"), float("inf")])
+def test_a_rate_that_cannot_be(model: HybridModel, rate: float) -> None:
+    with pytest.raises(ConfigError, match="has to be above 0 and finite"):
+        model.init(rate)
 
 
 def test_another_simulation_is_named(

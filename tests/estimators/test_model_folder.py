@@ -111,6 +111,15 @@ def test_an_entry_that_cannot_be_is_named(
             lambda m: m["training"]["rmse"]["held_out"].update(hybrid=[1, 2, 3]),
             r"hybrid is \[1, 2, 3\], expected a list of 2 numbers",
         ),
+        *[
+            (
+                lambda m, v=v: m["training"]["rmse"].update(left_out={"hybrid": v}),
+                "left_out: hybrid is .*, expected a list of 2 numbers of 0 or more",
+            )
+            for v in ("x", [0.1], [0.1, -0.1], [0.1, None])
+        ],
+        (lambda m: m["training"]["rmse"].update(left_out=None), "left_out is None, expected"),
+        (lambda m: m["training"]["rmse"].update(left_out={}), "left_out: lacks hybrid"),
     ],
 )
 def test_what_a_network_cannot_be_fed_is_named(network: Path, change, message: str) -> None:

@@ -15,12 +15,13 @@ from table_data import RATE, robot, write_data
 
 from estimators.reproduction import rows as r
 from estimators.reproduction.bench import Bench, Motion
-from estimators.reproduction.data import TableData
+from estimators.reproduction.data import RECORDINGS, TableData
 from estimators.reproduction.rigid_body import physics_digest, rigid_body
 from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, Row, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES, Protocol, Trial, TrialStore
 from estimators.reproduction.workers import Advanced, Failed, Finished, Job, run_trials
 from limo_driver.errors import ConfigError, LimoError, RecordingError
+from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recording import Recording
 
@@ -130,7 +131,10 @@ def recorded(name: str, change: Callable[[Recording], Recording]) -> Callable[[P
         (lambda folder: (folder / "data.json").write_text("{"), "data.json: is no JSON"),
         (lambda folder: (folder / "limo.parquet").unlink(), "lacks limo.parquet"),
         (described(schema=2), "its schema is not 1"),
+        (lambda folder: (folder / "data.json").write_text("[" * 100_000), "data.json: is no JSON"),
         (described(robot="panda9"), "panda9"),
+        (described(robot=14), "data.json: robot is 14, expected a built-in name or a URDF"),
+        (described(scaffold_starts=[0, 10**400]), "a list of 2 or more times"),
         (recorded("limo.parquet", lambda it: replace(it, robot="panda")), "is of robot panda"),
         (recorded("validation.parquet", lambda it: it[::2]), "at 50 Hz, but .* at 100 Hz"),
         (described(scaffold_starts=[0.0, 20.0, 10.0]), "10 s follows 20 s; expected .* increase"),
@@ -164,6 +168,22 @@ def test_a_robot_of_other_joints_is_refused(folder: Path, tmp_path: Path, arm: P
     described(robot=str(arm))(copy)
     with pytest.raises(ConfigError, match="has 2 joints, expected 7"):
         TableData.load(copy)
+
+
+def test_a_urdf_lies_beside_the_data_and_another_one_is_other_data(
+    folder: Path, data: TableData, tmp_path: Path
+) -> None:
+    copy = tmp_path / "data"
+    shutil.copytree(folder, copy)
+    described(robot="arm.urdf")(copy)
+    urdf = RobotModel.load("iiwa14").urdf.read_text()
+    (copy / "arm.urdf").write_text(urdf)
+    one = TableData.load(copy)
+    (copy / "arm.urdf").write_text(urdf + "<!-- measured anew -->")
+    another = TableData.load(copy)
+    assert trial_of(one, r.RBD).file_name != trial_of(another, r.RBD).file_name
+    assert rigid_body(one, tmp_path) != rigid_body(another, tmp_path)
+    assert set(data.digests) == {"data.json", *RECORDINGS}  # trials of built-in robots stay done
 
 
 def test_the_rigid_body_is_identified_once(data: TableData, tmp_path: Path) -> None:
@@ -279,6 +299,13 @@ def test_a_rigid_body_is_told_by_its_physics_wherever_its_robot_lies(
     assert physics_digest(one) == physics_digest(moved)
     Simulation(str(arm), (replace(friction, tau_c=1.1),)).save(moved)
     assert physics_digest(one) != physics_digest(moved)
+
+
+@pytest.mark.parametrize("text", ["", "robot: [", "effects: []"])
+def test_a_damaged_rigid_body_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    (tmp_path / "sim.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"sim\.yaml"):
+        physics_digest(tmp_path / "sim.yaml")
 
 
 def test_other_data_or_settings_are_another_trial(data: TableData) -> None:

@@ -307,6 +307,7 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
         ({"layers": 2}, "layers = 2, but mlp7 is built with at most 1"),
         ({"model": "lstm-fcl", "layers": 3}, "layers = 3, but lstm-fcl is built with at most 2"),
         ({"model": "transformer", "hidden": 33}, "hidden = 33 has to be a multiple of heads = 2"),
+        ({"model": "transformer", "heads": 3}, "hidden = 32 has to be a multiple of heads = 3"),
         ({"features": "every"}, "no feature set is called 'every'"),
         ({"without": ("velocity", "temperature")}, "has no 'temperature'; known: acceleration, "),
         ({"model": "gpt"}, "'gpt'; known: mlp7, lstm-2, lstm-fcl, transformer"),
