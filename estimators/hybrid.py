@@ -172,22 +172,40 @@ class HybridModel(ResidualModel[FittedNetwork]):
 
     def _advance(self, state: HybridState, motion: Motion) -> tuple[Estimate, HybridState]:
         fitted = self.fitted
-        rigid_body, bodies = np.zeros(motion.position.shape), state.rigid_body
-        if not fitted.standalone:
+        if fitted.standalone:
+            rigid_body, bodies = np.zeros(motion.position.shape), state.rigid_body
+        else:
             rigid_body, bodies = self.simulation.advance(state.rigid_body, motion)
         x, history = fitted.features.advance(
             state.features, motion, rigid_body, self.simulation.body
         )
         beyond = normalise_inputs(x, fitted.inputs.table, fitted.columns)
         y, network = fitted.network.advance(state.network, x)
-        std, outside = _uncertainty(beyond, fitted.error, fitted.outputs.std)
-        estimate = Estimate(rigid_body, fitted.slope * y + fitted.offset, std, outside)
+        learned, std, outside = _torque(
+            y, fitted.slope, fitted.offset, beyond, fitted.error, fitted.outputs.std
+        )
+        estimate = Estimate(rigid_body, learned, std, outside)
         return estimate, HybridState(bodies, history, network)
 
 
 @njit(cache=True, nogil=True)
-def _uncertainty(
-    beyond: FloatArray, error: FloatArray, unknown: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the standard deviation (T, n) and what is outside, of motion so far beyond (T, n)."""
-    return np.sqrt(error**2 + (beyond * unknown) ** 2), beyond > _OUTSIDE
+def _torque(
+    y: FloatArray,
+    slope: FloatArray,
+    offset: FloatArray,
+    beyond: FloatArray,
+    error: FloatArray,
+    unknown: FloatArray,
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return torque, its standard deviation, and what is outside, each (T, n).
+
+    Args:
+        y: The network's output, (T, n).
+        slope: Torque by it, (n,) [N m].
+        offset: Torque where it is zero, (n,) [N m].
+        beyond: How far the motion is beyond that of training, (T, n).
+        error: On motion not trained on, (n,) [N m].
+        unknown: What the network had to learn, (n,) [N m].
+    """
+    std = np.sqrt(error**2 + (beyond * unknown) ** 2)
+    return slope * y + offset, std, beyond > _OUTSIDE
