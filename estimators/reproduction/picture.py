@@ -1,12 +1,14 @@
-"""Draw the table: joint-averaged errors of every row, ours beside the paper's."""
+"""Draw the table: joint-averaged errors of every row, beside the paper's for its arm."""
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from estimators.reproduction.results import span
 from estimators.reproduction.rows import PARTS, ROWS, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from estimators.reproduction.results import Table
 
 PICTURE: Final = "table1.png"
+_TITLE: Final = 140  # characters of a line
 _STYLES: Final = {  # split → label, colour, marker, offset from the middle of a row
     SEQUENCES: ("ours, random sub-sequences", "#1f77b4", "o", -0.17),
     SCAFFOLDS: ("ours, split by scaffold", "#d95f02", "s", 0.17),
@@ -33,12 +36,13 @@ def draw(table: Table, path: Path) -> None:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
     left = f"; {table.left} trials left" if table.left else ""
-    figure.suptitle(
-        f"Table I of Çallar and Böttger 2022 on {table.data.model.name} data of "
-        f"{table.data.limo.duration / 60:.0f} min made by {table.data.made_by}\n"
-        f"{table.protocol}{left}; whiskers: standard deviation over runs",
-        fontsize="medium",
+    data = table.data
+    title = (
+        f"Table I of Çallar and Böttger 2022 on {data.robot}, {span(data.limo.duration)} to train "
+        f"and test on, made by {data.made_by}"
     )
+    whiskers = "; whiskers: standard deviation over runs" if table.protocol.runs > 1 else ""
+    figure.suptitle(f"{fill(title, _TITLE)}\n{table.protocol}{left}{whiskers}", fontsize="medium")
     partial = path.with_name(f".{path.name}.partial")
     figure.savefig(partial, format=path.suffix[1:], dpi=150)
     partial.replace(path)
@@ -46,8 +50,9 @@ def draw(table: Table, path: Path) -> None:
 
 def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matplotlib's Axes
     places = np.arange(len(ROWS))
-    paper = [paper_table()[part, row.name][-1] for row in ROWS]
-    panel.plot(paper, places, "D", color="0.45", fillstyle="none", label="the paper")
+    if table.beside_paper:
+        paper = [paper_table()[part, row.name][-1] for row in ROWS]
+        panel.plot(paper, places, "D", color="0.45", fillstyle="none", label="the paper")
     for split, (label, colour, marker, offset) in _STYLES.items():
         figures = [table.figures(row, part, split) for row in ROWS]
         means = [np.nan if f.mean is None else f.mean[-1] for f in figures]
