@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimators.reproduction.results import span
-from estimators.reproduction.rows import PARTS, ROWS, paper_table
+from estimators.reproduction.rows import PARTS, RBD, ROWS, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES
 
 if TYPE_CHECKING:
@@ -26,15 +26,15 @@ _STYLES: Final = {  # split → label, colour, marker, offset from the middle of
 
 
 def draw(table: Table, path: Path) -> None:
-    """Draw one panel for each part of the motion; rows from top to bottom, errors on a log axis."""
+    """Draw a panel for each part of the motion; rows from top to bottom, errors on one log axis."""
     figure = Figure(figsize=(13, 6.5), layout="constrained")
-    panels: Any = figure.subplots(1, len(PARTS), sharey=True)
+    panels: Any = figure.subplots(1, len(PARTS), sharex=True, sharey=True)
     for panel, part in zip(panels, PARTS, strict=True):
         _panel(panel, table, part)
     panels[0].set_yticks(range(len(ROWS)), [row.name for row in ROWS])
     panels[0].set_ylim(len(ROWS) - 0.5, -0.5)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     left = f"; {table.left} trials left" if table.left else ""
     data = table.data
     title = (
@@ -53,6 +53,9 @@ def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matp
     if table.beside_paper:
         paper = [paper_table()[part, row.name][-1] for row in ROWS]
         panel.plot(paper, places, "D", color="0.45", fillstyle="none", label="the paper")
+    rigid = table.figures(RBD, part).mean
+    if rigid is not None:
+        panel.axvline(rigid[-1], color="0.45", linestyle=":", label="the rigid body alone")
     for split, (label, colour, marker, offset) in _STYLES.items():
         figures = [table.figures(row, part, split) for row in ROWS]
         means = [np.nan if f.mean is None else f.mean[-1] for f in figures]

@@ -165,7 +165,7 @@ class Table:
         data, done = self.data, len(self.results)
         return (
             f"Data: {data.folder}, made by {data.made_by}. {len(data.limo)} samples of "
-            f"{data.robot} at {data.limo.rate:.4g} Hz, {span(data.limo.duration)} around "
+            f"{data.robot} at {data.limo.rate:.4g} Hz, {span(data.limo.duration)} with "
             f"{data.scaffold_starts.size} scaffolds; validation {span(data.validation.duration)}. "
             f"{self.protocol}; "
             f"{done} of {done + self.left} trials done."
