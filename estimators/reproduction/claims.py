@@ -150,9 +150,10 @@ def _judgement(table: Table, worse: Row, better: Row, part: str, split: str) -> 
     if logs.size > 1:
         reach = student.ppf((1 + _CONFIDENCE) / 2, logs.size - 1) * logs.std(ddof=1)
         low, high = np.exp(logs.mean() + np.array([-1, 1]) * reach / np.sqrt(logs.size)).tolist()
+    printed = [r.paper_table().get((part, row.name)) for row in (worse, better)]
     paper = None
-    if first.paper is not None and second.paper is not None:
-        paper = float(first.paper[-1] / second.paper[-1])
+    if printed[0] is not None and printed[1] is not None:
+        paper = float(printed[0][-1] / printed[1][-1])  # of errors: holds beside any arm's
     return Judgement(worse.name, better.name, part, split, factor, low, high, logs.size, paper)
 
 

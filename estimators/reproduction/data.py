@@ -32,7 +32,6 @@ DESCRIPTION: Final = "data.json"
 RECORDINGS: Final = ("excitation.parquet", "limo.parquet", "validation.parquet")
 ROBOT: Final = "robot"  # in data.json, and among the digests
 _REQUIRED: Final = (ROBOT, "made_by", "scaffold_starts")
-_JOINTS: Final = 7  # of the paper's table
 _SAME_RATE: Final = 0.05
 _SHORTEST: Final = 1.0  # [s] of a scaffold, so that its motion can be filtered and scored
 
@@ -63,12 +62,6 @@ class TableData:
             if not (folder / name).is_file():
                 raise ConfigError(f"lacks {name}; it has to hold {_contents()}", path=folder)
         model = _robot(said[ROBOT], folder)
-        if model.n != _JOINTS:
-            raise ConfigError(
-                f"robot {said[ROBOT]!r} has {model.n} joints, expected {_JOINTS}, as in the "
-                "paper's table",
-                path=folder / DESCRIPTION,
-            )
         excitation, limo, validation = (Recording.load(folder / name) for name in RECORDINGS)
         for recording in (excitation, limo, validation):
             recording.check_robot(model)
@@ -85,6 +78,11 @@ class TableData:
         return cls(
             folder, model, str(said["made_by"]), excitation, limo, validation, starts, digests
         )
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot: built in, or the URDF's file without its ending."""
+        return self.model.name if self.model.name in BUILT_IN else self.model.urdf.stem
 
     def scaffolds(self) -> tuple[Recording, ...]:
         """Cut `limo` into one recording for each scaffold: its reach and what explores it.

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 PERCEPTRON: Final = "mlp7"  # of `TrainingSettings`
 PARTS: Final = ("training", "test", "validation")
-_COLUMNS: Final = (*(f"joint_{j}" for j in range(1, 8)), "joint_average")
+PAPER_JOINTS: Final = 7
+_COLUMNS: Final = (*(f"joint_{j}" for j in range(1, PAPER_JOINTS + 1)), "joint_average")
 HISTORY: Final = "rotation_since_reversal"  # r of the paper
 
 

@@ -45,7 +45,8 @@ class Protocol:
         """Name the numbers, as `10 runs of 100 epochs, batches of 50 sub-sequences`."""
         runs = f"{self.runs} run{'s' if self.runs > 1 else ''}"
         epochs = f"{self.epochs} epoch{'s' if self.epochs > 1 else ''}"
-        return f"{runs} of {epochs}, batches of {self.batch} sub-sequences"
+        sequences = f"{self.batch} sub-sequence{'s' if self.batch > 1 else ''}"
+        return f"{runs} of {epochs}, batches of {sequences}"
 
     def trials(self, digests: Mapping[str, str]) -> tuple[Trial, ...]:
         """Return all trials: one run after the other, and in each what takes longest at its end.

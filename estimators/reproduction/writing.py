@@ -8,7 +8,7 @@ from io import StringIO
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.reproduction.claims import CLAIMS, best, judge
-from estimators.reproduction.results import SCHEMA, SCORED, SPLIT_NAMES, SPLIT_WORDS
+from estimators.reproduction.results import SCHEMA, SPLIT_NAMES, SPLIT_WORDS
 from estimators.reproduction.rows import PARTS
 from estimators.reproduction.trial import SPLITS, Protocol, write_whole
 
@@ -105,7 +105,7 @@ def _csv(table: Table) -> str:
 
 def _markdown(table: Table) -> str:
     n = table.data.model.n
-    lines = ["# Table I", "", table.headline(), "", SCORED, "", _SOURCE]
+    lines = ["# Table I", "", table.headline(), "", table.scored, "", _SOURCE]
     for split in SPLITS:
         lines += ["", f"## {SPLIT_NAMES[split][0].upper()}{SPLIT_NAMES[split][1:]}"]
         for part in PARTS:

@@ -162,12 +162,26 @@ def test_what_is_missing_of_the_description_is_named(folder: Path, tmp_path: Pat
         TableData.load(copy)
 
 
-def test_a_robot_of_other_joints_is_refused(folder: Path, tmp_path: Path, arm: Path) -> None:
+def test_recordings_of_other_joints_than_the_robots_are_refused(
+    folder: Path, tmp_path: Path, arm: Path
+) -> None:
     copy = tmp_path / "data"
     shutil.copytree(folder, copy)
     described(robot=str(arm))(copy)
-    with pytest.raises(ConfigError, match="has 2 joints, expected 7"):
+    with pytest.raises(RecordingError, match=r"has 7 joints, but .*two_joints\.urdf has 2"):
         TableData.load(copy)
+
+
+@pytest.mark.parametrize("row", [r.RBD, r.MLP_FULL, r.FCL100_FULL, r.TRANSFORMER])
+def test_an_arm_of_other_joints_than_the_papers_is_trained_and_scored(
+    row: Row, tmp_path: Path, arm: Path
+) -> None:
+    data = TableData.load(write_data(tmp_path / "data", arm))
+    assert data.robot == "arm"
+    simulation = Simulation.load(rigid_body(data, tmp_path))
+    result = Bench(data, simulation, "cpu").run(trial_of(data, row, SCAFFOLDS))
+    assert [len(result.mse[part]) for part in PARTS] == [2, 2, 2]
+    assert np.isfinite(list(result.mse.values())).all()
 
 
 def test_a_urdf_lies_beside_the_data_and_another_one_is_other_data(

@@ -33,6 +33,7 @@ from estimators.reproduction.trial import (
 )
 from estimators.reproduction.writing import write
 from limo_driver.cli import main
+from limo_driver.model import RobotModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -194,6 +195,41 @@ def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: 
     assert "No judgement" not in (tmp_path / "claims.md").read_text()
 
 
+@pytest.mark.parametrize("name", ["arm", "seven_joints"])
+def test_beside_another_arm_stand_only_the_papers_factors(
+    name: str, data: TableData, tmp_path: Path, arm: Path
+) -> None:
+    """Errors in N m of an iiwa say nothing there, whether its joints are as many or not."""
+    if name == "arm":
+        data = TableData.load(write_data(tmp_path / "data", arm))
+    else:
+        urdf = tmp_path / f"{name}.urdf"
+        urdf.write_bytes(data.model.urdf.read_bytes())
+        data = replace(data, model=RobotModel.load(urdf))
+    n = data.model.n
+    found = tuple(
+        TrialResult(trial, dict.fromkeys(PARTS, (2.0,) * n), 1, 2.5, "cpu", {"limo": "0"})
+        for trial in ONCE.trials(data.digests)
+    )
+    table, out = Table(data, ONCE, found), tmp_path / "out"
+    out.mkdir()
+    write(table, out)
+    draw(table, out / "table1.png")
+    text = (out / "table1.md").read_text()
+    joints = " | ".join(f"joint {j + 1}" for j in range(n))
+    assert f"| architecture | runs | {joints} | average |" in text
+    assert f"| RBD | 1 |{' 2.0000 |' * (n + 1)}" in text
+    assert "in brackets" not in text
+    assert f"samples of {name} at 100 Hz, 40 s with 5 scaffolds; validation 12 s." in text
+    with (out / "table1.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert {line[f"joint_{n}_paper"] for line in lines} == {""}
+    values = json.loads((out / "table1.json").read_text())
+    assert len(values["columns"]) == n + 1
+    first = values["claims"][0]
+    assert (first["factor"], first["paper"]) == (1.0, pytest.approx(202, abs=1))
+
+
 # The command
 
 
@@ -210,6 +246,7 @@ def command_line(*arguments: object) -> list[str]:
         (["--device", "tpu"], "no device is called 'tpu'; known: auto, cpu, cuda"),
         (["--jobs", "0"], "--jobs is 0, expected 1 or more"),
         (["--epochs", "0"], "epochs = 0 has to be 1 or more"),
+        (["--batch", "0"], "batch = 0 has to be 1 or more"),
         (["--data", "nowhere"], "nowhere/data.json: cannot be read"),
     ],
 )

@@ -53,6 +53,13 @@ def command(
         typer.Option(help="Trials side by side; one for each physical core, or one on a GPU."),
     ] = None,
     epochs: Annotated[int | None, typer.Option(help="Passes over the motion; 100.")] = None,
+    batch: Annotated[
+        int | None,
+        typer.Option(
+            help="Sub-sequences of one step of the optimiser; 50. Less on short recordings, of "
+            "which 50 would leave a step or two in an epoch."
+        ),
+    ] = None,
 ) -> None:
     """Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
 
@@ -68,6 +75,8 @@ def command(
         limo reproduce table1 --quick
 
         limo reproduce table1 --data recordings/ --runs 3 --out out/table1
+
+        limo reproduce table1 --data half_a_minute/ --batch 1 --out out/half_a_minute
     """
     from dataclasses import replace
 
@@ -78,8 +87,8 @@ def command(
 
     notes = Console(stderr=True, soft_wrap=True, highlight=False)
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
-    given = {name: n for name, n in (("runs", runs), ("epochs", epochs)) if n is not None}
-    protocol = replace(protocol, **given)
+    given = {"runs": runs, "epochs": epochs, "batch": batch}
+    protocol = replace(protocol, **{name: n for name, n in given.items() if n is not None})
     processes = _processes(jobs, device)
     out = out or (QUICK_OUT if quick else OUT)
     require_folder(out, "the table")
@@ -195,7 +204,7 @@ def _print(table: Table, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table as Grid
 
-    from estimators.reproduction.results import SCORED, SPLIT_NAMES
+    from estimators.reproduction.results import SPLIT_NAMES
     from estimators.reproduction.rows import PARTS, ROWS
     from estimators.reproduction.trial import SPLITS
     from estimators.reproduction.writing import cell, done
@@ -212,5 +221,5 @@ def _print(table: Table, out: Path) -> None:
             figures = [table.figures(row, part, split) for part in PARTS]
             grid.add_row(row.name, done(figures[0]), *(cell(f, -1) for f in figures))
         console.print(grid)
-    console.print(SCORED, markup=False)
+    console.print(table.scored, markup=False)
     console.print(f"wrote {out}: {', '.join(FILES)}", markup=False, soft_wrap=True)
