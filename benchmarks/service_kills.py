@@ -46,7 +46,7 @@ from limo_driver.messages import (
     decode_torque_estimate,
 )
 from limo_driver.model_client import ModelClient
-from limo_driver.recording import Recording
+from limo_driver.recorder import read_log
 from limo_driver.streaming import Keys, open_session
 from limo_driver.trajectory import Trajectory
 
@@ -127,6 +127,7 @@ class Bench:
         """Return how to run a process."""
         if victim == "driver":
             self.runs += 1
+            self.observer.measured = 0.0
             given = ["--backend", "virtual", "--stream", "--name", ARM, "--json"]
             given += ["--trajectory", str(self.folder / "motion.traj.parquet")]
             given += ["--record", str(self.recording), "--zenoh-config", str(self.config)]
@@ -146,10 +147,11 @@ class Bench:
         """Look for what was published in what the driver left of its recording."""
         partial = self.recording.with_name(f"{self.recording.name}.partial")
         try:
-            kept = float(Recording.load(partial).time[-1])
+            times = read_log(partial)["time"]
         except RecordingError as error:
             self.faults.append(str(error))
             return
+        kept = times[-1].as_py() if len(times) else 0.0  # it was killed before it wrote a row
         self.lost["driver"].append(max(0.0, self.observer.measured - kept))
 
     def check_service(self) -> None:
