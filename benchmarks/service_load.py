@@ -101,9 +101,13 @@ class Served:
 
     def __enter__(self) -> Served:
         folder = Path(self._open.enter_context(tempfile.TemporaryDirectory()))
-        store = two_versions(folder / "models", self._model, self._motion)
         names = [f"bench{k}" for k in range(self._arms)]
-        given = [part for name in names for part in ("--arm", f"{name}={store.root}")]
+        stores = [two_versions(folder / name, self._model, self._motion) for name in names]
+        given = [
+            part
+            for name, store in zip(names, stores, strict=True)
+            for part in ("--arm", f"{name}={store.root}")
+        ]
         given += ["--log", str(folder / "logs"), "--log-size", LOG_SIZE, "--contact", NO_CONTACT]
         here, there = configurations(folder)
         session = self._open.enter_context(open_session(config=here))
