@@ -100,7 +100,13 @@ class Served:
         self.process: subprocess.Popen[bytes]
 
     def __enter__(self) -> Served:
-        folder = Path(self._open.enter_context(tempfile.TemporaryDirectory()))
+        with ExitStack() as opening:  # closed where something fails on the way
+            self._start(opening)
+            self._open = opening.pop_all()
+        return self
+
+    def _start(self, opening: ExitStack) -> None:
+        folder = Path(opening.enter_context(tempfile.TemporaryDirectory()))
         names = [f"bench{k}" for k in range(self._arms)]
         stores = [two_versions(folder / name, self._model, self._motion) for name in names]
         given = [
@@ -110,11 +116,11 @@ class Served:
         ]
         given += ["--log", str(folder / "logs"), "--log-size", LOG_SIZE, "--contact", NO_CONTACT]
         here, there = configurations(folder)
-        session = self._open.enter_context(open_session(config=here))
-        (self.process,) = self._open.enter_context(running(serve(there, *given)))
+        session = opening.enter_context(open_session(config=here))
+        (self.process,) = opening.enter_context(running(serve(there, *given)))
         self.answers = [Answers(session, Keys(name).estimate) for name in names]
         self.drivers = [
-            self._open.enter_context(
+            opening.enter_context(
                 Driver(
                     session,
                     self._motion,
@@ -128,7 +134,6 @@ class Served:
         for answers in self.answers:
             wait_for(lambda a=answers: bool(a.sequences), START, "estimate")
         time.sleep(SETTLE)
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._open.close()
