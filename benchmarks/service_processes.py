@@ -193,7 +193,8 @@ class Answers:
     def round_trips(self, sent: Sequence[float], first: int = 0) -> np.ndarray:
         """Return how long each state from number `first` on took to be answered [ms], else NaN."""
         back = np.full(len(sent), np.nan)
-        numbers, times = np.array(self.sequences, int), np.array(self.times)
+        count = len(self.sequences)  # more may come meanwhile
+        numbers, times = np.array(self.sequences[:count], int), np.array(self.times[:count])
         known = numbers < back.size
         back[numbers[known]] = times[known]
         return 1e3 * (back - np.array(sent))[first:]
