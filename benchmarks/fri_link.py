@@ -115,7 +115,8 @@ def bare_link(seconds: float, period_ms: int, *, fifo: bool) -> None:
     ):
         endpoint.settle(("127.0.0.1", PORT))
         while endpoint.send(bytes(PACKET)) and endpoint.receive(0.1) is None:
-            pass  # it starts
+            if peer.poll() is not None:  # else it is starting
+                sys.exit(f"the process that sends back ended with status {peer.returncode}")
         pace = Pace(1e-3 * period_ms)
         for _ in range(count):
             pace.wait()
@@ -231,19 +232,33 @@ def fuzz_both(count: int) -> None:
     from controller_fuzzing import fuzz_controller
     from fri_fuzzing import fuzz
 
-    began = time.monotonic()
-    sent, report, packet = fuzz_controller(count)
-    packets, stood = report["packets"], packet.data.measured_position
-    print(f"\nfuzz: controller, {sent} datagrams in {time.monotonic() - began:.0f} s")
-    show("crashes", "0", "0", met=True)
-    print(f"  {packets['malformed']} were no command, {packets['answered']} answers, "
-          f"{len(report['stops'])} stops; joint 1 stands at {stood[0]:.3g} rad")  # fmt: skip
-    began = time.monotonic()
-    happened = fuzz(count)
-    print(f"\nfuzz: driver, {count} datagrams in {time.monotonic() - began:.0f} s")
-    show("crashes, or out of contract", "0", "0", met=True)  # the fuzzer ends at the first one
-    print(f"  {happened['link']['malformed']} were no message, {happened['commands']} commands "
-          f"judged")  # fmt: skip
+    with survival("controller") as found:
+        sent, report, packet = fuzz_controller(count)
+        packets, stood = report["packets"], packet.data.measured_position
+        found.append(
+            f"{sent} sent, {packets['malformed']} were no command, {packets['answered']} answers, "
+            f"{len(report['stops'])} stops; joint 1 stands at {stood[0]:.3g} rad"
+        )
+    with survival("driver") as found:
+        happened = fuzz(count)
+        found.append(
+            f"{count} sent, {happened['link']['malformed']} were no message, "
+            f"{happened['commands']} commands judged"
+        )
+
+
+@contextmanager
+def survival(side: str) -> Generator[list[str]]:
+    """Tell what was found on one side, or what it crashed of or broke of the contract."""
+    began, found, failed = time.monotonic(), [], False
+    try:
+        yield found
+    except Exception as error:  # noqa: BLE001  # whatever it is
+        failed = True
+        found.append(f"{type(error).__name__}: {error}")
+    print(f"\nfuzz: {side}, {time.monotonic() - began:.0f} s")
+    show("crashes, or out of contract", str(int(failed)), "0", met=not failed)
+    print(*(f"  {line}" for line in found), sep="\n")
 
 
 def show(what: str, value: str, bar: str, met: bool) -> None:
