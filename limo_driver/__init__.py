@@ -34,8 +34,8 @@ _HOME = {
     "RobotModel": "model",
     "Simulation": "physics",
     "TorqueCommand": "types",
-    "WrenchCommand": "types",
     "Trajectory": "trajectory",
+    "WrenchCommand": "types",
     "open_robot": "registry",
 }
 

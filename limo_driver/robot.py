@@ -166,14 +166,13 @@ class Robot(Closing):
         self._contract.restore(contract)
 
     def _state_of(self, measured: Measurement | None, timeout: float | None) -> JointState:
+        temperature, drives = self._condition()
         if measured is None:
             if self._state is None:
                 raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
-            temperature, drives = self._condition()
             return replace(
                 self._state, stale=True, holding=False, temperature=temperature, drives=drives
             )
-        temperature, drives = self._condition()
         return JointState(
             time=measured.time,
             position=measured.position,

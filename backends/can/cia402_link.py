@@ -356,9 +356,10 @@ class Cia402Link(Link):
 
     def _has_forgotten(self, drive: Drive) -> bool:
         """Say whether a drive restarted; it may have become operational by itself since then."""
-        if drive.nmt not in {None, OPERATIONAL} or drive.state is State.ENABLED:
-            return drive.nmt not in {None, OPERATIONAL}
-        return not self._commissioning(drive, self._patience).is_watched()
+        if drive.nmt not in {None, OPERATIONAL}:
+            return True
+        enabled = drive.state is State.ENABLED
+        return not enabled and not self._commissioning(drive, self._patience).is_watched()
 
     @property
     def _patience(self) -> float | None:

@@ -26,12 +26,10 @@ READ, WRITE, REFRESH = 0x33, 0x55, 0xCC
 TIMEOUT_UNIT: Final = 50e-6  # [s], of register 9
 MIT_MODE: Final = 1  # of register 10
 ENABLE, DISABLE, ZERO, CLEAR = (bytes((0xFF,) * 7 + (last,)) for last in (0xFC, 0xFD, 0xFE, 0xFB))
-_REGISTER = struct.Struct("<HBB4s")
-_FLOAT, _WHOLE = struct.Struct("<f"), struct.Struct("<I")
-
-
 SPECIAL: Final = 0xFF_FFFF_FFFF_FFFF  # first seven bytes of those
 DAMPING_STEP: Final = 1 << 12  # of a command
+_REGISTER = struct.Struct("<HBB4s")
+_FLOAT, _WHOLE = struct.Struct("<f"), struct.Struct("<I")
 
 
 class Register(IntEnum):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backends.can import damiao
-from backends.can.damiao import MOST_DAMPING, STIFFEST, MitCommand, Status, status_words
+from backends.can.damiao import MOST_DAMPING, STIFFEST, MitCommand, status_words
 from backends.can.damiao_motor import Motor
 from backends.can.damiao_setup import Setup, check_ids
 from backends.can.frames import BusLoad, Traffic
@@ -145,7 +145,7 @@ class DamiaoLink(Link):
                 torque=float(sample.torque[j]),
                 temperature=motor.temperature,
                 mode="MIT",
-                error="" if motor.known.status in {0, 1} else status_words(motor.known.status),
+                error=status_words(motor.known.status) if motor.faulty else "",
                 silent=motor.silent,
             )
             for j, motor in enumerate(self._motors)
@@ -169,17 +169,16 @@ class DamiaoLink(Link):
         """Enable a motor where it stands."""
         self._pinned[motor.number - 1] = True
         self._target[motor.number - 1] = self._sample().position[motor.number - 1]
-        if motor.known.status not in {Status.DISABLED, Status.ENABLED} and reset:
+        if motor.faulty and reset:
             self.port.send(motor.joint.node, damiao.CLEAR)
         self.port.send(motor.joint.node, damiao.ENABLE)
 
     def _give_up(self, motor: Motor, *, reset: bool) -> None:
         if not motor.heard:
             motor.fail(f"does not answer within {self.config.answer_timeout:g} s")
-        status = motor.known.status
-        fault = status not in {Status.DISABLED, Status.ENABLED} and not reset
-        hint = "; open with reset_faults=True (limo run --reset-faults)" if fault else ""
-        motor.fail(f"cannot be enabled: {status_words(status)}{hint}")
+        curable = motor.faulty and not reset
+        hint = "; open with reset_faults=True (limo run --reset-faults)" if curable else ""
+        motor.fail(f"cannot be enabled: {status_words(motor.known.status)}{hint}")
 
     def _run_cycle(self) -> None:
         """Run one cycle apart from the robot's own."""

@@ -47,6 +47,11 @@ class Motor:
         return self.reply is not None and self.reply.status == Status.ENABLED
 
     @property
+    def faulty(self) -> bool:
+        """Whether it said a fault."""
+        return self.known.status not in {Status.DISABLED, Status.ENABLED}
+
+    @property
     def temperature(self) -> float:
         """Of its transistors or its winding, whichever is hotter [°C]."""
         return float(max(self.known.transistors, self.known.winding))

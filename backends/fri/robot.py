@@ -392,8 +392,8 @@ class FriRobot(Robot):
 def _warm_up(spec: RobotSpec) -> None:
     """Load what is compiled, before a robot waits for an answer."""
     contract, middle, velocity = SafetyContract(spec), np.zeros(spec.n), VelocityFilter(spec.n)
-    for time_ in (0.0, spec.period):
-        velocity.update(time_, readonly(middle))
+    for instant in (0.0, spec.period):
+        velocity.update(instant, readonly(middle))
     contract.observe(JointState(0.0, middle, middle, middle, 0))
     contract.admit(PositionCommand(position=middle))
     contract.observe(JointState(spec.period, middle, middle, middle, 1))

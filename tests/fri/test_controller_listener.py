@@ -55,7 +55,7 @@ class Bench:
         """Send a packet, and take what has come before the next one."""
         self.listener.ledger.send(self.intervals * PERIOD, expects_answer=True)
         self.intervals += 1
-        self.listener.listen(Mailbox(*answers), 1e-3 * self.intervals, UNDISTURBED, self.session)  # type: ignore[arg-type]
+        self.listener.listen(Mailbox(*answers), 1e-3 * self.intervals, UNDISTURBED, self.session)  # type: ignore[arg-type]  # all that it reads of a port
         self.listener.close_interval()
 
     def answer(self, packet: int, steps: float) -> bytes:

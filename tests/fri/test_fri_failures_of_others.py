@@ -11,6 +11,7 @@ from stepped_arm import free_port, stepped
 from backends.fri import FriRobot
 from backends.fri.codec import encode_monitoring
 from backends.fri.messages import CommandMode, Quality, SessionState
+from backends.fri.robot import OUTDATED
 from backends.fri.version import Generation, detect
 from limo_driver.errors import BackendError, ConnectionLostError, HoldingError, WireFormatError
 from limo_driver.types import PositionCommand, TorqueCommand
@@ -242,7 +243,7 @@ def test_what_piled_up_in_a_stall_is_no_jump_and_no_fresh_state():
         robot.send(position(goal))
         for _ in range(30):  # cycles in which this machine does nothing
             arm.cycle()
-        time.sleep(0.02)
+        time.sleep(4 * OUTDATED)
         assert robot.receive().sequence == before + 31  # with the one of this cycle
         arm.listen()
         late = [command.data for command in arm.answers[count:]]
@@ -266,7 +267,7 @@ def test_torque_goes_on_unchanged_over_a_stall():
         robot.send(TorqueCommand(torque=np.full(7, 0.5)))
         for _ in range(10):
             arm.cycle()
-        time.sleep(0.02)
+        time.sleep(4 * OUTDATED)
         robot.receive()
         arm.listen()
         assert {command.data.joint_torque for command in arm.answers[-10:]} == {(0.5,) * 7}
