@@ -292,15 +292,18 @@ def test_files_rotate_by_age_and_old_ones_go(tmp_path):
 
 
 def test_queue_that_is_full_drops_and_counts(tmp_path, monkeypatch):
-    released = threading.Event()
-    fsync = os.fsync
+    hanging, released, fsync = threading.Event(), threading.Event(), os.fsync
+
+    def hang(number):
+        hanging.set()
+        released.wait()
+        fsync(number)
+
     with McapLog(tmp_path, limits=LogLimits(queue=10)) as log:
-        monkeypatch.setattr(os, "fsync", lambda number: (released.wait(), fsync(number)))
+        monkeypatch.setattr(os, "fsync", hang)
         write(log, 0, 1)
-        time.sleep(0.5)  # the disk hangs now
-        began = time.monotonic()
-        write(log, 1, 31)
-        assert time.monotonic() - began < 0.2  # and holds up nobody
+        assert hanging.wait(10.0)
+        write(log, 1, 31)  # returns while the disk hangs
         assert (log.written, log.dropped) == (0, 20)
         released.set()
     assert (log.written, log.dropped) == (11, 20)
