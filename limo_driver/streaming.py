@@ -20,6 +20,8 @@ import json
 import re
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -214,14 +216,68 @@ def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToke
 
 
 def _others(session: zenoh.Session, tokens: str, own: str) -> set[str]:
-    """Return the other tokens that are seen while links come about."""
+    """Return the other tokens that are seen while links come about, and when they have."""
     seen: set[str] = set()
     ends = time.monotonic() + _LINKING
-    while time.monotonic() < ends:
+    while True:
+        linked = time.monotonic() >= ends
         replies = session.liveliness().get(tokens, timeout=_LINKING)
         seen |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+        if linked:
+            return seen - {own}
         time.sleep(_LINKING / 10)
-    return seen - {own}
+
+
+class Presence(Closing):
+    """One part of some arms on the network: a session that opens and claims them meanwhile.
+
+    Links take a second to come about, in which the caller can load what it is going to need.
+
+    Args:
+        arms: Their names in keys, none of which may have that part already.
+        part: `driver` or `service`.
+        connect, listen, config: Of the session, see `open_session`.
+    """
+
+    def __init__(
+        self,
+        arms: Sequence[str],
+        part: str,
+        connect: Sequence[str] = (),
+        listen: Sequence[str] = (),
+        config: Path | str | None = None,
+    ) -> None:
+        keys = [Keys(arm) for arm in arms]
+        self._open = ExitStack()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="limo-join")
+        self._joined = self._thread.submit(self._join, keys, part, connect, listen, config)
+
+    def session(self) -> zenoh.Session:
+        """Wait until the arms are claimed, and return the session.
+
+        Raises:
+            ConfigError: Another one is that part of an arm, or the network cannot be configured so.
+            ConnectionLostError: No session could be opened.
+        """
+        return self._joined.result()
+
+    def close(self) -> None:
+        """Give the arms up and close the session, also where it was not waited for."""
+        self._thread.shutdown()
+        self._open.close()
+
+    def _join(
+        self,
+        arms: Sequence[Keys],
+        part: str,
+        connect: Sequence[str],
+        listen: Sequence[str],
+        config: Path | str | None,
+    ) -> zenoh.Session:
+        session = self._open.enter_context(open_session(connect, listen, config))
+        for keys in arms:
+            self._open.callback(claim(session, keys, part).undeclare)
+        return session
 
 
 def is_alive(session: zenoh.Session, token: str, timeout: float = 0.5) -> bool:

@@ -6,7 +6,6 @@ import gc
 import threading
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,7 +15,7 @@ from zenoh.handlers import RingChannel
 
 from estimators.service.arm_service import ArmService, Window
 from estimators.service.log_watch import LogWatch
-from estimators.service.opening import Opening, rehearse
+from estimators.service.opening import Opening
 from estimators.service.outlet import NetworkOutlet
 from estimators.service.queries import ModelQueries
 from estimators.service.source import FollowedSource, Silence
@@ -24,7 +23,7 @@ from estimators.service.vetting import Demand
 from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
 from limo_driver.messages import Attachment, Level, decode_joint_state
 from limo_driver.ros import RosReader
-from limo_driver.streaming import Keys, claim
+from limo_driver.streaming import Keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +45,7 @@ class ArmServer:
     """Serves one arm from its first states on, until it is closed.
 
     Args:
-        session: Open Zenoh session.
+        session: Open Zenoh session, which holds the arm's name; see `Presence`.
         arm: Name of the arm in keys.
         models: What can serve.
         settings: How.
@@ -55,7 +54,7 @@ class ArmServer:
         ros: Topic of joint states to answer instead of a driver's.
 
     Raises:
-        ConfigError: Another service of the arm is on the network.
+        ConfigError: Contacts are set for an arm with other joints.
     """
 
     def __init__(
@@ -71,9 +70,6 @@ class ArmServer:
         self.keys, self.models, self.settings = Keys(arm), models, settings
         self._physics = models.physics
         settings.contact(self._physics.model.n)  # refuses those of an arm with other joints
-        with ThreadPoolExecutor(1) as meanwhile:  # the claim waits for links
-            meanwhile.submit(rehearse, models, settings)
-            self._token = claim(session, self.keys, "service")
         self.outlet = NetworkOutlet(session, self.keys, log, tell)
         self._opening = Opening(arm, models, settings, self.outlet)
         self._logging = None if log is None else LogWatch(log, self.outlet)
@@ -224,7 +220,6 @@ class ArmServer:
         self._thread.join()
         if self._opener is not None:
             self._opener.join()
-        self._token.undeclare()
         self.outlet.close()
 
     def _change(self, which: str, note: Callable[[str], None]) -> dict[str, Any]:

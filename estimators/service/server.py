@@ -32,8 +32,8 @@ def serve(
         show: Told the status of each arm once a second.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    gc.collect()
     gc.freeze()  # what is there stays; collecting through it would hold the stream
+    gc.enable()
     stopped = threading.Event()
 
     def stop(_signal: int, _frame: FrameType | None) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
-from unittest.mock import patch
 
 import numpy as np
 from sessions import wait_until
@@ -115,10 +114,7 @@ def served(
     limits = LogLimits(queue=1_000_000)
     with open_session(config=alone) as session, McapLog(folder / "logs", "arm", limits) as log:
         models = NotVetted(store)
-        with patch("limo_driver.streaming._LINKING", 0.02):  # nobody else is there
-            server = ArmServer(
-                session, "arm", models, ServiceSettings(rate=RATE), log, events.append
-            )
+        server = ArmServer(session, "arm", models, ServiceSettings(rate=RATE), log, events.append)
         keeper = server.keeper = Keeper(server, store, folder / "logs", settings)
         try:
             ((payload, attachment),) = arm.states(physics, 1 / RATE)

@@ -21,7 +21,6 @@ from estimators.service.settings import ServiceSettings
 from estimators.service.watchdog import ContactWatchdog
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
-from limo_driver.errors import ConfigError
 from limo_driver.messages import (
     Attachment,
     JointStateCodec,
@@ -311,13 +310,6 @@ class TestOverTheNetwork:
 
             wait_until(alone)
             assert [event.kind for event in served.events].count("foreign") == 1
-
-    def test_a_second_service_is_refused(self, rigid, tmp_path) -> None:
-        with Served(tmp_path, rigid) as served:
-            models = OneFolder("7", SimulationOnly(rigid))
-            settings = ServiceSettings(delay=DELAY)
-            with pytest.raises(ConfigError, match="another service of an arm called 'arm'"):
-                ArmServer(served.session, "arm", models, settings, None, served.events.append)
 
     def test_silence_is_told_and_its_end(self, rigid, tmp_path, monkeypatch) -> None:
         monkeypatch.setattr("estimators.service.source._DEAD", 0.5)

@@ -18,6 +18,7 @@ from limo_driver.streaming import (
     Arrivals,
     JointStatePublisher,
     Keys,
+    Presence,
     declare_history,
     follow_history,
     is_alive,
@@ -219,6 +220,41 @@ class TestPublishing:
         assert all_three.wait(10.0)
         assert heard == ["0", "1", "2", "3"]
         subscriber.undeclare()
+
+
+class TestPresence:
+    def test_of_a_second_service_of_an_arm_is_refused(self, tmp_path):
+        here, there = configurations_of_two(tmp_path)
+        with Presence(["left", "arm"], "service", config=here) as first:
+            session = first.session()
+            assert is_alive(session, Keys("left").alive("service"))
+            with (
+                Presence(["arm"], "service", config=there) as second,
+                pytest.raises(ConfigError, match="another service of an arm called 'arm'"),
+            ):
+                second.session()
+            with Presence(["arm"], "driver", config=there) as driver:
+                assert is_alive(driver.session(), Keys("arm").alive("service"))
+                wait_until(lambda: is_alive(session, Keys("arm").alive("driver")))
+
+    def test_ends_where_nobody_waited_for_it(self, tmp_path):
+        here, there = configurations_of_two(tmp_path)
+        with open_session(config=there) as other:
+            with Presence(["arm"], "service", config=here):
+                pass
+            assert not is_alive(other, Keys("arm").alive("service"))
+            with Presence(["arm"], "service", config=here) as again:  # whose address is free again
+                again.session()
+                wait_until(lambda: is_alive(other, Keys("arm").alive("service")))
+
+    def test_says_why_there_is_none(self):
+        with (
+            Presence(["arm"], "service", connect=["nonsense"]) as presence,
+            pytest.raises(ConfigError, match="endpoint nonsense"),
+        ):
+            presence.session()
+        with pytest.raises(ConfigError, match="expected letters, digits"):
+            Presence(["a/b"], "service")
 
 
 class TestRunning:

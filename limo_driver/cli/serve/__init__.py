@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from contextlib import ExitStack
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated
@@ -10,10 +11,11 @@ import typer
 
 from limo_driver.cli.serve.options import (
     SigningKeys,
+    load_models,
     log_limits,
     per_joint,
     retraining_of,
-    served_models,
+    stores_of,
 )
 from limo_driver.cli.serve.showing import status_printer, teller
 from limo_driver.network_options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
@@ -145,13 +147,9 @@ def command(
 
         limo serve --arm left=models/left --arm right=models/right
     """
-    from estimators.service.arm_server import ArmServer
-    from estimators.service.server import serve
-    from estimators.service.settings import ServiceSettings
     from limo_driver.errors import ConfigError
-    from limo_driver.mcap_log import McapLog
     from limo_driver.ros import RosTopic
-    from limo_driver.streaming import open_session
+    from limo_driver.streaming import Presence
 
     topic = None if ros is None else RosTopic(ros, ros_domain)
     if topic is not None and config is not None:
@@ -160,20 +158,35 @@ def command(
         require_passage(config, topic.key_of_any_hash, "ingress", "--ros")
     keys = SigningKeys(tuple(trust or ()), sign)
     keys.check(model)
-    arms = served_models(arm, store, model, sim, keys)
-    settings = ServiceSettings(
-        rate=rate,
-        delay=delay,
-        bound=bound,
-        contact_torque=per_joint("--contact", contact, "N m", arms),
-        contact_duration=per_joint("--contact-for", contact_for, "s", arms),
-    )
-    limits = log_limits(log_size, log_age, len(arms))
-    retraining = retraining_of(arms, log, retrain, retrain_every, training_seconds, challenger)
-    if topic is not None and len(arms) > 1:
-        raise ConfigError(f"--ros is the topic of one arm, and {len(arms)} are to be served")
+    stores = stores_of(arm, store, model, sim)
+    if topic is not None and len(stores) > 1:
+        raise ConfigError(f"--ros is the topic of one arm, and {len(stores)} are to be served")
+    limits = log_limits(log_size, log_age, len(stores))
+    retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
     with ExitStack() as open_:
-        session = open_.enter_context(open_session(connect or (), listen or (), config))
+        presence = Presence(list(stores), "service", connect or (), listen or (), config)
+        open_.enter_context(presence)
+        # While links come about, what the first estimates need is imported and loaded; nearly all
+        # of that stays, so that looking for garbage in it would only take time.
+        gc.disable()
+        open_.callback(gc.enable)
+        from estimators.service.arm_server import ArmServer
+        from estimators.service.opening import rehearse
+        from estimators.service.server import serve
+        from estimators.service.settings import ServiceSettings
+        from limo_driver.mcap_log import McapLog
+
+        arms = {name: load_models(own, model, sim, keys) for name, own in stores.items()}
+        settings = ServiceSettings(
+            rate=rate,
+            delay=delay,
+            bound=bound,
+            contact_torque=per_joint("--contact", contact, "N m", arms),
+            contact_duration=per_joint("--contact-for", contact_for, "s", arms),
+        )
+        for models in arms.values():
+            rehearse(models, settings)
+        session = presence.session()
         servers: list[ArmServer] = []
         for name, models in arms.items():
             kept = None if log is None else McapLog(log, name, limits)

@@ -1,4 +1,4 @@
-"""What the options of `limo serve` come to, checked before anything is opened."""
+"""What the options of `limo serve` come to, checked before anything is opened where they can be."""
 
 from __future__ import annotations
 
@@ -85,14 +85,10 @@ def log_limits(size: float, age: float, arms: int) -> LogLimits:
     return LogLimits(file_bytes=one, total_bytes=total, total_seconds=age * _SECONDS_PER_DAY)
 
 
-def served_models(
-    given: list[str],
-    store: Path | None,
-    model: Path | None,
-    sim: Path | None,
-    keys: SigningKeys,
-) -> dict[str, ServedModels]:
-    """Return what serves each arm, by name.
+def stores_of(
+    given: list[str], store: Path | None, model: Path | None, sim: Path | None
+) -> dict[str, Path | None]:
+    """Return the store of each arm by name, None where a model folder serves instead.
 
     Raises:
         ConfigError: An arm is named twice, or has no store, or two.
@@ -100,42 +96,46 @@ def served_models(
     from limo_driver.errors import ConfigError
     from limo_driver.streaming import Keys
 
-    arms: dict[str, ServedModels] = {}
+    if model is not None and sim is not None:
+        raise ConfigError("--model brings its own simulation; --sim is for --store")
+    stores: dict[str, Path | None] = {}
     for entry in given:
         name, _, own = entry.partition("=")
         Keys(name)  # refuses what cannot be part of a key
-        if name in arms:
+        if name in stores:
             raise ConfigError(f"--arm {name} is given twice")
         if own and store is not None:
             raise ConfigError(f"--arm {entry} names a store, and so does --store {store}")
-        arms[name] = _models(Path(own) if own else store, model, sim, keys)
-    return arms
+        stores[name] = Path(own) if own else store
+        if (stores[name] is None) == (model is None):
+            raise ConfigError("give --arm NAME=STORE, --store or --model, one of them")
+    return stores
 
 
-def _models(
+def load_models(
     store: Path | None, model: Path | None, sim: Path | None, keys: SigningKeys
 ) -> ServedModels:
+    """Load the physics of an arm, and with it what serves.
+
+    Raises:
+        LimoError: A store has no version that can be read, or a folder does not fit together.
+    """
     from estimators.service.models import OneFolder, StoreModels
     from estimators.service.store import ModelStore
-    from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
 
-    if (store is None) == (model is None):
-        raise ConfigError("give --arm NAME=STORE, --store or --model, one of them")
     if model is not None:
-        if sim is not None:
-            raise ConfigError("--model brings its own simulation; --sim is for --store")
         return OneFolder.open(model)
     simulation = None if sim is None else Simulation.load(sim)
     robot = None if simulation is None else simulation.model.name
     versions = ModelStore(store or Path(), robot, keys.trusted, keys.own)
     models = StoreModels(versions, simulation)
-    _ = models.physics  # refuses an empty store before anything is opened
+    _ = models.physics  # refuses an empty store
     return models
 
 
 def retraining_of(
-    arms: dict[str, ServedModels],
+    stores: dict[str, Path | None],
     log: Path | None,
     wanted: bool | None,
     hours: float | None,
@@ -143,18 +143,16 @@ def retraining_of(
     kind: str,
 ) -> RetrainingSettings | None:
     """Return how to retrain, or None where it is not wanted or not possible."""
-    from estimators.service.models import StoreModels
     from estimators.service.settings import RetrainingSettings
     from limo_driver.errors import ConfigError
 
-    stored = all(isinstance(models, StoreModels) for models in arms.values())
-    possible = stored and log is not None
+    possible = None not in stores.values() and log is not None
     if wanted and not possible:
         raise ConfigError("--retrain needs --store for the models and --log to learn from")
     if hours is not None and (wanted is False or not possible):
         raise ConfigError("--retrain-every is for a service that retrains: give --store and --log")
     if possible and wanted is not False:
-        _refuse_shared_stores(arms)
+        _refuse_shared_stores(stores)
     if kind != "same":
         from estimators.service.learning import check_kind
 
@@ -164,18 +162,16 @@ def retraining_of(
     return settings if possible and wanted is not False else None
 
 
-def _refuse_shared_stores(arms: dict[str, ServedModels]) -> None:
+def _refuse_shared_stores(stores: dict[str, Path | None]) -> None:
     """Refuse to retrain two arms in one store, where one would let the other's models serve."""
-    from estimators.service.models import StoreModels
     from limo_driver.errors import ConfigError
 
-    homes: dict[Path, str] = {}
-    for name, models in arms.items():
-        assert isinstance(models, StoreModels)  # noqa: S101  # checked before
-        home = models.store.home.resolve()
-        if home in homes:
+    arms: dict[Path, str] = {}
+    for name, store in stores.items():
+        assert store is not None  # noqa: S101  # checked before
+        other = arms.setdefault(store.resolve(), name)
+        if other != name:
             raise ConfigError(
-                f"arms {homes[home]} and {name} share the store {models.store.root}, which has one "
-                "champion: give each a store of its own, or --no-retrain"
+                f"arms {other} and {name} share the store {store}, which has one champion: give "
+                "each a store of its own, or --no-retrain"
             )
-        homes[home] = name
