@@ -1,6 +1,7 @@
 """kill -9 of driver, service and a writer of the model store at random, and what that costs.
 
     python benchmarks/service_kills.py --model model/ --kills 50
+    python benchmarks/service_kills.py --model model/ --kills 20 --only service
 
 `limo run --stream` drives an ideal arm, `limo serve` answers and logs, and a third process adds
 versions to the store and makes them challengers without end, as a trainer does when it is done.
@@ -196,6 +197,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", type=Path, required=True, help="model folder of limo train")
     parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--only", choices=VICTIMS, help="the one that is killed; else any of them")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--write-to", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -210,7 +212,7 @@ def main() -> None:
             bench = Bench(Path(name), arguments.model, there, session)
             with running(*map(bench.command, VICTIMS)) as processes:
                 for _ in range(arguments.kills):
-                    victim = draw.choice(VICTIMS)
+                    victim = arguments.only or draw.choice(VICTIMS)
                     killed[victim] += 1
                     kill(bench, processes, victim, draw)
             report(bench, killed)

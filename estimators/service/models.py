@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from estimators.residual_model import ResidualModel
     from estimators.service.store import ModelStore
+    from estimators.service.version import Version
     from limo_driver.physics import Simulation
 
 
@@ -135,7 +136,6 @@ class StoreModels:
     store: ModelStore
     simulation: Simulation | None = None
     _stopped: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
-    _read: dict[str, ResidualModel[Any]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def physics(self) -> Simulation:
@@ -144,17 +144,16 @@ class StoreModels:
         Raises:
             ModelStoreError: Nothing was given, and no version can be read.
         """
-        return self._physics
+        return self._first[1].simulation if self.simulation is None else self.simulation
 
     @cached_property
-    def _physics(self) -> Simulation:
-        if self.simulation is not None:
-            return self.simulation
+    def _first(self) -> tuple[Version, ResidualModel[Any]]:
+        """The first candidate that can be read."""
         reasons: list[str] = []
         for version in (*self.candidates, *map(str, reversed(self.store.numbers()))):
             try:
-                self._read[version] = self.load(version)
-                return self._read[version].simulation
+                found = self.store.open(version)
+                return found, found.load()
             except ModelStoreError as error:
                 reasons.append(str(error))
         raise ModelStoreError(
@@ -181,13 +180,15 @@ class StoreModels:
     def load(self, version: str) -> ResidualModel[Any]:
         """Check the files of a version and read it.
 
-        One that was read for its physics is given out once, rather than read again.
+        The one that gave the physics is not read again, as long as it is the same one.
 
         Raises:
             ModelStoreError: There is no such version, or a file differs from what was added.
         """
-        read = self._read.pop(version, None)
-        return self.store.open(version).load() if read is None else read
+        found = self.store.open(version)
+        if self.simulation is None and found == self._first[0]:
+            return self._first[1]
+        return found.load()
 
     def vet(self, version: str, demand: Demand) -> None:
         """Check a version in a process of its own.
