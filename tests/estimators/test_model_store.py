@@ -14,6 +14,7 @@ import pytest
 
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
+from estimators.service.models import StoreModels
 from estimators.service.store import ModelStore
 from estimators.stream import Stream
 from estimators.training import TrainingSettings
@@ -202,6 +203,19 @@ def test_broken_files_of_the_store_are_named(store: ModelStore) -> None:
     (store.home / "aliases.json").write_text('{"schema": 1, "champion": "x"}')
     with pytest.raises(ModelStoreError, match=r"aliases\.json: cannot be understood"):
         store.open("champion")
+
+
+def test_the_model_whose_physics_serves_is_read_once_while_the_store_holds_the_same(
+    store: ModelStore,
+) -> None:
+    models = StoreModels(store)
+    first = models.load("1")
+    assert models.physics is first.simulation
+    assert models.load("1") is first
+    assert models.load("2") is not first
+    record = store.home / "1" / "version.json"
+    record.write_text(record.read_text().replace("same again", "another"))
+    assert models.load("1") is not first
 
 
 def test_another_answer_to_the_golden_motion_is_refused(store: ModelStore) -> None:
