@@ -19,19 +19,19 @@ class LatencyHistogram:
     """Counts durations in bins of equal ratio from 1 µs to 100 s."""
 
     def __init__(self) -> None:
-        self._counts = np.zeros(_BINS, dtype=np.int64)
+        self._counts = [0] * _BINS
         self.longest = 0.0  # [s]
 
     def add(self, duration: float) -> None:
         """Count a duration [s]; what is below 1 µs counts as that."""
-        bin_ = int(_PER_DECADE * math.log10(max(duration, _LOWEST) / _LOWEST))
-        self._counts[min(bin_, _BINS - 1)] += 1
+        bin_ = int(_PER_DECADE * math.log10(duration / _LOWEST)) if duration > _LOWEST else 0
+        self._counts[bin_ if bin_ < _BINS else -1] += 1
         self.longest = max(self.longest, duration)
 
     @property
     def count(self) -> int:
         """Durations counted."""
-        return int(self._counts.sum())
+        return sum(self._counts)
 
     @property
     def edges(self) -> FloatArray:
@@ -48,7 +48,7 @@ class LatencyHistogram:
     def take(self) -> LatencyHistogram:
         """Return what was counted, and begin anew."""
         taken = LatencyHistogram()
-        taken._counts, self._counts = self._counts, np.zeros(_BINS, dtype=np.int64)
+        taken._counts, self._counts = self._counts, [0] * _BINS
         taken.longest, self.longest = self.longest, 0.0
         return taken
 
@@ -69,5 +69,5 @@ class LatencyHistogram:
             "count": self.count,
             **{f"p{p:g}".replace(".", "_"): self.percentile(p) for p in (50, 99, 99.9)},
             "longest": self.longest,
-            "counts": self._counts.tolist(),
+            "counts": list(self._counts),
         }

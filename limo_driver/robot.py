@@ -8,8 +8,8 @@ stale measurements, and the end of the session.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConnectionLostError, CycleTimeoutError
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointCommand, RobotSpec
 
 
-@dataclass(frozen=True)
-class Measurement:
+class Measurement(NamedTuple):
     """What a backend reads in one cycle."""
 
     time: float  # [s], monotonic, of the robot

@@ -15,25 +15,31 @@ finite, wrong length) or that the backend cannot carry out is refused before any
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
 from limo_driver.setpoints import (
+    TORQUE,
+    WRENCH,
+    EffortLimits,
+    PositionLimits,
     first_runaway,
     first_unreadable,
-    limit_path,
-    limit_positions,
-    limit_torques,
-    limit_wrench,
     names_of,
     slow_down,
 )
-from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand, WrenchCommand
+from limo_driver.types import (
+    ImpedanceCommand,
+    PositionCommand,
+    TorqueCommand,
+    WrenchCommand,
+    WrenchLimits,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,6 +52,7 @@ VELOCITY_TOLERANCE = 1.2  # times the velocity limit that a measured velocity ma
 LONGEST_VALIDITY = 1.0  # [s], of a command; an arm whose sender is gone holds by then
 STALE_TIMEOUT = 0.1  # [s] without a measurement after which the arm holds
 _NO_WRENCH = np.zeros(6)
+_TAKES_NO_WRENCH = WrenchLimits(wrench=_NO_WRENCH, rate=_NO_WRENCH)
 
 
 class Phase(Enum):
@@ -56,15 +63,14 @@ class Phase(Enum):
     HOLDING = "holding"
 
 
-@dataclass(frozen=True)
-class _Setpoint:
+class _Setpoint(NamedTuple):
     """What the arm is told in one cycle; each array has shape (n,)."""
 
     position: FloatArray  # [rad]
     velocity: FloatArray  # [rad/s]
     torque: FloatArray  # [N m]
     goal: FloatArray  # the position that was commanded [rad]
-    wrench: FloatArray = field(default_factory=lambda: _NO_WRENCH)  # (6,) [N, N m]
+    wrench: FloatArray = _NO_WRENCH  # (6,) [N, N m]
 
 
 @dataclass
@@ -102,11 +108,12 @@ class SafetyContract:
         self.start_tolerance = start_tolerance
         zero = np.zeros(spec.n)
         self._memory = _Memory(_Setpoint(zero, zero, zero, zero))
-        self._bounds = (
-            spec.limits.position_min - RANGE_TOLERANCE,
-            spec.limits.position_max + RANGE_TOLERANCE,
-            VELOCITY_TOLERANCE * spec.limits.velocity,
-        )
+        limits, wrench = spec.limits, spec.wrench_limits or _TAKES_NO_WRENCH
+        self._positions = PositionLimits(limits, spec.period)
+        self._torques = EffortLimits(limits.torque, limits.torque_rate, spec.period, TORQUE)
+        self._wrenches = EffortLimits(wrench.wrench, wrench.rate, spec.period, WRENCH)
+        lower, upper = limits.position_min - RANGE_TOLERANCE, limits.position_max + RANGE_TOLERANCE
+        self._runaway = np.array([lower, upper, VELOCITY_TOLERANCE * limits.velocity])
 
     @property
     def holding(self) -> bool:
@@ -166,8 +173,8 @@ class SafetyContract:
         check_readable(PositionCommand(position=targets[unreadable]), self.spec.n)
         self._take(PositionCommand(position=targets[0]))
         memory, now = self._memory, self._memory.now
-        path, speed, hit = limit_path(
-            targets, now.goal, now.position, now.velocity, self.spec.limits, self.spec.period
+        path, speed, hit = self._positions.follow_path(
+            targets, now.goal, now.position, now.velocity
         )
         memory.command = PositionCommand(position=targets[-1])
         memory.after = _Setpoint(path[-1], speed[-1], now.torque, memory.command.position)
@@ -236,7 +243,7 @@ class SafetyContract:
             # What moves faster than it may is not followed faster, nor is a measurement that errs.
             fastest = self.spec.limits.velocity
             velocity = np.clip(state.velocity, -fastest, fastest)
-            memory.now = replace(memory.now, position=position, velocity=velocity)
+            memory.now = memory.now._replace(position=position, velocity=velocity)
 
     def _fault(self, state: JointState) -> str:
         """Say why the arm has to hold; empty if it need not."""
@@ -245,7 +252,7 @@ class SafetyContract:
             lost = memory.time - state.time
             if lost > STALE_TIMEOUT:
                 return f"no measurement for {lost:.3g} s"
-        elif j := first_runaway(state.position, state.velocity, *self._bounds):
+        elif j := first_runaway(state.position, state.velocity, self._runaway):
             return f"joint {j} leaves its range or its velocity limit"
         if command is not None and memory.time > memory.command_time + command.valid_for + 1e-9:
             return f"the last command expired after {command.valid_for:.3g} s"
@@ -281,7 +288,7 @@ class SafetyContract:
         elif (
             now.velocity.any() or self._memory.led
         ):  # still braking: go on from the set-point, which the arm follows
-            self._memory.now = replace(now, torque=zero, goal=goal, wrench=_NO_WRENCH)
+            self._memory.now = now._replace(torque=zero, goal=goal, wrench=_NO_WRENCH)
         else:
             self._memory.now = _Setpoint(state.position, zero, zero, goal)
 
@@ -300,23 +307,20 @@ class SafetyContract:
 
     def _limited(self, command: JointCommand) -> JointCommand:
         """Limit a command against the set-point of this cycle and note the next one."""
-        now, limits, period = self._memory.now, self.spec.limits, self.spec.period
-        position, velocity, torque, goal = now.position, now.velocity, now.torque, now.goal
-        wrench = now.wrench
+        now = self._memory.now
+        position, velocity, torque, goal, wrench = now
         changed: dict[str, FloatArray] = {}
         hit = 0
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
             goal = command.position
-            position, velocity, hit = limit_positions(
-                goal, now.goal, position, velocity, limits, period
-            )
+            position, velocity, hit = self._positions.follow(goal, now.goal, position, velocity)
             changed["position"] = position
         if isinstance(command, (TorqueCommand, ImpedanceCommand)):
-            torque, met = limit_torques(command.torque, torque, limits, period)
+            torque, met = self._torques.follow(command.torque, torque)
             hit |= met
             changed["torque"] = torque
-        if isinstance(command, WrenchCommand) and (most := self.spec.wrench_limits) is not None:
-            wrench, hit = limit_wrench(command.wrench, wrench, most, period)
+        if isinstance(command, WrenchCommand):
+            wrench, hit = self._wrenches.follow(command.wrench, wrench)
             changed["wrench"] = wrench
         self._memory.after = _Setpoint(position, velocity, torque, goal, wrench)
         return replace(command, limited_by=names_of(hit), **changed) if hit else command

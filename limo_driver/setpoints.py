@@ -9,13 +9,13 @@ import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
-    from limo_driver.types import FloatArray, JointLimits, WrenchLimits
+    from limo_driver.types import FloatArray, JointLimits
 
 LIMIT_NAMES = (
     "position", "velocity", "acceleration", "torque", "torque_rate", "wrench", "wrench_rate",
 )  # fmt: skip
-_POSITION, _VELOCITY, _ACCELERATION, _TORQUE, _TORQUE_RATE = 1, 2, 4, 8, 16  # bits of a hit
-_WRENCH, _WRENCH_RATE = 32, 64
+_POSITION, _VELOCITY, _ACCELERATION = 1, 2, 4  # bits of a hit
+TORQUE, WRENCH = 8, 32  # each with its rate behind it
 _ROUNDING = 1e-6  # relative; a set-point this close to a limit keeps it
 
 
@@ -24,87 +24,76 @@ def names_of(hit: int) -> tuple[str, ...]:
     return tuple(name for k, name in enumerate(LIMIT_NAMES) if hit >> k & 1)
 
 
-def limit_positions(
-    target: FloatArray,
-    goal: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    limits: JointLimits,
-    period: float,
-) -> tuple[FloatArray, FloatArray, int]:
-    """Return the next set-point towards `target` and its velocity.
+class PositionLimits:
+    """Leads set-points towards what is commanded, within the limits of the joints.
 
     A target that moves within the limits is met exactly. Any other is followed as the limits
     allow and met without overshoot once it rests: the set-point brakes in time, relative to the
     target's own velocity, and before the ends of the range.
 
     Args:
-        target: Position commanded now, (n,) [rad].
-        goal: Position commanded one cycle before, (n,) [rad].
-        position: Set-point of this cycle, (n,) [rad].
-        velocity: Its velocity, (n,) [rad/s].
         limits: Limits of the joints.
         period: Cycle [s].
-
-    Returns:
-        The set-point (n,) [rad], its velocity (n,) [rad/s], and the limits that changed the target,
-        as bits in the order of `LIMIT_NAMES`.
     """
-    path, speeds, hit = limit_path(target[None], goal, position, velocity, limits, period)
-    return path[0], speeds[0], hit
+
+    def __init__(self, limits: JointLimits, period: float) -> None:
+        change = limits.acceleration * period  # of velocity in one cycle
+        far = (
+            (limits.velocity + change) ** 2 * period / change
+        )  # more than twice what braking takes
+        lower, upper = limits.position_min, limits.position_max
+        # One array, and not read-only: that is quicker on its way into what is compiled.
+        self._bounds = np.array([lower, upper, limits.velocity, change, far])
+        self._period = period
+
+    def follow(
+        self, target: FloatArray, goal: FloatArray, position: FloatArray, velocity: FloatArray
+    ) -> tuple[FloatArray, FloatArray, int]:
+        """Return the next set-point towards `target` and its velocity.
+
+        Args:
+            target: Position commanded now, (n,) [rad].
+            goal: Position commanded one cycle before, (n,) [rad].
+            position: Set-point of this cycle, (n,) [rad].
+            velocity: Its velocity, (n,) [rad/s].
+
+        Returns:
+            The set-point (n,) [rad], its velocity (n,) [rad/s], and the limits that changed the
+            target, as bits in the order of `LIMIT_NAMES`.
+        """
+        reached, speed = np.empty(target.size), np.empty(target.size)
+        hit = _follow(target, goal, position, velocity, self._bounds, self._period, reached, speed)
+        return reached, speed, hit
+
+    def follow_path(
+        self, targets: FloatArray, goal: FloatArray, position: FloatArray, velocity: FloatArray
+    ) -> tuple[FloatArray, FloatArray, int]:
+        """Apply `follow` to one target after the other; (T, n) set-points and velocities."""
+        path, speeds = np.empty(targets.shape), np.empty(targets.shape)
+        hit = _follow(
+            targets[0], goal, position, velocity, self._bounds, self._period, path[0], speeds[0]
+        )
+        return path, speeds, hit | _follow_on(targets, self._bounds, self._period, path, speeds)
 
 
-def limit_path(
-    targets: FloatArray,
-    goal: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    limits: JointLimits,
-    period: float,
-) -> tuple[FloatArray, FloatArray, int]:
-    """Apply `limit_positions` to one target after the other; (T, n) set-points and velocities."""
-    after = np.empty((2, *targets.shape))
-    hit = _limit_path(
-        targets,
-        goal,
-        position,
-        velocity,
-        limits.position_min,
-        limits.position_max,
-        limits.velocity,
-        limits.acceleration,
-        period,
-        after,
-    )
-    return after[0], after[1], hit
+class EffortLimits:
+    """Leads torques, or a wrench, towards what is commanded, within their limits.
 
+    Args:
+        most: Highest effort, (n,) [N m] or [N].
+        rate: Highest rate, (n,) [N m/s] or [N/s].
+        period: Cycle [s].
+        bit: Of the limit in `LIMIT_NAMES`, `TORQUE` or `WRENCH`; that of its rate comes after it.
+    """
 
-def limit_torques(
-    target: FloatArray,
-    torque: FloatArray,
-    limits: JointLimits,
-    period: float,
-) -> tuple[FloatArray, int]:
-    """Return the next torque towards `target`, (n,) [N m], and the limits met, as bits."""
-    reached, most, rate = _limit_effort(target, torque, limits.torque, limits.torque_rate * period)
-    return reached, _TORQUE * most | _TORQUE_RATE * rate
+    def __init__(self, most: FloatArray, rate: FloatArray, period: float, bit: int) -> None:
+        self._bounds = np.array([most, rate * period])
+        self._bit = bit
 
-
-def limit_wrench(
-    target: FloatArray, wrench: FloatArray, limits: WrenchLimits, period: float
-) -> tuple[FloatArray, int]:
-    """Return the next wrench towards `target`, (6,) [N, N m], and the limits met, as bits."""
-    reached, most, rate = _limit_effort(target, wrench, limits.wrench, limits.rate * period)
-    return reached, _WRENCH * most | _WRENCH_RATE * rate
-
-
-def _limit_effort(
-    target: FloatArray, now: FloatArray, most: FloatArray, step: FloatArray
-) -> tuple[FloatArray, bool, bool]:
-    """Return the next effort, and whether its limit and that of its rate were met."""
-    within = np.minimum(np.maximum(target, -most), most)
-    reached = np.minimum(np.maximum(within, now - step), now + step)
-    return reached, bool(np.any(within != target)), bool(np.any(reached != within))
+    def follow(self, target: FloatArray, effort: FloatArray) -> tuple[FloatArray, int]:
+        """Return the effort that comes after `effort` on its way to `target`, and limits met."""
+        reached = np.empty(target.size)
+        return reached, self._bit * _follow_effort(target, effort, self._bounds, reached)
 
 
 def slow_down(
@@ -125,61 +114,81 @@ def first_unreadable(values: FloatArray, lowest: float) -> int:
 
 
 @njit(cache=True)
-def first_runaway(
-    position: FloatArray,
-    velocity: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    fastest: FloatArray,
-) -> int:
-    """Return the first joint, from 1, that is too fast or on its way out of range; 0 if none."""
+def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray) -> int:
+    """Return the first joint, from 1, that is too fast or on its way out of range; 0 if none.
+
+    Args:
+        position: Measured, (n,) [rad].
+        velocity: Measured, (n,) [rad/s].
+        bounds: Lower and upper end of the range [rad], and highest speed [rad/s], (3, n).
+    """
     for j in range(position.size):
-        leaving = position[j] > upper[j] if velocity[j] > 0 else position[j] < lower[j]
-        if leaving or abs(velocity[j]) > fastest[j]:
+        q, v = position[j], velocity[j]
+        leaving = q > bounds[1, j] if v > 0 else q < bounds[0, j]
+        if leaving or abs(v) > bounds[2, j]:
             return j + 1
     return 0
 
 
 @njit(cache=True)
-def _limit_path(
-    targets: FloatArray,
+def _follow(
+    target: FloatArray,
     goal: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    fastest: FloatArray,
-    acceleration: FloatArray,
+    bounds: FloatArray,
     period: float,
-    after: FloatArray,
+    reached: FloatArray,
+    speed: FloatArray,
 ) -> int:
-    """Write the set-points and their velocities into `after`, (2, T, n); return the limits met."""
+    """Write the next set-point into `reached` and `speed`; return the limits met."""
     hit = 0
-    for j in range(goal.size):
-        q, v, last = position[j], velocity[j], min(max(goal[j], lower[j]), upper[j])
-        change = acceleration[j] * period  # of velocity in one cycle
-        far = (fastest[j] + change) ** 2 * period / change  # more than twice what braking takes
-        for t in range(targets.shape[0]):
-            aim = min(max(targets[t, j], lower[j]), upper[j])
-            if aim != targets[t, j]:
-                hit |= _POSITION
-            if upper[j] - q > far:  # most often: no end of the range is near
-                high = fastest[j]
-            else:
-                high = min(fastest[j], _braking(upper[j] - q, change, period))
-            if q - lower[j] > far:
-                low = -fastest[j]
-            else:
-                low = -min(fastest[j], _braking(q - lower[j], change, period))
-            drift, last = (aim - last) / period, aim
-            direct = (aim - q) / period
-            if _in_reach(direct, v, drift, low, high, change):
-                q, v = aim, direct
-            else:
-                v, met = _follow(direct, v, drift, low, high, fastest[j], change, period)
-                hit |= met
-                q += v * period
-            after[0, t, j], after[1, t, j] = q, v
+    for j in range(target.size):
+        lower, upper, fastest = bounds[0, j], bounds[1, j], bounds[2, j]
+        change, far = bounds[3, j], bounds[4, j]
+        q, v = position[j], velocity[j]
+        aim = min(max(target[j], lower), upper)
+        if aim != target[j]:
+            hit |= _POSITION
+        # Most often, no end of the range is near.
+        high = fastest if upper - q > far else min(fastest, _braking(upper - q, change, period))
+        low = fastest if q - lower > far else min(fastest, _braking(q - lower, change, period))
+        drift = (aim - min(max(goal[j], lower), upper)) / period
+        direct = (aim - q) / period
+        if _in_reach(direct, v, drift, -low, high, change):
+            reached[j], speed[j] = aim, direct
+        else:
+            v, met = _catch_up(direct, v, drift, -low, high, fastest, change, period)
+            hit |= met
+            reached[j], speed[j] = q + v * period, v
+    return hit
+
+
+@njit(cache=True)
+def _follow_on(
+    targets: FloatArray, bounds: FloatArray, period: float, path: FloatArray, speeds: FloatArray
+) -> int:
+    """Write all set-points after the first into `path` and `speeds`, (T, n)."""
+    hit = 0
+    for t in range(1, targets.shape[0]):
+        hit |= _follow(
+            targets[t], targets[t - 1], path[t - 1], speeds[t - 1], bounds, period,
+            path[t], speeds[t],
+        )  # fmt: skip
+    return hit
+
+
+@njit(cache=True)
+def _follow_effort(
+    target: FloatArray, effort: FloatArray, bounds: FloatArray, reached: FloatArray
+) -> int:
+    """Write the next effort; return 1 if the limit was met, plus 2 if that of its rate was."""
+    hit = 0
+    for j in range(target.size):
+        most, step = bounds[0, j], bounds[1, j]
+        within = min(max(target[j], -most), most)
+        reached[j] = min(max(within, effort[j] - step), effort[j] + step)
+        hit |= (within != target[j]) | (reached[j] != within) << 1
     return hit
 
 
@@ -197,7 +206,7 @@ def _in_reach(
 
 
 @njit(cache=True)
-def _follow(
+def _catch_up(
     direct: float,
     velocity: float,
     drift: float,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.setpoints import limit_positions
+from limo_driver.setpoints import PositionLimits
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits
@@ -30,14 +30,14 @@ class Bridge:
 
     def __init__(self, limits: JointLimits, period: float) -> None:
         n = limits.velocity.size
-        self._limits = replace(
+        slow = replace(
             limits,
             position_min=np.full(n, -np.inf),
             position_max=np.full(n, np.inf),
             velocity=SHARE * limits.velocity,
             acceleration=SHARE * limits.acceleration,
         )
-        self._period = period
+        self._limits = PositionLimits(slow, period)
         self._zero = np.zeros(n)
         self.clear()
         self.advance()  # compiles before drives wait for it
@@ -52,6 +52,6 @@ class Bridge:
 
     def advance(self) -> None:
         """Take some of it away, once a cycle."""
-        self.offset, self._velocity, _ = limit_positions(
-            self._zero, self._zero, self.offset, self._velocity, self._limits, self._period
+        self.offset, self._velocity, _ = self._limits.follow(
+            self._zero, self._zero, self.offset, self._velocity
         )
