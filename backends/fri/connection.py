@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -110,10 +109,10 @@ def _unlike(values: Joints | None, most: float, name: str) -> str:
     """Say why values cannot be those of an arm; empty if they can."""
     if values is None:
         return f"no {name}"
-    # A NaN may hide from the extremes, but not in the sum.
-    if -most <= min(values) and max(values) <= most and abs(sum(values)) < math.inf:
-        return ""
-    return f"a {name} that no arm has"
+    for value in values:
+        if not -most <= value <= most:  # a NaN compares false
+            return f"a {name} that no arm has"
+    return ""
 
 
 def pace(message: Monitoring) -> tuple[int, int]:

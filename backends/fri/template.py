@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 from backends.fri.decoding import decode
 from backends.fri.encoding import encode
@@ -23,6 +23,8 @@ from backends.fri.messages import Command, Monitoring
 from backends.fri.wire import varint
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from backends.fri.codec import Version
     from backends.fri.decoding import Path, Trace
     from backends.fri.version import Generation
@@ -34,74 +36,115 @@ _CRC: Final = 4  # bytes
 Message = TypeVar("Message", Monitoring, Command)
 
 
-@dataclass
+class _Part(Protocol):
+    """A value that changes from cycle to cycle."""
+
+    def read(self, values: tuple[Any, ...], /) -> Any:  # noqa: ANN401
+        """Return the value of a datagram whose numbers are `values`."""
+
+    def write(self, value: Any, pieces: list[Any], /) -> bool:  # noqa: ANN401
+        """Put a value among the pieces of a datagram; False if the layout is another.
+
+        Numbers have the odd places, what stands between them the even ones.
+        """
+        ...
+
+
 class _Node:
-    """How one message of a layout is put together from the values of a datagram."""
+    """How one message of a layout is put together from the values of a datagram.
 
-    like: Any  # the value that the layout was learned from
-    arrays: list[tuple[str, int, int]] = field(default_factory=list)  # doubles: first, after last
-    numbers: list[tuple[str, int]] = field(default_factory=list)  # one double each
-    counters: list[tuple[str, int]] = field(default_factory=list)
-    children: list[tuple[str, _Node]] = field(default_factory=list)
-    lists: list[tuple[str, list[_Node]]] = field(default_factory=list)  # messages that repeat
-    fixed: list[tuple[str, Any]] = field(default_factory=list)  # what must not change
-    written: dict[str, bytes] = field(default_factory=dict[str, bytes])  # counters read last,
-    counted: dict[str, int] = field(default_factory=dict[str, int])  # and what they say
+    Args:
+        like: The message that the layout was learned from.
+        fixed: What must not change, by name.
+        parts: What changes, by name.
+    """
 
-    def build(self, values: tuple[Any, ...]) -> Any:  # noqa: ANN401  # the like of `like`
-        """Return the value of a datagram, whose numbers are `values`."""
-        made: Any = object.__new__(type(self.like))  # frozen: its constructor is ten times slower
-        content: dict[str, Any] = made.__dict__
-        content.update(self.like.__dict__)
-        for name, start, stop in self.arrays:
-            content[name] = values[start:stop]
-        for name, at in self.numbers:
-            content[name] = values[at]
-        for name, at in self.counters:
-            written = values[at]
-            if written != self.written.get(name):  # seconds, for one, seldom change
-                self.written[name], self.counted[name] = written, _counter(written)
-            content[name] = self.counted[name]
-        for name, child in self.children:
-            content[name] = child.build(values)
-        for name, items in self.lists:
-            content[name] = tuple([item.build(values) for item in items])
+    def __init__(self, like: Any, fixed: dict[str, Any], parts: dict[str, _Part]) -> None:  # noqa: ANN401
+        self._kind, self._content = type(like), dict(vars(like))
+        self._fixed = list(fixed.items())
+        self._reads = [(name, part.read) for name, part in parts.items()]
+        self._writes = [(name, part.write) for name, part in parts.items()]
+
+    def read(self, values: tuple[Any, ...]) -> Any:  # noqa: ANN401  # of the kind of `like`
+        content = self._content.copy()
+        for name, read in self._reads:
+            content[name] = read(values)
+        made = object.__new__(self._kind)  # frozen: its constructor is several times slower
+        object.__setattr__(made, "__dict__", content)
         return made
 
-    def take(self, message: Any, values: list[Any]) -> bool:  # noqa: ANN401
-        """Write the numbers of a message into `values`; False if the layout is another."""
+    def write(self, message: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+        if type(message) is not self._kind:
+            return False
         content: dict[str, Any] = message.__dict__
-        for name, like in self.fixed:
+        for name, like in self._fixed:
             if content[name] is not like and not _same(content[name], like):
                 return False
-        for name, start, stop in self.arrays:
-            given = content[name]
-            if given is None or len(given) != stop - start:
-                return False
-            values[start:stop] = given
-        for name, at in self.numbers:
-            if (number := content[name]) is None:
-                return False
-            values[at] = number
-        for name, at in self.counters:
-            written = varint(content[name]) if 0 <= content[name] <= _HIGHEST else b""
-            if len(written) != len(values[at]):
-                return False
-            values[at] = written
-        return self._take_inner(content, values)
-
-    def _take_inner(self, content: dict[str, Any], values: list[Any]) -> bool:
-        for name, child in self.children:
-            part = content[name]
-            if part is None or not child.take(part, values):
-                return False
-        for name, items in self.lists:
-            parts = content[name]
-            if len(parts) != len(items):
-                return False
-            if not all(map(_Node.take, items, parts, [values] * len(items))):
+        for name, write in self._writes:  # noqa: SIM110  # a generator would take as long again
+            if not write(content[name], pieces):
                 return False
         return True
+
+
+class _Nodes:
+    """Messages that repeat."""
+
+    def __init__(self, nodes: list[_Node]) -> None:
+        self._nodes = nodes
+
+    def read(self, values: tuple[Any, ...]) -> Any:  # noqa: ANN401
+        return tuple([node.read(values) for node in self._nodes])
+
+    def write(self, messages: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+        return len(messages) == len(self._nodes) and all(
+            node.write(message, pieces) for node, message in zip(self._nodes, messages, strict=True)
+        )
+
+
+class _Doubles:
+    """An array."""
+
+    def __init__(self, start: int, stop: int) -> None:
+        self.read: Callable[[tuple[Any, ...]], Any] = itemgetter(slice(start, stop))
+        self._length, self._places = stop - start, slice(2 * start + 1, 2 * stop, 2)
+
+    def write(self, numbers: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+        if numbers is None or len(numbers) != self._length:
+            return False
+        pieces[self._places] = numbers
+        return True
+
+
+class _Double:
+    """One number."""
+
+    def __init__(self, at: int) -> None:
+        self.read: Callable[[tuple[Any, ...]], Any] = itemgetter(at)
+        self._place = 2 * at + 1
+
+    def write(self, number: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+        pieces[self._place] = number
+        return number is not None
+
+
+class _Counter:
+    """An integer of as many bytes as the layout was learned with."""
+
+    def __init__(self, at: int, length: int) -> None:
+        self._at, self._length = at, length
+
+    def read(self, values: tuple[Any, ...]) -> int:
+        value = 0
+        for byte in reversed(values[self._at]):
+            value = value << 7 | byte & 0x7F
+        if value > _HIGHEST:
+            raise OverflowError
+        return value
+
+    def write(self, number: int, pieces: list[Any]) -> bool:
+        written = varint(number) if 0 <= number <= _HIGHEST else b""
+        pieces[2 * self._at + 1] = written
+        return len(written) == self._length
 
 
 class _Learned:
@@ -138,17 +181,15 @@ class _Learned:
         if self.framed and zlib.crc32(data[_CRC:-_CRC]) != int.from_bytes(data[-_CRC:], "little"):
             return None
         try:
-            return self._root.build(self._reading.unpack_from(data))
+            return self._root.read(self._reading.unpack_from(data))
         except OverflowError:
             return None
 
     def write(self, message: Any) -> bytes | None:  # noqa: ANN401
         """Return the datagram of a message; None if its layout is another."""
-        values = self._pieces[1::2]
         try:
-            if not self._root.take(message, values):
+            if not self._root.write(message, self._pieces):
                 return None
-            self._pieces[1::2] = values
             data = self._writing.pack(*self._pieces)
         except (struct.error, TypeError):
             return None  # the codec says what is wrong
@@ -216,7 +257,7 @@ class CommandTemplate(Template[Command]):
 
 def _node(message: Any, trace: Trace, path: Path) -> _Node:  # noqa: ANN401
     """Sort the values of a message into those that change and those that must not."""
-    node, depth = _Node(message), len(path)
+    depth = len(path)
     places: dict[str, list[int]] = {}
     inner: set[str] = set()
     for at, (where, _, _) in enumerate(trace):
@@ -226,34 +267,29 @@ def _node(message: Any, trace: Trace, path: Path) -> _Node:  # noqa: ANN401
                 places.setdefault(name, []).append(at)
             else:
                 inner.add(name)
+    fixed: dict[str, Any] = {}
+    parts: dict[str, _Part] = {}
     for name, value in vars(message).items():
         here = (*path, name)
         if name in inner and isinstance(value, tuple):
-            items = [_node(item, trace, (*here, str(k))) for k, item in enumerate(value)]  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
-            node.lists.append((name, items))
+            items: Any = value
+            parts[name] = _Nodes(
+                [_node(item, trace, (*here, str(k))) for k, item in enumerate(items)]
+            )
         elif name in inner:
-            node.children.append((name, _node(value, trace, here)))
+            parts[name] = _node(value, trace, here)
         elif name not in places:
-            node.fixed.append((name, value))
+            fixed[name] = value
         elif isinstance(value, tuple):
-            node.arrays.append((name, places[name][0], places[name][-1] + 1))
+            parts[name] = _Doubles(places[name][0], places[name][-1] + 1)
         elif name in CHANGING:
-            node.counters.append((name, places[name][0]))
+            at = places[name][0]
+            parts[name] = _Counter(at, trace[at][2] - trace[at][1])
         else:
-            node.numbers.append((name, places[name][0]))
-    return node
+            parts[name] = _Double(places[name][0])
+    return _Node(message, fixed, parts)
 
 
 def _same(one: Any, other: Any) -> bool:  # noqa: ANN401
     """Say whether two values have the same bytes; 0.0 and -0.0 have not."""
     return one == other and (not isinstance(one, tuple) or repr(one) == repr(other))  # pyright: ignore[reportUnknownArgumentType]
-
-
-def _counter(written: bytes) -> int:
-    """Return the integer of a varint that is known to end in its last byte."""
-    value = written[0] & 0x7F
-    for k, byte in enumerate(written[1:], start=1):
-        value |= (byte & 0x7F) << 7 * k
-    if value > _HIGHEST:
-        raise OverflowError
-    return value

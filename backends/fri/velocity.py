@@ -37,15 +37,18 @@ class VelocityFilter:
             if step > LONGEST_STEP:
                 self.velocity = readonly(np.zeros(position.size))
             elif step > 0.0:
-                self.velocity = _filtered(self.velocity, position, self._position, step)
-                self.velocity.setflags(write=False)  # as in the kind that is compiled
+                velocity = np.empty(position.size)
+                _filter(self.velocity, position, self._position, step, velocity)
+                velocity.setflags(write=False)
+                self.velocity = velocity
         self._time, self._position = time, position
 
 
 @njit(cache=True)
-def _filtered(
-    velocity: FloatArray, position: FloatArray, before: FloatArray, step: float
-) -> FloatArray:
-    """Return the velocity [rad/s] after a step [s]."""
+def _filter(
+    velocity: FloatArray, position: FloatArray, before: FloatArray, step: float, after: FloatArray
+) -> None:
+    """Write the velocity [rad/s] after a step [s]."""
     share = step / (step + TIME_CONSTANT)
-    return (1.0 - share) * velocity + (share / step) * (position - before)
+    for j in range(after.size):
+        after[j] = (1.0 - share) * velocity[j] + (share / step) * (position[j] - before[j])

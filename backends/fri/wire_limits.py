@@ -64,8 +64,10 @@ class WireLimits:
 
     def usable(self, position: Numbers) -> bool:
         """Say whether a position that the robot names may be mirrored."""
-        # A NaN compares false.
-        return all(map(_between, position, self._lower, self._upper))
+        for value, lower, upper in zip(position, self._lower, self._upper, strict=True):
+            if not lower <= value <= upper:  # a NaN compares false
+                return False
+        return True
 
     def reachable(self, wanted: Numbers) -> Numbers:
         """Return how close to a position the next command may come, (n,) [rad]."""
@@ -102,10 +104,6 @@ class WireLimits:
 def numbers(values: FloatArray) -> Numbers:
     """Return an array as the wire takes it."""
     return tuple(values.tolist())
-
-
-def _between(value: float, lower: float, upper: float) -> bool:
-    return lower <= value <= upper
 
 
 def _near(wanted: Numbers, last: Numbers, step: Numbers) -> Numbers:
