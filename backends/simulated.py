@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.model import RobotModel
-    from limo_driver.robot import Measurement
-    from limo_driver.types import FloatArray, ImpedanceCommand
+    from limo_driver.types import FloatArray, ImpedanceCommand, JointState
 
 DEFAULT_PERIOD = 1e-3  # [s]
 
@@ -84,7 +83,7 @@ class SimulatedRobot(Robot):
         self._restore_plant(saved.plant)
         self._cycle, self._losing, self._began = saved.cycle, saved.losing, None
 
-    def _receive(self, timeout: float | None) -> Measurement | None:  # noqa: ARG002  # in time
+    def _receive(self, timeout: float | None) -> JointState | None:  # noqa: ARG002  # in time
         if self._keeps_time and self._began is not None:
             self._wait(self._began)
         measured = self._cycle_once()
@@ -107,7 +106,7 @@ class SimulatedRobot(Robot):
         """Nothing outside this process has to be told."""
 
     @abstractmethod
-    def _cycle_once(self) -> Measurement:
+    def _cycle_once(self) -> JointState:
         """Simulate one control cycle."""
 
     @abstractmethod

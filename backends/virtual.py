@@ -19,9 +19,14 @@ from backends.simulated import (
     start_position,
 )
 from limo_driver.errors import BackendError
-from limo_driver.robot import Measurement
 from limo_driver.safety import START_TOLERANCE
-from limo_driver.types import ImpedanceCommand, JointSample, PositionCommand, TorqueCommand
+from limo_driver.types import (
+    ImpedanceCommand,
+    JointSample,
+    JointState,
+    PositionCommand,
+    TorqueCommand,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -72,7 +77,7 @@ class VirtualRobot(SimulatedRobot):
     def _send(self, command: JointCommand) -> None:
         self._command = command
 
-    def _cycle_once(self) -> Measurement:
+    def _cycle_once(self) -> JointState:
         before, h = self._velocity, self.spec.period
         if self._cycle:  # the first state is where the arm stands
             self._move()
@@ -80,7 +85,7 @@ class VirtualRobot(SimulatedRobot):
         sample = JointSample(self._cycle * h, self._position, self._velocity, acceleration)
         torque, self._effects = self.simulation.step(self._effects, sample)
         sensors = self.simulation.sensors
-        return Measurement(
+        return JointState(
             time=sample.time,
             position=sensors.measure_position(self._position),
             velocity=self._velocity,

@@ -9,27 +9,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConnectionLostError, CycleTimeoutError
 from limo_driver.safety import START_TOLERANCE, SafetyContract
-from limo_driver.types import JointState
 
 READY_TIMEOUT = 60.0  # [s] for a person to start what has to be started on the robot's side
 
 if TYPE_CHECKING:
-    from limo_driver.types import FloatArray, JointCommand, RobotSpec
-
-
-class Measurement(NamedTuple):
-    """What a backend reads in one cycle."""
-
-    time: float  # [s], monotonic, of the robot
-    position: FloatArray  # (n,) [rad]
-    velocity: FloatArray  # (n,) [rad/s]
-    torque: FloatArray  # (n,) [N m]
-    sequence: int  # counts the robot's cycles
+    from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
 
 
 class Robot(Closing):
@@ -164,26 +153,19 @@ class Robot(Closing):
         contract, self._state, self._answered = saved
         self._contract.restore(contract)
 
-    def _state_of(self, measured: Measurement | None, timeout: float | None) -> JointState:
+    def _state_of(self, measured: JointState | None, timeout: float | None) -> JointState:
+        """Return what was measured, or else what was known last."""
+        if measured is not None:
+            return measured
+        if self._state is None:
+            raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
         temperature, drives = self._condition()
-        if measured is None:
-            if self._state is None:
-                raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
-            return replace(
-                self._state, stale=True, holding=False, temperature=temperature, drives=drives
-            )
-        return JointState(
-            time=measured.time,
-            position=measured.position,
-            velocity=measured.velocity,
-            torque=measured.torque,
-            sequence=measured.sequence,
-            temperature=temperature,
-            drives=drives,
+        return replace(
+            self._state, stale=True, holding=False, temperature=temperature, drives=drives
         )
 
     @abstractmethod
-    def _receive(self, timeout: float | None) -> Measurement | None:
+    def _receive(self, timeout: float | None) -> JointState | None:
         """Wait for one cycle; return its measurement, or None if it was lost."""
 
     @abstractmethod
@@ -195,7 +177,7 @@ class Robot(Closing):
         """Let go of the robot; called once."""
 
     def _condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
-        """Return temperatures (n,) [°C] and statuses of the drives, also of those not heard."""
+        """Return temperatures (n,) [°C] and statuses of drives, where nothing was measured."""
         return None, ()
 
     def _check(self, command: JointCommand) -> None:  # most take every command

@@ -14,7 +14,7 @@ from backends.can.config import CIA402, ArmConfig
 from backends.can.port import Port
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
-from limo_driver.robot import Measurement, Robot
+from limo_driver.robot import Robot
 from limo_driver.safety import START_TOLERANCE, VELOCITY_TOLERANCE, SafetyContract
 from limo_driver.types import JointState, PositionCommand, TorqueCommand
 
@@ -129,7 +129,7 @@ class CanRobot(Robot):
             raise BackendError(f"{reason}; call reset_faults() once that is cured")
         super().resume()
 
-    def _receive(self, timeout: float | None) -> Measurement | None:
+    def _receive(self, timeout: float | None) -> JointState | None:
         if not self._enabled:
             self._link.enable()
             self._enabled = True
@@ -149,12 +149,15 @@ class CanRobot(Robot):
         if sample is None:
             self._silent += 1
             return None
-        return Measurement(
+        temperature, drives = self._condition()
+        return JointState(
             time=self._last - self._began,
             position=sample.position,
             velocity=sample.velocity,
             torque=sample.torque,
             sequence=self._cycle,
+            temperature=temperature,
+            drives=drives,
         )
 
     def _condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:

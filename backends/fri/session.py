@@ -30,6 +30,9 @@ class Order(Enum):
     RESTARTED = "restarted"  # the first of a new session
 
 
+_NEXT, _OLD, _RESTARTED = Order  # quicker than by their class
+
+
 @dataclass
 class LinkFigures:
     """What was counted since the driver was opened."""
@@ -86,7 +89,7 @@ class Session:
         data = message.data
         stamp = _nanoseconds(None if data is None else data.timestamp)
         order = self._order(message.header.sequence, stamp)
-        if order is Order.OLD:
+        if order is _OLD:
             self.figures.old += 1
             return order
         self.figures.received += 1
@@ -116,18 +119,18 @@ class Session:
     def _order(self, sequence: int, stamp: int | None) -> Order:
         last = self._last
         if last is None:
-            return Order.NEXT
+            return _NEXT
         ahead = (sequence - last) % _MODULUS
         if 0 < ahead <= _LONGEST_GAP:
-            return Order.NEXT
+            return _NEXT
         if stamp is not None and self._stamp is not None:
             restarted = stamp > self._stamp  # it counts anew, but later than what came before
         else:
             restarted = -ahead % _MODULUS > _REORDERED
         if not restarted and not self._strays_on(sequence):
-            return Order.OLD
+            return _OLD
         self.figures.restarts += 1
-        return Order.RESTARTED
+        return _RESTARTED
 
     def _strays_on(self, sequence: int) -> bool:
         """Say whether packets that look old go on and on: then the robot's clock was set back."""
@@ -140,7 +143,7 @@ class Session:
         """Advance time by the robot's clock, or by its send period where that does not fit."""
         if self._last is None:
             return
-        restarted = order is Order.RESTARTED
+        restarted = order is _RESTARTED
         steps = 1 if restarted else (sequence - self._last) % _MODULUS
         self.packets += steps
         self.figures.lost += steps - 1
@@ -157,7 +160,7 @@ class Session:
 
     def _confirm(self, reflected: int, order: Order) -> None:
         """Settle the commands up to the one that the robot received last."""
-        if order is Order.RESTARTED:
+        if order is _RESTARTED:
             self._unconfirmed.clear()
         if reflected not in self._unconfirmed:
             return

@@ -26,7 +26,6 @@ from backends.mujoco_sim.stability import (
 from backends.mujoco_sim.torque_sensors import TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, ShapeError
-from limo_driver.robot import Measurement
 from limo_driver.safety import START_TOLERANCE
 from limo_driver.types import (
     FloatArray,
@@ -213,7 +212,7 @@ class MujocoRobot(SimulatedRobot):
             self._memory[layout.INTEGRAL] *= mode == self._mode
         self._fresh, self._mode = False, mode
 
-    def _cycle_once(self) -> Measurement:
+    def _cycle_once(self) -> JointState:
         self._advance(self._command[layout.TARGET : layout.TARGET + 1], self._log)
         return self._measurement(self._cycle, self._log[0])
 
@@ -237,8 +236,8 @@ class MujocoRobot(SimulatedRobot):
         if not finite:
             raise BackendError("the simulation left the finite numbers; check effects and inertias")
 
-    def _measurement(self, cycle: int, log: FloatArray) -> Measurement:
-        return Measurement(
+    def _measurement(self, cycle: int, log: FloatArray) -> JointState:
+        return JointState(
             time=cycle * self.spec.period,
             position=log[layout.MEASURED_POSITION],
             velocity=log[layout.MEASURED_VELOCITY],
