@@ -35,6 +35,7 @@ from limo_driver.setpoints import (
 )
 from limo_driver.types import (
     ImpedanceCommand,
+    JointState,
     PositionCommand,
     TorqueCommand,
     WrenchCommand,
@@ -44,7 +45,7 @@ from limo_driver.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
+    from limo_driver.types import FloatArray, JointCommand, RobotSpec
 
 START_TOLERANCE = 0.02  # [rad], distance of the first command from the measured pose
 RANGE_TOLERANCE = 0.01  # [rad], how far outside its range a joint may be carried
@@ -327,6 +328,17 @@ class SafetyContract:
             changed["wrench"] = wrench
         self._memory.after = _Setpoint(position, velocity, torque, goal, wrench)
         return replace(command, limited_by=names_of(hit), **changed) if hit else command
+
+
+def warm_up(spec: RobotSpec) -> None:
+    """Compile the arithmetic of the contract, before an arm waits for it."""
+    zero = np.zeros(spec.n)
+    position, torque = PositionCommand(position=zero), TorqueCommand(torque=zero)
+    contract = SafetyContract(spec)
+    # From a measurement at rest, from set-points, and from a measurement in motion.
+    for cycle, command in enumerate((position, position, torque, torque, position)):
+        contract.observe(JointState(cycle * spec.period, zero, zero, zero, cycle))
+        contract.admit(command)
 
 
 def check_readable(command: JointCommand, n: int) -> None:

@@ -15,8 +15,8 @@ from backends.can.port import Port
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.robot import Robot
-from limo_driver.safety import START_TOLERANCE, VELOCITY_TOLERANCE, SafetyContract
-from limo_driver.types import JointState, PositionCommand, TorqueCommand
+from limo_driver.safety import START_TOLERANCE, VELOCITY_TOLERANCE, warm_up
+from limo_driver.types import JointState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import can
 
     from backends.can.link import DriveState, Link
-    from limo_driver.types import FloatArray, JointCommand, RobotSpec
+    from limo_driver.types import FloatArray, JointCommand
 
 BRAKING_TIMEOUT: Final = 10.0  # [s] in which an arm that is closed comes to rest
 # Of a period, after a cycle that began late: sooner, the next set-point would be a faster motion
@@ -64,7 +64,7 @@ class CanRobot(Robot):
         if config is None:
             raise ConfigError("an arm on a CAN bus needs its arm.yaml (--config)")
         self.config = config if isinstance(config, ArmConfig) else ArmConfig.load(config)
-        _compile(self.config.spec(np.zeros(len(self.config.joints))))
+        warm_up(self.config.spec(np.zeros(len(self.config.joints))))
         self._port = Port(self.config.bus, bus, clock)
         try:
             self._link = _link(self.config, self._port, reset=reset_faults)
@@ -214,16 +214,6 @@ class CanRobot(Robot):
                 self._send(command)
             state = self._state_of(self._receive(None), None)
             self._contract.observe(state)
-
-
-def _compile(spec: RobotSpec) -> None:
-    """Let the arithmetic of the contract be compiled before drives wait for it."""
-    zero = np.zeros(spec.n)
-    for command in (PositionCommand(position=zero), TorqueCommand(torque=zero)):
-        contract = SafetyContract(spec)
-        for cycle in range(3):  # set-points from a measurement, and from set-points
-            contract.observe(JointState(cycle * spec.period, zero, zero, zero, cycle))
-            contract.admit(command)
 
 
 def _link(config: ArmConfig, port: Port, *, reset: bool) -> Link:

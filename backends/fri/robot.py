@@ -36,8 +36,8 @@ from limo_driver.errors import (
 from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
 from limo_driver.robot import READY_TIMEOUT, Robot
-from limo_driver.safety import START_TOLERANCE, SafetyContract
-from limo_driver.types import JointState, PositionCommand, RobotSpec, WrenchLimits, readonly
+from limo_driver.safety import START_TOLERANCE, warm_up
+from limo_driver.types import JointState, RobotSpec, WrenchLimits, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -393,10 +393,7 @@ class FriRobot(Robot):
 
 def _warm_up(spec: RobotSpec) -> None:
     """Load what is compiled, before a robot waits for an answer."""
-    contract, middle, velocity = SafetyContract(spec), np.zeros(spec.n), VelocityFilter(spec.n)
-    for instant in (0.0, spec.period):
-        velocity.update(instant, readonly(middle))
-    contract.observe(JointState(0.0, middle, middle, middle, 0))
-    contract.admit(PositionCommand(position=middle))
-    contract.observe(JointState(spec.period, middle, middle, middle, 1))
-    contract.stand_in()
+    warm_up(spec)
+    velocity, middle = VelocityFilter(spec.n), readonly(np.zeros(spec.n))
+    for cycle in range(3):  # from no velocity, and from one
+        velocity.update(cycle * spec.period, middle)
