@@ -38,9 +38,8 @@ class PositionLimits:
 
     def __init__(self, limits: JointLimits, period: float) -> None:
         change = limits.acceleration * period  # of velocity in one cycle
-        far = (
-            (limits.velocity + change) ** 2 * period / change
-        )  # more than twice what braking takes
+        # How far the ends of the range have to be for nobody to brake: twice what that takes.
+        far = (limits.velocity + change) ** 2 * period / change
         lower, upper = limits.position_min, limits.position_max
         # One array, and not read-only: that is quicker on its way into what is compiled.
         self._bounds = np.array([lower, upper, limits.velocity, change, far])
