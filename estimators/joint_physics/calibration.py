@@ -1,41 +1,57 @@
-"""How far a fit is off on motion that it was not fitted to, and from where on nobody knows.
+"""How far a fit is off on motion that it was not fitted to, and from where on physics is better.
 
-    variance of the error = c (σ² + x Σ xᵀ)
+    variance of the error = c (σ² + g x Σ xᵀ)
 
 with the noise σ² and the covariance Σ of the weights, that of their posterior and that of the
-jackknife. The factor c of each joint is such that 95 % of the errors on folds left out are within
-1.96 standard deviations (split conformal prediction) by the posterior alone: those folds took part
-in the jackknife, and other motion is less like the data than they are. Folds of a short recording
-are alike: while one has fewer rows than there are weights, c is at least 1, so that they may widen
-the interval but not narrow it. Motion whose leverage x Σ xᵀ
-shows beside the noise and is beyond nearly all of what the folds were judged on is outside: the
-formula still grows there, but no error confirms it.
+jackknife. The factor c of each joint is such that 95 % of the errors on folds of time left out are
+within 1.96 standard deviations (split conformal prediction) by the posterior alone: those folds
+took part in the jackknife, and other motion is less like the data than they are. Folds of a short
+recording are alike: while one has fewer rows than there are weights, c is at least 1, so that they
+may widen the interval but not narrow it. The growth g, of at least 1, is such that the same holds
+on regions of the poses left out, where the leverage x Σ xᵀ is that of other motion.
+
+What the simulation leaves has a usual size, the mean square s² in training. Taken to have a
+standard deviation of 2 s on any motion, it makes of learned torque m with variance v = c g x Σ xᵀ
+
+    m (2 s)² / ((2 s)² + v),
+
+which fades to the simulation as v grows. The standard deviation does not fade: on other motion the
+simulation may leave more than it usually does.
+
+Motion is outside where v is above s², so that the weights leave more open than the simulation did,
+or where the leverage shows beside the noise and is beyond nearly all of what the folds were judged
+on: the formula still holds there, and no error has confirmed it.
 
 Source: MacKay, "Bayesian interpolation", Neural Computation 1992, sec. 6 (error bars); Lei et al.,
-"Distribution-free predictive inference for regression", JASA 2018 (the factor).
+"Distribution-free predictive inference for regression", JASA 2018 (the factor); James and Stein,
+"Estimation with quadratic loss", 1961 (the part that is kept).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from estimators.base import DEVIATIONS
+from estimators.joint_physics.evidence import LEAST_NOISE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from estimators.joint_physics.evidence import Fit
-    from estimators.joint_physics.normal_equations import JudgedRows
+    from estimators.joint_physics.evidence import Fit, Posterior
+    from estimators.joint_physics.normal_equations import JudgedRows, NormalEquations
     from limo_driver.types import FloatArray
 
 COVERAGE: Final = 0.95
 _INSIDE: Final = 0.999  # of the judged rows
 _SHOWS: Final = 0.1  # [σ²]; a smaller leverage adds less than 5 % to the standard deviation
+_ELSEWHERE: Final = 4.0  # [s²], variance of what the simulation leaves on any motion
+_LEAST_LEVERAGE: Final = 1e-12  # [N² m²]
 
 
 @dataclass(frozen=True)
@@ -44,30 +60,43 @@ class Calibration:
 
     noise: FloatArray  # (n,) [N² m²], σ²
     factor: FloatArray  # (n,), c
+    growth: FloatArray  # (n,), g
+    usual: FloatArray  # (n,) [N² m²], s², mean square of what the simulation leaves
     farthest: FloatArray  # (n,) [N² m²], leverage from which on motion is outside
+
+    @cached_property
+    def _certain(self) -> FloatArray:
+        """Variance where the weights are known, (n,) [N² m²]."""
+        return self.factor * self.noise
+
+    @cached_property
+    def _unsure(self) -> FloatArray:
+        """What of a leverage is variance, (n,)."""
+        return self.factor * self.growth
+
+    @cached_property
+    def _fading(self) -> FloatArray:
+        """How fast learned torque fades with leverage, (n,) [1/(N² m²)]."""
+        return self._unsure / (_ELSEWHERE * self.usual)
 
     def std(self, leverage: FloatArray, unknown: FloatArray) -> FloatArray:
         """Return standard deviations [N m] of leverages, and of variances by memory, (T, n)."""
-        return np.sqrt(self.factor * (self.noise + leverage) + unknown)
+        return np.sqrt(self._certain + self._unsure * leverage + unknown)
+
+    def faded(self, learned: FloatArray, leverage: FloatArray) -> FloatArray:
+        """Return what is kept of learned torque at leverages, (T, n) [N m]."""
+        return learned / (1.0 + self._fading * leverage)
 
     def outside(self, leverage: FloatArray) -> NDArray[np.bool_]:
         """Return which motion is outside what was judged, (T, n)."""
         return leverage > self.farthest
 
 
-def calibrate(judged: JudgedRows, fits: Sequence[Fit], count: FloatArray) -> Calibration:
-    """Judge each joint's fits without a fold on the rows of that fold.
-
-    Args:
-        judged: Rows of all folds.
-        fits: Of each joint.
-        count: Rows that each fold has of each joint, (F, n).
-    """
-    least = [0.0 if enough else 1.0 for enough in (count >= judged.columns.shape[2]).all(axis=0)]
-    found = [
-        _calibrate_joint(*_judge(judged, fit, j), fit.prior.noise, least[j])
-        for j, fit in enumerate(fits)
-    ]
+def calibrate(sums: NormalEquations, fits: Sequence[Fit]) -> Calibration:
+    """Judge each joint's fits without a part of the motion on the rows of that part."""
+    columns = sums.judged.columns.shape[2]
+    least = [0.0 if enough else 1.0 for enough in (sums.folds.count >= columns).all(axis=0)]
+    found = [_calibrate_joint(sums, fit, j, least[j]) for j, fit in enumerate(fits)]
     return Calibration(*(np.array(values) for values in zip(*found, strict=True)))
 
 
@@ -76,27 +105,48 @@ def leverage_of(x: FloatArray, root: FloatArray) -> FloatArray:
     return np.sum((x @ root.T) ** 2, axis=1)
 
 
-def _judge(judged: JudgedRows, fit: Fit, joint: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return errors [N m] of one joint's settled rows, and what leverages are made of [N² m²].
+@dataclass(frozen=True)
+class _Judged:
+    """Settled rows of one joint, by fits without the part that each is in."""
 
-    These are the leverages by the posterior, and what the jackknife adds to them.
-    """
-    error, leverage = judged.residual[:, joint].copy(), np.zeros(judged.fold.size)
-    added = np.zeros(judged.fold.size)
-    for fold, without in enumerate(fit.without):
-        rows = judged.fold == fold
-        x = judged.columns[joint, rows].astype(np.float64)
-        error[rows] -= x @ without.weights
-        leverage[rows], added[rows] = leverage_of(x, without.root), leverage_of(x, fit.spread)
-    settled = judged.settled[:, joint]
-    return error[settled], leverage[settled], added[settled]
+    error: FloatArray  # (T,) [N m]
+    leverage: FloatArray  # (T,) [N² m²], by the posterior
+    added: FloatArray  # (T,) [N² m²], what the jackknife adds
+
+    @classmethod
+    def of(
+        cls,
+        judged: JudgedRows,
+        part: NDArray[np.int64],
+        joint: int,
+        without: Sequence[Posterior],
+        spread: FloatArray,
+    ) -> _Judged:
+        error, leverage = judged.residual[:, joint].copy(), np.zeros(part.size)
+        added = np.zeros(part.size)
+        for p, found in enumerate(without):
+            rows = part == p
+            x = judged.columns[joint, rows].astype(np.float64)
+            error[rows] -= x @ found.weights
+            leverage[rows], added[rows] = leverage_of(x, found.root), leverage_of(x, spread)
+        settled = judged.settled[:, joint]
+        return cls(error[settled], leverage[settled], added[settled])
 
 
 def _calibrate_joint(
-    error: FloatArray, leverage: FloatArray, added: FloatArray, noise: float, least: float
-) -> tuple[float, float, float]:
-    """Return noise, factor and farthest leverage of one joint."""
-    deviations = np.abs(error) / np.sqrt(noise + leverage)
-    factor = float(np.quantile(deviations, COVERAGE) / DEVIATIONS) ** 2
-    farthest = max(float(np.quantile(leverage + added, _INSIDE)), _SHOWS * noise)
-    return noise, max(factor, least), farthest
+    sums: NormalEquations, fit: Fit, joint: int, least: float
+) -> tuple[float, float, float, float, float]:
+    """Return noise, factor, growth, usual size and farthest leverage of one joint."""
+    rows, noise = sums.judged, fit.prior.noise
+    folds = [fit.again(rest) for rest in sums.folds.each_left_out(joint)]
+    near = _Judged.of(rows, rows.fold, joint, folds, fit.spread)
+    far = _Judged.of(rows, rows.region, joint, fit.without, fit.spread)
+    deviations = np.abs(near.error) / np.sqrt(noise + near.leverage)
+    factor = max(float(np.quantile(deviations, COVERAGE) / DEVIATIONS) ** 2, least)
+    excess = (far.error / DEVIATIONS) ** 2 / factor - noise
+    growth = float(np.quantile(excess / np.maximum(far.leverage, _LEAST_LEVERAGE), COVERAGE))
+    growth = max(growth, 1.0)
+    everything = sums.folds.evidence(joint)
+    usual = max(everything.energy / everything.rows, LEAST_NOISE)
+    beyond = max(float(np.quantile(near.leverage + near.added, _INSIDE)), _SHOWS * noise)
+    return noise, factor, growth, usual, min(beyond, usual / (factor * growth))

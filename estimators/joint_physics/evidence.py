@@ -2,8 +2,9 @@
 
     y = x·w + e,  e ~ N(0, σ²),  w_k ~ N(0, 1 / α_f(k)),  columns scaled to a mean square of one
 
-The variances are those that make the data most probable (MacKay's fixed point), so that a family
-that explains nothing is switched off and none has to be chosen by hand.
+The variances are those that make the data most probable (MacKay's fixed point), within what is
+known of the weights, so that a family that explains nothing is switched off and none has to be
+chosen by hand.
 
 Source: MacKay, "Bayesian interpolation", Neural Computation 1992; Tipping, "Sparse Bayesian
 learning and the relevance vector machine", JMLR 2001; Wu, "Jackknife, bootstrap and other
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _ITERATIONS: Final = 20
-_WORTHS: Final = (0.3, 0.1, 0.03, 0.01)  # of a row
+_WORTHS: Final = (0.3, 0.1, 0.03, 0.01, 0.003)  # of a row
 _PRECISION: Final = (1e-3, 1e9)  # of a prior [1/(N m)²]; the widest is 30 N m of one column
-_LEAST_NOISE: Final = 1e-6  # [N² m²], so that exact data keep finite weights
+LEAST_NOISE: Final = 1e-6  # [N² m²], so that exact data keep finite weights
 _ZERO: Final = 1e-9  # root mean square, below which a column is zero
 
 
@@ -39,6 +40,11 @@ class Evidence:
     product: FloatArray  # (K,), Σ x y
     energy: float  # Σ y² [N² m²]
     rows: float
+
+    @property
+    def rms(self) -> FloatArray:
+        """Root mean square of each column, (K,)."""
+        return np.sqrt(np.diag(self.gram) / self.rows)
 
     def error(self, weights: FloatArray) -> float:
         """Return Σ (y - x·w)² [N² m²]."""
@@ -77,25 +83,33 @@ def posterior(evidence: Evidence, prior: Prior) -> Posterior:
     return Posterior(weights * S, root * S)
 
 
-def most_probable_prior(evidence: Evidence, family: NDArray[np.int64]) -> Prior:
-    """Find the prior variance of each family (K,) and the noise that the data speak for most."""
-    scale = np.sqrt(np.diag(evidence.gram) / evidence.rows)
-    scale = np.where(scale > _ZERO, scale, np.inf)
-    sizes = np.bincount(family)
-    alpha = np.ones(sizes.size)
-    noise = max(0.1 * evidence.energy / evidence.rows, _LEAST_NOISE)
+def most_probable_prior(
+    evidence: Evidence, family: NDArray[np.int64], known: FloatArray | None = None
+) -> Prior:
+    """Find the prior variance of each family (K,) and the noise that the data speak for most.
+
+    Weights whose deviation (K,) is known keep it; of the others it is NaN.
+    """
+    scale = np.where(evidence.rms > _ZERO, evidence.rms, np.inf)
     back = np.where(np.isfinite(scale), scale, 0.0)
+    deviation = np.full(family.size, np.nan) if known is None else known * scale  # [N m]
+    free = ~np.isfinite(deviation)
+    stated = 1.0 / np.where(free, 1.0, deviation) ** 2
+    alpha = np.ones(int(family.max()) + 1)
+    noise = max(0.1 * evidence.energy / evidence.rows, LEAST_NOISE)
+    precision = np.where(free, alpha[family], stated)
     for _ in range(_ITERATIONS):
-        precision = alpha[family]
         found = posterior(evidence, Prior(scale, precision, noise))
         variance = np.sum((found.root * back) ** 2, axis=0)
         variance[back == 0] = 1.0 / precision[back == 0]  # the data say nothing
-        determined = sizes - alpha * np.bincount(family, variance)
-        energy = np.bincount(family, (found.weights * back) ** 2)
-        alpha = np.clip(np.maximum(determined, 1e-6) / np.maximum(energy, 1e-12), *_PRECISION)
-        free = max(evidence.rows - float(determined.sum()), 1.0)
-        noise = max(evidence.error(found.weights) / free, _LEAST_NOISE)
-    return Prior(scale, alpha[family], noise)
+        determined = 1.0 - precision * variance
+        energy = np.bincount(family, free * (found.weights * back) ** 2)
+        count = np.bincount(family, free * determined)
+        alpha = np.clip(np.maximum(count, 1e-6) / np.maximum(energy, 1e-12), *_PRECISION)
+        rest = max(evidence.rows - float(determined.sum()), 1.0)
+        noise = max(evidence.error(found.weights) / rest, LEAST_NOISE)
+        precision = np.where(free, alpha[family], stated)
+    return Prior(scale, precision, noise)
 
 
 def _widened(found: Posterior, spread: FloatArray) -> Posterior:
@@ -116,40 +130,52 @@ def _jackknife(without: Sequence[Posterior]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Fit:
-    """Posterior of all rows, those without each fold, and the prior they share.
+    """Posterior of all rows, those without each region, and what they share.
 
     The posterior is that of a true model. What the columns cannot explain moves the weights by more
-    from one part of the motion to another, which the jackknife shows: its covariance is added, so
-    that little data, of few parts of the range, are not taken for more than they are.
+    from one region to another, which the jackknife shows: its covariance is added, so that little
+    data, of few parts of the range, are not taken for more than they are.
     """
 
     posterior: Posterior  # with the covariance of the jackknife
     without: tuple[Posterior, ...]
     prior: Prior
-    held_out: float  # mean square error on the folds left out [N² m²]
-    spread: FloatArray  # (F, K), D with the jackknife's covariance Dᵀ D
+    worth: float  # of a row
+    held_out: float  # mean square error on the regions left out [N² m²]
+    spread: FloatArray  # (R, K), D with the jackknife's covariance Dᵀ D
+
+    def again(self, evidence: Evidence) -> Posterior:
+        """Return the posterior of other rows, under the same prior and worth."""
+        return posterior(evidence.worth(self.worth), self.prior)
 
 
-def fit(everything: Evidence, folds: Sequence[Evidence], family: NDArray[np.int64]) -> Fit:
-    """Fit one joint, taking rows for as much evidence as motion held out confirms.
+def fit(
+    everything: Evidence,
+    regions: Sequence[Evidence],
+    family: NDArray[np.int64],
+    known: FloatArray | None = None,
+) -> Fit:
+    """Fit one joint, taking rows for as much evidence as motion of other regions confirms.
 
     What the columns cannot explain lasts longer than a sample, so that a row is worth less than an
-    independent one. Of several worths the one counts whose fits without a fold are off least there.
+    independent one. Of several worths the one counts whose fits without a region are off least
+    there: neighbours in time confirm what is true of their own poses only.
 
     Args:
         everything: All rows.
-        folds: The rows without each fold.
+        regions: The rows without each region.
         family: Which family each column is of, (K,).
+        known: Standard deviations of weights before any data, (K,); NaN where the data decide.
     """
     candidates: list[Fit] = []
     for worth in _WORTHS:
-        prior = most_probable_prior(everything.worth(worth), family)
-        without = tuple(posterior(rest.worth(worth), prior) for rest in folds)
+        prior = most_probable_prior(everything.worth(worth), family, known)
+        without = tuple(posterior(rest.worth(worth), prior) for rest in regions)
         error = sum(
             everything.error(fitted.weights) - rest.error(fitted.weights)
-            for rest, fitted in zip(folds, without, strict=True)
+            for rest, fitted in zip(regions, without, strict=True)
         )
         spread = _jackknife(without)
         found = _widened(posterior(everything.worth(worth), prior), spread)
-        candidates.append(Fit(found, without, prior, error / everything.rows, spread))
+        candidates.append(Fit(found, without, prior, worth, error / everything.rows, spread))
     return min(candidates, key=lambda candidate: candidate.held_out)

@@ -13,8 +13,9 @@ from estimators.joint_physics.calibration import Calibration, calibrate
 from estimators.joint_physics.columns import Columns
 from estimators.joint_physics.evidence import fit
 from estimators.joint_physics.memory import UnknownMemory, moments_of
-from estimators.joint_physics.normal_equations import FOLDS, NormalEquations
+from estimators.joint_physics.normal_equations import NormalEquations
 from estimators.joint_physics.prediction import Prediction
+from estimators.joint_physics.tolerances import tolerances
 from estimators.model_folder import provenance
 from estimators.residual_model import ResidualModel
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Self
 
+    from estimators.joint_physics.evidence import Fit
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, Motion
@@ -45,26 +47,18 @@ class FittedPhysics:
         simulation: Simulation,
         recordings: Sequence[Recording],
     ) -> FittedPhysics:
-        """Fit the weights, and calibrate their uncertainty on folds that were left out."""
-        whole = [sums.evidence(j) for j in range(columns.n)]
-        fits = [
-            fit(
-                everything,
-                [sums.evidence(j, without=fold) for fold in range(FOLDS)],
-                columns.family,
-            )
-            for j, everything in enumerate(whole)
-        ]
+        """Fit the weights, and calibrate their uncertainty on motion that was left out."""
+        fits = [_fit_joint(sums, columns, j) for j in range(columns.n)]
         rmse = {
             "simulation": _rmse(simulation, recordings, columns.bandwidth).tolist(),
             "held_out": [float(np.sqrt(found.held_out)) for found in fits],
         }
         weights = np.stack([found.posterior.weights for found in fits])
-        moments = moments_of(sums.gram.sum(axis=0), sums.count.sum(axis=0), columns)
+        moments = moments_of(sums.folds.gram.sum(axis=0), sums.folds.count.sum(axis=0), columns)
         return cls(
             weights,
             np.stack([found.posterior.root for found in fits]),
-            calibrate(sums.judged, fits, sums.count),
+            calibrate(sums, fits),
             UnknownMemory.of(columns, weights, moments, simulation),
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
         )
@@ -84,11 +78,12 @@ class JointPhysicsState:
 
 
 class JointPhysics(ResidualModel[FittedPhysics]):
-    """Predict tau_j = tau_S,j + x_j · w_j, x_j the physics of joint j, and how sure that is.
+    """Predict tau_j = tau_S,j + k_j x_j · w_j, x_j the physics of joint j, and how sure that is.
 
     tau_S is the prediction of a simulation, normally an identified one. What it leaves is fitted by
     Bayesian linear regression in columns that physics suggests, so that little data is enough and
-    motion larger than that of the data is predicted as physics continues, see `Columns`.
+    motion larger than that of the data is predicted as physics continues, see `Columns`. k_j is 1
+    where the data tell the weights and falls to 0 where they do not, see `Calibration`.
 
     Args:
         simulation: Gives tau_S, and with its rigid body the columns.
@@ -141,8 +136,15 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         outside = fitted.calibration.outside(leverage) | ~rows.settled
         unknown = fitted.unknown.variance(rows.columns, rows.about)
         std = fitted.calibration.std(leverage, unknown)
-        estimate = Estimate(torque, learned, std, outside)
+        faded = fitted.calibration.faded(learned, leverage)
+        estimate = Estimate(torque, faded, std, outside)
         return estimate, JointPhysicsState(simulation, columns)
+
+
+def _fit_joint(sums: NormalEquations, columns: Columns, joint: int) -> Fit:
+    everything = sums.regions.evidence(joint)
+    known = tolerances(columns, joint, everything.rms)
+    return fit(everything, sums.regions.each_left_out(joint), columns.family, known)
 
 
 def _rmse(simulation: Simulation, recordings: Sequence[Recording], bandwidth: float) -> FloatArray:

@@ -1,8 +1,8 @@
-"""Normal equations of each joint, summed over recordings fold by fold, and rows to judge them on.
+"""Normal equations of each joint, summed over recordings part by part, and rows to judge them on.
 
-A fit needs of any number of samples only Σ x xᵀ and Σ x y. Blocks of motion longer than a pose of
-LIMO lasts are dealt to folds in turn, so that a fit without one fold is judged on poses it has not
-seen.
+A fit needs of any number of samples only Σ x xᵀ and Σ x y. They are summed over parts of two kinds,
+each of which can be left out: folds, to which blocks of time are dealt in turn, longer than a pose
+of LIMO lasts, and regions of the poses, to which the motion may have come back many times.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from estimators.joint_physics.columns import SETTLED
 from estimators.joint_physics.evidence import Evidence
+from estimators.joint_physics.regions import REGIONS, Regions
 from estimators.recordings import check_recordings
 from limo_driver.errors import RecordingError
 
@@ -35,24 +36,55 @@ _JUDGED: Final = 20_000  # rows kept
 
 
 @dataclass(frozen=True)
-class NormalEquations:
-    """Sums over the rows of each fold, for n joints of K columns."""
+class Sums:
+    """Sums over the rows of each of P parts, for n joints of K columns."""
 
-    gram: FloatArray  # (F, n, K, K), Σ x xᵀ
-    product: FloatArray  # (F, n, K), Σ x y
-    energy: FloatArray  # (F, n), Σ y² [N² m²]
-    count: FloatArray  # (F, n), rows
-    judged: JudgedRows
+    gram: FloatArray  # (P, n, K, K), Σ x xᵀ
+    product: FloatArray  # (P, n, K), Σ x y
+    energy: FloatArray  # (P, n), Σ y² [N² m²]
+    count: FloatArray  # (P, n), rows
+
+    @classmethod
+    def none(cls, parts: int, columns: Columns) -> Sums:
+        """Return the sums over no rows."""
+        shape, K = (parts, columns.n), columns.count
+        return cls(
+            np.zeros((*shape, K, K)), np.zeros((*shape, K)), np.zeros(shape), np.zeros(shape)
+        )
+
+    def add(self, rows: Rows, residual: FloatArray, part: NDArray[np.int64]) -> None:
+        """Add the settled of r rows, with residual (r, n) and part (r,), in place."""
+        for p in np.unique(part):
+            for j in range(residual.shape[1]):
+                own = (part == p) & rows.settled[:, j]
+                x, y = rows.columns[j, own], residual[own, j]
+                self.gram[p, j] += x.T @ x
+                self.product[p, j] += x.T @ y
+                self.energy[p, j] += y @ y
+                self.count[p, j] += y.size
 
     def evidence(self, joint: int, without: int | None = None) -> Evidence:
-        """Return the sums of one joint (0-based), all of them or without a fold."""
-        use = np.arange(FOLDS) != without
+        """Return the sums of one joint (0-based), all of them or without a part."""
+        use = np.arange(len(self.count)) != without
         return Evidence(
             self.gram[use, joint].sum(axis=0),
             self.product[use, joint].sum(axis=0),
             float(self.energy[use, joint].sum()),
             float(self.count[use, joint].sum()),
         )
+
+    def each_left_out(self, joint: int) -> list[Evidence]:
+        """Return the sums of one joint (0-based) without each part."""
+        return [self.evidence(joint, without=part) for part in range(len(self.count))]
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Sums over the same rows, by folds of time and by regions of the poses."""
+
+    folds: Sums
+    regions: Sums
+    judged: JudgedRows
 
     @classmethod
     def of(
@@ -65,41 +97,39 @@ class NormalEquations:
                 torque was measured, or no row is left.
         """
         check_recordings(recordings, simulation.model)
-        n, K = columns.n, columns.count
-        gram, product = np.zeros((FOLDS, n, K, K)), np.zeros((FOLDS, n, K))
-        energy, count = np.zeros((FOLDS, n)), np.zeros((FOLDS, n))
+        folds, regions = Sums.none(FOLDS, columns), Sums.none(REGIONS, columns)
         kept: list[JudgedRows] = []
         every = _share(recordings, columns)
-        for found, y, fold in _chunks(simulation, columns, recordings):
-            for f in np.unique(fold):
-                for j in range(n):
-                    rows = (fold == f) & found.settled[:, j]
-                    x, own = found.columns[j, rows], y[rows, j]
-                    gram[f, j] += x.T @ x
-                    product[f, j] += x.T @ own
-                    energy[f, j] += own @ own
-                    count[f, j] += own.size
-            kept.append(JudgedRows.of(found, y, fold, every))
-        _check_enough(count, columns, recordings)
-        return cls(gram, product, energy, count, JudgedRows.joined(kept))
+        for rows, residual, fold, region in _chunks(simulation, columns, recordings):
+            folds.add(rows, residual, fold)
+            regions.add(rows, residual, region)
+            kept.append(JudgedRows.of(rows, residual, fold, region, every))
+        _check_enough(folds.count, columns, recordings)
+        return cls(folds, regions, JudgedRows.joined(kept))
 
 
 @dataclass(frozen=True)
 class JudgedRows:
-    """Some of the rows, to judge on those of a fold what the others gave."""
+    """Some of the rows, to judge on those of a part what the others gave."""
 
     columns: NDArray[np.float32]  # (n, T, K)
     residual: FloatArray  # (T, n) [N m], of the simulation
     settled: NDArray[np.bool_]  # (T, n); others do not count
     fold: NDArray[np.int64]  # (T,)
+    region: NDArray[np.int64]  # (T,)
 
     @classmethod
     def of(
-        cls, rows: Rows, residual: FloatArray, fold: NDArray[np.int64], every: int
+        cls,
+        rows: Rows,
+        residual: FloatArray,
+        fold: NDArray[np.int64],
+        region: NDArray[np.int64],
+        every: int,
     ) -> JudgedRows:
         """Keep one row of so many."""
         x = rows.columns[:, ::every].astype(np.float32)
-        return cls(x, residual[::every], rows.settled[::every], fold[::every])
+        return cls(x, residual[::every], rows.settled[::every], fold[::every], region[::every])
 
     @classmethod
     def joined(cls, parts: Sequence[JudgedRows]) -> JudgedRows:
@@ -109,6 +139,7 @@ class JudgedRows:
             np.concatenate([part.residual for part in parts]),
             np.concatenate([part.settled for part in parts]),
             np.concatenate([part.fold for part in parts]),
+            np.concatenate([part.region for part in parts]),
         )
 
 
@@ -160,12 +191,14 @@ def _share(recordings: Sequence[Recording], columns: Columns) -> int:
 
 def _chunks(
     simulation: Simulation, columns: Columns, recordings: Sequence[Recording]
-) -> Iterator[tuple[Rows, FloatArray, NDArray[np.int64]]]:
-    """Give r rows, their residual torque (r, n) and fold (r,), chunk by chunk."""
+) -> Iterator[tuple[Rows, FloatArray, NDArray[np.int64], NDArray[np.int64]]]:
+    """Give r rows, their residual torque (r, n), fold (r,) and region (r,), chunk by chunk."""
+    regions = Regions.of(recordings)
     for recording in recordings:
         bandwidth, every = columns.bandwidth, _stride(recording, columns)
         motion, torque = recording.motion(bandwidth), recording.filtered_torque(bandwidth)
         inside, fold = ~recording.edges(bandwidth), fold_of(recording)
+        region = regions.at(recording.position)
         for rows in recording.segments:
             bodies, memory = simulation.init(), columns.init()
             for start in range(rows.start, rows.stop, every * _ROWS):
@@ -174,7 +207,8 @@ def _chunks(
                 found, memory = columns.advance(memory, motion[piece], predicted, every)
                 use = inside[piece][::every]
                 residual = (torque[piece] - predicted)[::every]
-                yield found.of(use), residual[use], fold[piece][::every][use]
+                own_fold, own_region = fold[piece][::every][use], region[piece][::every][use]
+                yield found.of(use), residual[use], own_fold, own_region
 
 
 def fold_of(recording: Recording) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-_POSITIVE: Final = ("noise", "factor", "farthest")  # of a `Calibration`
+_POSITIVE: Final = tuple(field.name for field in fields(Calibration))
+_NEVER: Final = 1e300  # [N² m²], a usual size beside which nothing fades
 _ROUNDING: Final = 1e-9
 _PACKAGES: Final = ("limo", "numpy", "numba", "safetensors", "pin")
 
@@ -60,8 +61,10 @@ def load(folder: Path | str) -> JointPhysics:
             f"{expected}; train it again"
         )
     n, K = model.columns.n, model.columns.count
-    shapes = {"weights": (n, K), "root": (n, K, K), "noise": (n,), "factor": (n,), "farthest": (n,)}
-    tensors, place = opened.tensors(), opened.path / WEIGHTS
+    shapes = {"weights": (n, K), "root": (n, K, K)} | dict.fromkeys(_POSITIVE, (n,))
+    # a folder from before learned torque faded estimates as it did
+    tensors = {"growth": np.ones(n), "usual": np.full(n, _NEVER)} | opened.tensors()
+    place = opened.path / WEIGHTS
     found = _arrays(tensors, place, shapes)
     calibration = Calibration(*(found[name] for name in _POSITIVE))
     record = opened.record("held_out")

@@ -254,7 +254,7 @@ def _train_physics(
         return
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
-        caption="held out: on each fifth of the motion, by a fit to the rest",
+        caption="held out: in each eighth of the poses, by a fit to the rest",
     )
     for heading in ("joint", "simulation", "joint-physics, held out"):
         table.add_column(heading, justify="right")
