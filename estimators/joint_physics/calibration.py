@@ -19,8 +19,8 @@ which fades to the simulation as v grows. The standard deviation does not fade: 
 simulation may leave more than it usually does.
 
 Motion is outside where v is above s², so that the weights leave more open than the simulation did,
-or where the leverage shows beside the noise and is beyond nearly all of what the folds were judged
-on: the formula still holds there, and no error has confirmed it.
+or where the leverage shows beside the noise and s², and is beyond nearly all of what the folds were
+judged on: the formula still holds there, and no error has confirmed it.
 
 Source: MacKay, "Bayesian interpolation", Neural Computation 1992, sec. 6 (error bars); Lei et al.,
 "Distribution-free predictive inference for regression", JASA 2018 (the factor); James and Stein,
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 COVERAGE: Final = 0.95
 _INSIDE: Final = 0.999  # of the judged rows
 _SHOWS: Final = 0.1  # [σ²]; a smaller leverage adds less than 5 % to the standard deviation
+_MATTERS: Final = 0.01  # [s²]; a smaller leverage is within a tenth of what is learned
 _ELSEWHERE: Final = 4.0  # [s²], variance of what the simulation leaves on any motion
 _LEAST_LEVERAGE: Final = 1e-12  # [N² m²]
 
@@ -148,5 +149,6 @@ def _calibrate_joint(
     growth = max(growth, 1.0)
     everything = sums.folds.evidence(joint)
     usual = max(everything.energy / everything.rows, LEAST_NOISE)
-    beyond = max(float(np.quantile(near.leverage + near.added, _INSIDE)), _SHOWS * noise)
+    shows = max(_SHOWS * noise, _MATTERS * usual)
+    beyond = max(float(np.quantile(near.leverage + near.added, _INSIDE)), shows)
     return noise, factor, growth, usual, min(beyond, usual / (factor * growth))
