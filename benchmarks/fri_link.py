@@ -177,9 +177,9 @@ def move(robot: FriRobot, until: float, realtime: Realtime | None = None) -> int
             while time.monotonic() < until:
                 phase = 2.0 * (state.time - began)
                 robot.send(PositionCommand(position=start + 0.5 * SPEED * (1.0 - np.cos(phase))))
-                state = robot.receive()
                 if realtime is not None:
                     realtime.tidy()
+                state = robot.receive()
         except BackendError:  # it holds: the session left COMMANDING_ACTIVE
             holds += 1
             robot.resume()

@@ -114,11 +114,12 @@ class Playback:
                 errors[0] += error**2
                 np.maximum(errors[1], error, out=errors[1])
                 reached = state.time - start
+                # What can wait comes between an answer and the next state, not the other way round.
                 if realtime is not None:
                     realtime.tidy()
-                state = self._receive(robot)
                 if done % 256 == 0:
                     progress(done, len(targets))
+                state = self._receive(robot)
                 if interrupted.is_set():
                     break
             if interrupted.is_set():
