@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import zenoh
 
 APPEARING: Final = 3.0  # [s] in which a service that is there is found
+STARTING: Final = 10.0  # [s] that one may need from its name to its first answer
 VETTING: Final = 180.0  # [s] for a version to be vetted, loaded and given its memory
 _INDEX: Final = 10.0  # [s]
 
@@ -81,14 +82,19 @@ class ModelClient:
                 f"no service of arm {arm!r} is on the network; start one with `limo serve`, or say "
                 "where it is with --connect or --zenoh-config"
             )
-        for reply in self._session.get(key, payload=to_json(asked), timeout=timeout):
-            if reply.ok is not None:
-                return _answer(key, reply.ok.payload.to_bytes())
-            if reply.err is not None:
-                raise ModelStoreError(_refusal(key, reply.err.payload.to_bytes(), timeout))
-        raise ConnectionLostError(
-            f"the service of arm {arm!r} gave no answer on {key} within {timeout:g} s"
-        )
+        ends = time.monotonic() + STARTING
+        while True:
+            for reply in self._session.get(key, payload=to_json(asked), timeout=timeout):
+                if reply.ok is not None:
+                    return _answer(key, reply.ok.payload.to_bytes())
+                if reply.err is not None:
+                    raise ModelStoreError(_refusal(key, reply.err.payload.to_bytes(), timeout))
+            if time.monotonic() >= ends:  # a service has its name before it can answer
+                raise ConnectionLostError(
+                    f"the service of arm {arm!r} is on the network, but nobody answered {key} for "
+                    f"{STARTING:g} s; it may still be starting, ask again"
+                )
+            time.sleep(0.1)
 
     def _found(self) -> bool:
         ends = time.monotonic() + APPEARING

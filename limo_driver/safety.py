@@ -14,7 +14,6 @@ finite, wrong length) or that the backend cannot carry out is refused before any
 
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cache
@@ -181,7 +180,8 @@ class SafetyContract:
             targets, now.goal, now.position, now.velocity
         )
         memory.command = PositionCommand(position=targets[-1])
-        memory.after = _Setpoint(path[-1], speed[-1], now.torque, memory.command.position)
+        after = path[-1].copy(), speed[-1].copy()  # the path is the caller's
+        memory.after = _Setpoint(*after, now.torque, memory.command.position)
         memory.command_time += (len(targets) - 1) * self.spec.period
         return path, names_of(hit)
 
@@ -230,13 +230,13 @@ class SafetyContract:
 
     def save(self) -> object:
         """Return a copy of all that the contract remembers."""
-        return deepcopy(self._memory)
+        return replace(self._memory)  # what it holds is replaced, never written into
 
     def restore(self, saved: object) -> None:
         """Go back to what `save` returned."""
         if not isinstance(saved, _Memory):
             raise TypeError(f"expected what save() returned, given {type(saved).__name__}")
-        self._memory = deepcopy(saved)
+        self._memory = replace(saved)
 
     def _anchor(self) -> None:
         """Move the set-point to where a compliant arm is and to how it moves."""

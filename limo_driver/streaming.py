@@ -247,7 +247,7 @@ class Presence(Closing):
         listen: Sequence[str] = (),
         config: Path | str | None = None,
     ) -> None:
-        keys = [Keys(arm) for arm in arms]
+        keys = [Keys(arm) for arm in sorted(arms)]  # two that want the same cannot stop each other
         self._open = ExitStack()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="limo-join")
         self._joined = self._thread.submit(self._join, keys, part, connect, listen, config)
@@ -260,6 +260,11 @@ class Presence(Closing):
             ConnectionLostError: No session could be opened.
         """
         return self._joined.result()
+
+    def check(self) -> None:
+        """Raise what `session` would, if that is known by now."""
+        if self._joined.done():
+            self._joined.result()
 
     def close(self) -> None:
         """Give the arms up and close the session, also where it was not waited for."""

@@ -2,9 +2,9 @@
 
     y = x·w + e,  e ~ N(0, σ²),  w_k ~ N(0, 1 / α_f(k)),  columns scaled to a mean square of one
 
-The variances are those that make the data most probable (MacKay's fixed point), within what is
-known of the weights, so that a family that explains nothing is switched off and none has to be
-chosen by hand.
+The variances are those that make the data most probable (MacKay's fixed point), so that a family
+that explains nothing is switched off and none has to be chosen by hand. Weights of which it is
+known how large they are keep that.
 
 Source: MacKay, "Bayesian interpolation", Neural Computation 1992; Tipping, "Sparse Bayesian
 learning and the relevance vector machine", JMLR 2001; Wu, "Jackknife, bootstrap and other

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _POSITIVE: Final = tuple(field.name for field in fields(Calibration))
+_LEAST: Final = 1e-100  # of those
 _NEVER: Final = 1e300  # [N² m²], a usual size beside which nothing fades
 _ROUNDING: Final = 1e-9
 _PACKAGES: Final = ("limo", "numpy", "numba", "safetensors", "pin")
@@ -104,7 +105,9 @@ def _arrays(
             )
         if not np.isfinite(given).all():
             raise ModelStoreError(f"{place}: {name} is not finite")
-        if name in _POSITIVE and not (given > 0).all():
-            raise ModelStoreError(f"{place}: {name} goes down to {given.min():g}, expected above 0")
+        if name in _POSITIVE and not (given >= _LEAST).all():
+            raise ModelStoreError(
+                f"{place}: {name} goes down to {given.min():g}, expected at least {_LEAST:g}"
+            )
         found[name] = given
     return found

@@ -19,6 +19,7 @@ import typer
 from limo_driver.errors import LimoError
 
 USAGE_ERROR = 2
+INTERRUPTED = 130
 
 app = typer.Typer(
     name="limo",
@@ -68,9 +69,11 @@ def _add_commands() -> None:
 
 def main() -> None:
     """Run the command line; bad input ends with one clear line and exit status 2."""
-    _add_commands()
     try:
+        _add_commands()
         app()
     except LimoError as error:
         sys.stderr.write(f"limo: {error}\n")
         sys.exit(USAGE_ERROR)
+    except KeyboardInterrupt:  # while commands were imported; the app handles it later on
+        sys.exit(INTERRUPTED)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from limo_driver.cli import INTERRUPTED
 from limo_driver.network_options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from limo_driver.playback import PlaybackSummary
     from limo_driver.trajectory import Trajectory
 
-INTERRUPTED = 130
 _ANSWERED = {"p50": "p50", "p99": "p99", "p99_9": "p99.9", "longest": "longest"}
 
 

@@ -38,6 +38,15 @@ def test_whole_run_in_one_call_equals_cycle_by_cycle(hysteretic, exploration):
     assert afterwards.sequence == after.sequence
 
 
+def test_what_is_written_into_a_run_moves_nothing(exploration):
+    with MujocoRobot(robot="iiwa14", initial_position=exploration[0]) as robot:
+        robot.receive()
+        run = robot.run(exploration[:50])
+        last = run.target[-1].copy()
+        run.target[:] += 0.5
+        np.testing.assert_array_equal(robot.setpoint, last)
+
+
 def test_run_limits_its_targets(exploration):
     targets = exploration.copy()
     targets[300:] += 0.2

@@ -82,3 +82,14 @@ def test_an_unknown_command_is_refused(limo):
     result = limo("fly")
     assert result.returncode == 2
     assert "fly" in result.stderr
+
+
+def test_an_interrupt_while_commands_are_imported_ends_in_silence(monkeypatch, capsys):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_add_commands", interrupt)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr() == ("", "")

@@ -39,6 +39,7 @@ for cycle, command in enumerate(cycles):
         contract.stand_in()
     else:
         contract.admit(command)
+    contract.restore(contract.save())
 print(warm, count())
 """
 

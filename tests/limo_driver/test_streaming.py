@@ -237,6 +237,21 @@ class TestPresence:
                 assert is_alive(driver.session(), Keys("arm").alive("service"))
                 wait_until(lambda: is_alive(session, Keys("arm").alive("driver")))
 
+    def test_one_of_two_stays_whatever_the_order_of_their_arms(self, tmp_path):
+        here, there = configurations_of_two(tmp_path)
+        with (
+            Presence(["left", "right"], "service", config=here) as one,
+            Presence(["right", "left"], "service", config=there) as other,
+        ):
+            refused = []
+            for presence in (one, other):
+                try:
+                    presence.session()
+                except ConfigError as error:
+                    refused.append(str(error))
+            assert len(refused) == 1
+            assert "'left'" in refused[0]
+
     def test_ends_where_nobody_waited_for_it(self, tmp_path):
         here, there = configurations_of_two(tmp_path)
         with open_session(config=there) as other:
@@ -248,11 +263,11 @@ class TestPresence:
                 wait_until(lambda: is_alive(other, Keys("arm").alive("service")))
 
     def test_says_why_there_is_none(self):
-        with (
-            Presence(["arm"], "service", connect=["nonsense"]) as presence,
-            pytest.raises(ConfigError, match="endpoint nonsense"),
-        ):
-            presence.session()
+        with Presence(["arm"], "service", connect=["nonsense"]) as presence:
+            wait_until(presence._joined.done)
+            for ask in (presence.check, presence.session):
+                with pytest.raises(ConfigError, match="endpoint nonsense"):
+                    ask()
         with pytest.raises(ConfigError, match="expected letters, digits"):
             Presence(["a/b"], "service")
 

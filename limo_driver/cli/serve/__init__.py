@@ -184,6 +184,7 @@ def command(
             contact_torque=per_joint("--contact", contact, "N m", arms),
             contact_duration=per_joint("--contact-for", contact_for, "s", arms),
         )
+        presence.check()  # rather than after the rehearsal
         for models in arms.values():
             rehearse(models, settings)
         session = presence.session()

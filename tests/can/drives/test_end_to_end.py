@@ -6,7 +6,7 @@ they come; the bus within this process has a time of its own.
 
 import json
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from bus_master import GROUP, DrivesBus
 from backends.can import ArmConfig, CanRobot
 from backends.can.drives import SimulatedDrives
 from backends.can.drives.scenario import Scenario
-from limo_driver.errors import BackendError, HoldingError
+from limo_driver.errors import BackendError, CycleTimeoutError, HoldingError
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
@@ -82,10 +82,12 @@ def driven(path, faults, **changes):
 
 def fresh(robot):
     """Return the next state that was measured."""
-    state = robot.receive()
-    while state.stale:
-        state = robot.receive()
-    return state
+    ends = time.monotonic() + 30
+    while time.monotonic() < ends:
+        with suppress(CycleTimeoutError):  # before the first one
+            if not (state := robot.receive()).stale:
+                return state
+    raise AssertionError("no state was measured in 30 s")
 
 
 def cycle_until_held(robot):
