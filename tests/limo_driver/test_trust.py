@@ -113,19 +113,23 @@ class TestWhatArrives:
         witness = "operator" if sender == "viewer" else sender
         allowed = by_right.get(witness, "limo/arm/command/joints")
         with Inbox(network[hearer], "limo/**") as inbox:
-            put_until_heard(
-                network[witness], allowed, inbox, "allowed"
-            )  # the subscription is known
+            put_until_heard(network[witness], allowed, inbox, f"allowed: {key}")  # it is subscribed
             for _ in range(5):
                 network[sender].put(key, "forbidden")
                 network[sender].delete(key)
                 time.sleep(0.05)
-            put_until_heard(network[witness], allowed, inbox, "allowed after that")
-            assert set(inbox.heard) == {"allowed", "allowed after that"}
+            put_until_heard(network[witness], allowed, inbox, f"allowed after {key}")
+            # What an earlier test put more than once may still have come.
+            assert all(text.startswith("allowed") for text in inbox.heard)
 
     def test_states_reach_the_service_over_tls(self, network):
         got = []
-        subscriber = network["service"].declare_subscriber(KEYS.joints, got.append)
+
+        def hear(sample):
+            if sample.attachment:  # no text that an earlier test put more than once
+                got.append(sample)
+
+        subscriber = network["service"].declare_subscriber(KEYS.joints, hear)
         values = np.array([0.1, -0.2])
         with JointStatePublisher(network["driver"], "arm", ["a", "b"]) as publisher:
 
@@ -280,12 +284,12 @@ class TestStrangers:
             Inbox(network["driver"], "limo/**") as inbox,
         ):
             key = "limo/arm/command/joints"
-            put_until_heard(network["operator"], key, inbox, "allowed")  # the subscription is known
+            put_until_heard(network["operator"], key, inbox, "allowed: stolen")  # it is subscribed
             for _ in range(5):
                 session.put(key, "forbidden")
                 time.sleep(0.05)
-            put_until_heard(network["operator"], key, inbox, "allowed after that")
-            assert set(inbox.heard) == {"allowed", "allowed after that"}
+            put_until_heard(network["operator"], key, inbox, "allowed after stolen")
+            assert all(text.startswith("allowed") for text in inbox.heard)
 
     def test_an_endpoint_in_the_clear_is_refused_on_the_command_line(self, trust):
         with pytest.raises((ConfigError, ConnectionLostError), match="tcp/127"):
