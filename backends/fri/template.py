@@ -39,10 +39,10 @@ Message = TypeVar("Message", Monitoring, Command)
 class _Part(Protocol):
     """A value that changes from cycle to cycle."""
 
-    def read(self, values: tuple[Any, ...], /) -> Any:  # noqa: ANN401
+    def read(self, values: tuple[Any, ...], /) -> Any:
         """Return the value of a datagram whose numbers are `values`."""
 
-    def write(self, value: Any, pieces: list[Any], /) -> bool:  # noqa: ANN401
+    def write(self, value: Any, pieces: list[Any], /) -> bool:
         """Put a value among the pieces of a datagram; False if the layout is another.
 
         Numbers have the odd places, what stands between them the even ones.
@@ -59,13 +59,13 @@ class _Node:
         parts: What changes, by name.
     """
 
-    def __init__(self, like: Any, fixed: dict[str, Any], parts: dict[str, _Part]) -> None:  # noqa: ANN401
+    def __init__(self, like: Any, fixed: dict[str, Any], parts: dict[str, _Part]) -> None:
         self._kind, self._content = type(like), dict(vars(like))
         self._fixed = list(fixed.items())
         self._reads = [(name, part.read) for name, part in parts.items()]
         self._writes = [(name, part.write) for name, part in parts.items()]
 
-    def read(self, values: tuple[Any, ...]) -> Any:  # noqa: ANN401  # of the kind of `like`
+    def read(self, values: tuple[Any, ...]) -> Any:
         content = self._content.copy()
         for name, read in self._reads:
             content[name] = read(values)
@@ -73,7 +73,7 @@ class _Node:
         object.__setattr__(made, "__dict__", content)
         return made
 
-    def write(self, message: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+    def write(self, message: Any, pieces: list[Any]) -> bool:
         if type(message) is not self._kind:
             return False
         content: dict[str, Any] = message.__dict__
@@ -92,10 +92,10 @@ class _Nodes:
     def __init__(self, nodes: list[_Node]) -> None:
         self._nodes = nodes
 
-    def read(self, values: tuple[Any, ...]) -> Any:  # noqa: ANN401
+    def read(self, values: tuple[Any, ...]) -> Any:
         return tuple([node.read(values) for node in self._nodes])
 
-    def write(self, messages: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+    def write(self, messages: Any, pieces: list[Any]) -> bool:
         return len(messages) == len(self._nodes) and all(
             node.write(message, pieces) for node, message in zip(self._nodes, messages, strict=True)
         )
@@ -108,7 +108,7 @@ class _Doubles:
         self.read: Callable[[tuple[Any, ...]], Any] = itemgetter(slice(start, stop))
         self._length, self._places = stop - start, slice(2 * start + 1, 2 * stop, 2)
 
-    def write(self, numbers: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+    def write(self, numbers: Any, pieces: list[Any]) -> bool:
         if numbers is None or len(numbers) != self._length:
             return False
         pieces[self._places] = numbers
@@ -122,7 +122,7 @@ class _Double:
         self.read: Callable[[tuple[Any, ...]], Any] = itemgetter(at)
         self._place = 2 * at + 1
 
-    def write(self, number: Any, pieces: list[Any]) -> bool:  # noqa: ANN401
+    def write(self, number: Any, pieces: list[Any]) -> bool:
         pieces[self._place] = number
         return number is not None
 
@@ -150,7 +150,7 @@ class _Counter:
 class _Learned:
     """The layout of one datagram."""
 
-    def __init__(self, data: bytes, message: Any, trace: Trace, generation: Generation) -> None:  # noqa: ANN401
+    def __init__(self, data: bytes, message: Any, trace: Trace, generation: Generation) -> None:
         self.framed = generation.framed
         trace = sorted(trace, key=lambda item: item[1])
         end = len(data) - (_CRC if self.framed else 0)
@@ -174,7 +174,7 @@ class _Learned:
         self._same = int.from_bytes(data, "little") & self._mask
         self._root = _node(message, trace, ())
 
-    def read(self, data: bytes) -> Any:  # noqa: ANN401
+    def read(self, data: bytes) -> Any:
         """Return the message of a datagram of this length; None if its layout is another."""
         if int.from_bytes(data, "little") & self._mask != self._same:
             return None
@@ -185,7 +185,7 @@ class _Learned:
         except OverflowError:
             return None
 
-    def write(self, message: Any) -> bytes | None:  # noqa: ANN401
+    def write(self, message: Any) -> bytes | None:
         """Return the datagram of a message; None if its layout is another."""
         try:
             if not self._root.write(message, self._pieces):
@@ -255,7 +255,7 @@ class CommandTemplate(Template[Command]):
         super().__init__(LAYOUTS[version.generation].command, version)
 
 
-def _node(message: Any, trace: Trace, path: Path) -> _Node:  # noqa: ANN401
+def _node(message: Any, trace: Trace, path: Path) -> _Node:
     """Sort the values of a message into those that change and those that must not."""
     depth = len(path)
     places: dict[str, list[int]] = {}
@@ -290,6 +290,6 @@ def _node(message: Any, trace: Trace, path: Path) -> _Node:  # noqa: ANN401
     return _Node(message, fixed, parts)
 
 
-def _same(one: Any, other: Any) -> bool:  # noqa: ANN401
+def _same(one: Any, other: Any) -> bool:
     """Say whether two values have the same bytes; 0.0 and -0.0 have not."""
     return one == other and (not isinstance(one, tuple) or repr(one) == repr(other))  # pyright: ignore[reportUnknownArgumentType]

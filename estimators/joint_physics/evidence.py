@@ -41,6 +41,11 @@ class Evidence:
     energy: float  # Σ y² [N² m²]
     rows: float
 
+    @classmethod
+    def of(cls, x: FloatArray, y: FloatArray) -> Evidence:
+        """Sum over rows of columns x (T, K) and residual y (T,) [N m]."""
+        return cls(x.T @ x, x.T @ y, float(y @ y), float(y.size))
+
     @property
     def rms(self) -> FloatArray:
         """Root mean square of each column, (K,)."""

@@ -52,16 +52,12 @@ class Sums:
             np.zeros((*shape, K, K)), np.zeros((*shape, K)), np.zeros(shape), np.zeros(shape)
         )
 
-    def add(self, rows: Rows, residual: FloatArray, part: NDArray[np.int64]) -> None:
-        """Add the settled of r rows, with residual (r, n) and part (r,), in place."""
-        for p in np.unique(part):
-            for j in range(residual.shape[1]):
-                own = (part == p) & rows.settled[:, j]
-                x, y = rows.columns[j, own], residual[own, j]
-                self.gram[p, j] += x.T @ x
-                self.product[p, j] += x.T @ y
-                self.energy[p, j] += y @ y
-                self.count[p, j] += y.size
+    def add(self, part: int, joint: int, rows: Evidence) -> None:
+        """Add the sums over some rows of a part and a joint (0-based), in place."""
+        self.gram[part, joint] += rows.gram
+        self.product[part, joint] += rows.product
+        self.energy[part, joint] += rows.energy
+        self.count[part, joint] += rows.rows
 
     def evidence(self, joint: int, without: int | None = None) -> Evidence:
         """Return the sums of one joint (0-based), all of them or without a part."""
@@ -101,8 +97,13 @@ class NormalEquations:
         kept: list[JudgedRows] = []
         every = _share(recordings, columns)
         for rows, residual, fold, region in _chunks(simulation, columns, recordings):
-            folds.add(rows, residual, fold)
-            regions.add(rows, residual, region)
+            for f, r in np.unique(np.stack([fold, region]), axis=1).T:
+                both = (fold == f) & (region == r)
+                for j in range(columns.n):
+                    own = both & rows.settled[:, j]
+                    found = Evidence.of(rows.columns[j, own], residual[own, j])
+                    folds.add(f, j, found)
+                    regions.add(r, j, found)
             kept.append(JudgedRows.of(rows, residual, fold, region, every))
         _check_enough(folds.count, columns, recordings)
         return cls(folds, regions, JudgedRows.joined(kept))

@@ -33,7 +33,7 @@ def serve(
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
     gc.freeze()  # what is there stays; collecting through it would hold the stream
-    gc.enable()
+    gc.enable()  # whoever imported and loaded that had it off
     stopped = threading.Event()
 
     def stop(_signal: int, _frame: FrameType | None) -> None:

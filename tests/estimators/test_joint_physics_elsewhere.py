@@ -88,7 +88,7 @@ def test_weights_whose_size_is_known_keep_it() -> None:
     random = np.random.default_rng(0)
     x = random.standard_normal((1000, 3)) * [1.0, 0.01, 0.0]
     y = x @ [1.0, 300.0, 0.0] + 0.1 * random.standard_normal(1000)
-    evidence = Evidence(x.T @ x, x.T @ y, float(y @ y), 1000.0)
+    evidence = Evidence.of(x, y)
     prior = most_probable_prior(evidence, np.array([0, 1, 1]), np.array([np.nan, 0.5, 0.5]))
     assert prior.precision[1] == pytest.approx(1.0 / (0.5 * evidence.rms[1]) ** 2)
     assert np.isfinite(prior.precision).all()

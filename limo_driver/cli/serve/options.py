@@ -146,13 +146,14 @@ def retraining_of(
     from estimators.service.settings import RetrainingSettings
     from limo_driver.errors import ConfigError
 
-    possible = None not in stores.values() and log is not None
+    roots = {name: store for name, store in stores.items() if store is not None}
+    possible = len(roots) == len(stores) and log is not None
     if wanted and not possible:
         raise ConfigError("--retrain needs --store for the models and --log to learn from")
     if hours is not None and (wanted is False or not possible):
         raise ConfigError("--retrain-every is for a service that retrains: give --store and --log")
     if possible and wanted is not False:
-        _refuse_shared_stores(stores)
+        _refuse_shared_stores(roots)
     if kind != "same":
         from estimators.service.learning import check_kind
 
@@ -162,13 +163,12 @@ def retraining_of(
     return settings if possible and wanted is not False else None
 
 
-def _refuse_shared_stores(stores: dict[str, Path | None]) -> None:
+def _refuse_shared_stores(stores: dict[str, Path]) -> None:
     """Refuse to retrain two arms in one store, where one would let the other's models serve."""
     from limo_driver.errors import ConfigError
 
     arms: dict[Path, str] = {}
     for name, store in stores.items():
-        assert store is not None  # noqa: S101  # checked before
         other = arms.setdefault(store.resolve(), name)
         if other != name:
             raise ConfigError(
