@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ def _deflection(model: RobotModel, motion: Motion, angle: FloatArray) -> FloatAr
     return model.inverse_dynamics(motion.position - angle, v, a) - straight
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _inputs(
     memory: FloatArray,
     position: FloatArray,
@@ -262,7 +262,7 @@ def _inputs(
     return inputs
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _turn(own: FloatArray, q: float, reversal: float) -> float:
     """Advance the extremes of a joint in place to the position q; return the step to it [rad]."""
     if np.isnan(own[_LAST]):

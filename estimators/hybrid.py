@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numba import njit
 
 from estimators.base import Estimate
 from estimators.residual_model import ResidualModel
 from estimators.scaling import normalise_inputs
+from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError, ModelStoreError
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ class HybridModel(ResidualModel[FittedNetwork]):
         return estimate, HybridState(bodies, history, network)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _torque(
     y: FloatArray,
     slope: FloatArray,

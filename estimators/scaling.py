@@ -7,7 +7,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,7 +70,7 @@ class InputScaling(Scaling):
         return inputs
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def normalise_inputs(
     inputs: FloatArray, table: FloatArray, columns: NDArray[np.int64]
 ) -> FloatArray:

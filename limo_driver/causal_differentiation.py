@@ -24,8 +24,8 @@ from math import factorial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.data_gate import LONGEST_STEP, LONGEST_STEP_PERIODS
 from limo_driver.differentiation import HIGHEST_BANDWIDTH, impulse_responses
 from limo_driver.errors import ConfigError, RecordingError, ShapeError
@@ -185,7 +185,7 @@ def _taps(rate: float, bandwidth: float, samples: int) -> FloatArray:
     return np.array(taps)
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@compiled(nogil=True, fastmath={"reassoc", "contract"})
 def _scan(
     line: FloatArray,
     last: float,

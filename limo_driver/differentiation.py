@@ -14,8 +14,8 @@ from math import factorial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -124,14 +124,14 @@ def _there_and_back(values: FloatArray, sos: FloatArray, steady: FloatArray) -> 
     _sweep(values[::-1], sos, steady[:, :, None] * values[-1])
 
 
-@njit(cache=True)
+@compiled()
 def _sweep(values: FloatArray, sos: FloatArray, state: FloatArray) -> None:
     for t in range(values.shape[0]):
         for s in range(sos.shape[0]):
             _advance(values[t], state[s, 0], state[s, 1], sos[s])
 
 
-@njit(cache=True)
+@compiled()
 def _advance(row: FloatArray, first: FloatArray, second: FloatArray, section: FloatArray) -> None:
     """Take one step of one section; on its own, so that the compiler makes one loop of vectors."""
     b0, b1, b2, a1, a2 = section[0], section[1], section[2], section[4], section[5]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.types import FloatArray, readonly
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _relative(poses: FloatArray, parent: NDArray[np.int64]) -> FloatArray:
     return np.asarray(np.linalg.solve(above, poses), dtype=np.float64)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def forward(
     q: FloatArray,
     parent: NDArray[np.int64],
@@ -111,7 +111,7 @@ def forward(
                 R[j, row, col] = total
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _poses(
     position: FloatArray,
     parent: NDArray[np.int64],

@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits
@@ -103,7 +104,7 @@ def slow_down(
     return position + slower * period, slower
 
 
-@njit(cache=True)
+@compiled()
 def first_unreadable(values: FloatArray, lowest: float) -> int:
     """Return the first joint, from 1, whose value is not finite or below `lowest`; 0 if none."""
     for j in range(values.size):
@@ -112,7 +113,7 @@ def first_unreadable(values: FloatArray, lowest: float) -> int:
     return 0
 
 
-@njit(cache=True)
+@compiled()
 def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray) -> int:
     """Return the first joint, from 1, that is too fast or on its way out of range; 0 if none.
 
@@ -129,7 +130,7 @@ def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray
     return 0
 
 
-@njit(cache=True)
+@compiled()
 def _follow(
     target: FloatArray,
     goal: FloatArray,
@@ -163,7 +164,7 @@ def _follow(
     return hit
 
 
-@njit(cache=True)
+@compiled()
 def _follow_on(
     targets: FloatArray, bounds: FloatArray, period: float, path: FloatArray, speeds: FloatArray
 ) -> int:
@@ -177,7 +178,7 @@ def _follow_on(
     return hit
 
 
-@njit(cache=True)
+@compiled()
 def _follow_effort(
     target: FloatArray, effort: FloatArray, bounds: FloatArray, reached: FloatArray
 ) -> int:
@@ -191,7 +192,7 @@ def _follow_effort(
     return hit
 
 
-@njit(cache=True)
+@compiled()
 def _in_reach(
     direct: float, velocity: float, drift: float, low: float, high: float, change: float
 ) -> bool:
@@ -204,7 +205,7 @@ def _in_reach(
     )
 
 
-@njit(cache=True)
+@compiled()
 def _catch_up(
     direct: float,
     velocity: float,
@@ -232,7 +233,7 @@ def _catch_up(
     return reached, hit
 
 
-@njit(cache=True)
+@compiled()
 def _braking(room: float, change: float, period: float) -> float:
     """Return the highest velocity [rad/s] from which the arm stops within `room` [rad].
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.kinematics import forward
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _PARALLEL = 1e-12  # [m^4], squared sine of the angle times both squared lengths
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def segment_distance(p1: FloatArray, q1: FloatArray, p2: FloatArray, q2: FloatArray) -> float:
     """Return the distance [m] between the segments p1 q1 and p2 q2, each end (3,) [m].
 
@@ -46,7 +46,7 @@ def segment_distance(p1: FloatArray, q1: FloatArray, p2: FloatArray, q2: FloatAr
     return float(np.sqrt(total))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def clearances(
     position: FloatArray,  # (T, n) [rad]
     parent: NDArray[np.int64],

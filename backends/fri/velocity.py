@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.types import readonly
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class VelocityFilter:
         self._time, self._position = time, position
 
 
-@njit(cache=True)
+@compiled()
 def _filter(
     velocity: FloatArray, position: FloatArray, before: FloatArray, step: float, after: FloatArray
 ) -> None:

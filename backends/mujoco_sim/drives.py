@@ -10,20 +10,17 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from backends.mujoco_sim import layout as row
+from limo_driver.compiled import part
 
 if TYPE_CHECKING:
     from backends.mujoco_sim.layout import Arrays, Servo
     from backends.mujoco_sim.realisation import Plant
     from limo_driver.types import FloatArray
 
-# Without wrappers for Python, which nobody calls, half the time to compile.
-part = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # pyright: ignore[reportCallIssue]
 
-
-@part
+@part()
 def servo_torque(
     arrays: Arrays,
     plant: Plant,
@@ -73,7 +70,7 @@ def servo_torque(
         )
 
 
-@part
+@part()
 def compliant(
     arrays: Arrays,
     memory: FloatArray,
@@ -94,7 +91,7 @@ def compliant(
             torque[j] += command[row.STIFFNESS, j] * (target[j] - encoder) - damping[j] * rate[j]
 
 
-@part
+@part()
 def uncompensated(
     arrays: Arrays,
     memory: FloatArray,
@@ -119,7 +116,7 @@ def uncompensated(
         memory[row.INTEGRAL, j] = 0.0
 
 
-@part
+@part()
 def saturate(servo: Servo, velocity: FloatArray, torque: FloatArray, damping: FloatArray) -> None:
     """Keep the drives within their torque; a saturated drive does not damp."""
     for j in range(torque.size):
@@ -129,13 +126,13 @@ def saturate(servo: Servo, velocity: FloatArray, torque: FloatArray, damping: Fl
             damping[j] = 0.0
 
 
-@part
+@part()
 def deflection(compliance: float, cubic: float, load: float) -> float:
     """Return the wind-up of a gear [rad] under `load` [N m]."""
     return load * (compliance + cubic * load * load)
 
 
-@part
+@part()
 def multiply(arrays: Arrays, vector: FloatArray, product: FloatArray) -> None:
     """Write M(q) times `vector` into `product`."""
     for i in range(vector.size):

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import llvmlite.binding as llvm
 import mujoco
 import numpy as np
-from numba import carray, njit, types  # pyright: ignore[reportPrivateImportUsage]
+from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
 from backends.mujoco_sim import layout as row
@@ -27,7 +27,6 @@ from backends.mujoco_sim.drives import (
     compliant,
     deflection,
     multiply,
-    part,
     saturate,
     servo_torque,
     uncompensated,
@@ -35,6 +34,7 @@ from backends.mujoco_sim.drives import (
 from backends.mujoco_sim.friction_laws import friction_damping
 from backends.mujoco_sim.layout import Arrays, Servo
 from backends.mujoco_sim.realisation import Plant
+from limo_driver.compiled import compiled, part
 from limo_driver.physics.friction_laws import PARAMETERS
 
 if TYPE_CHECKING:
@@ -129,27 +129,27 @@ def _pointer(_context: Any, _address: Any) -> Any:  # noqa: ANN401  # numba's ow
     return types.voidptr(types.int64), generate
 
 
-@part
+@part()
 def _floats(address: int, size: int) -> FloatArray:
     return carray(_pointer(address), size, np.float64)
 
 
-@part
+@part()
 def _table(address: int, rows: int, columns: int) -> FloatArray:
     return carray(_pointer(address), (rows, columns), np.float64)
 
 
-@part
+@part()
 def _integers(address: int, size: int) -> NDArray[np.int64]:
     return carray(_pointer(address), size, np.int64)
 
 
-@part
+@part()
 def _short_integers(address: int, size: int) -> NDArray[np.int32]:
     return carray(_pointer(address), size, np.int32)
 
 
-@njit(cache=True)
+@compiled()
 def _advance_at(
     model: int,
     data: int,
@@ -204,7 +204,7 @@ def _advance_at(
     )
 
 
-@part
+@part()
 def _advance(
     model: int,
     data: int,
@@ -268,7 +268,7 @@ def _advance(
     return math.isfinite(total)
 
 
-@part
+@part()
 def _wind_up(
     arrays: Arrays,
     plant: Plant,
@@ -300,7 +300,7 @@ def _wind_up(
         arrays.control[n + e] = motor[plant.element_joint[e]]
 
 
-@part
+@part()
 def _friction(
     plant: Plant,
     memory: FloatArray,
@@ -328,7 +328,7 @@ def _friction(
         )
 
 
-@part
+@part()
 def _sense(
     arrays: Arrays,
     plant: Plant,
@@ -354,7 +354,7 @@ def _sense(
         log[row.TRUE_TORQUE, j] = drive - plant.motor_inertia[j] * a + plant.offset[j]
 
 
-@part
+@part()
 def _measure(servo: Servo, memory: FloatArray, noise: FloatArray, log: FloatArray) -> None:
     """Read encoder and torque sensor; the velocity is the encoder's, differenced and low-passed."""
     for j in range(noise.size):
@@ -371,6 +371,6 @@ def _measure(servo: Servo, memory: FloatArray, noise: FloatArray, log: FloatArra
         log[row.MEASURED_TORQUE, j] = _quantised(torque, servo.torque_resolution[j])
 
 
-@part
+@part()
 def _quantised(value: float, resolution: float) -> float:
     return round(value / resolution) * resolution if resolution > 0.0 else value

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
-from numba import njit
 
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from estimators.rigid_body.regressor import fill_regressor
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,7 +29,7 @@ MEMORIES: Final = 3  # these
 _DIFFERENCE: Final = 1e-4  # [rad], of the central differences of the load
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def scan(
     memory: FloatArray,
     position: FloatArray,
@@ -71,7 +71,7 @@ def scan(
             about[1, row, j] = load[j]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _remember(memory: FloatArray, position: FloatArray) -> None:
     """Advance the memory of each joint in place to its next position."""
     for j in range(position.size):
@@ -84,7 +84,7 @@ def _remember(memory: FloatArray, position: FloatArray) -> None:
             own[i] = min(max(own[i] + step / WIDTHS[i], -1.0), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _load_and_slope(
     arm: Arm,
     position: FloatArray,
@@ -106,7 +106,7 @@ def _load_and_slope(
             slope[m, j] = (slope[m, j] - below[j]) / (2 * _DIFFERENCE)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _fill(
     j: int,
     position: FloatArray,
@@ -144,7 +144,7 @@ def _fill(
             k += 1
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _append(x: FloatArray, k: int, states: FloatArray, factor: float) -> int:
     """Write the states times a factor at k; return where they end."""
     for i in range(states.size):
@@ -152,7 +152,7 @@ def _append(x: FloatArray, k: int, states: FloatArray, factor: float) -> int:
     return k + states.size
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _friction_states(stops: FloatArray, v: float, change: float, states: FloatArray) -> None:
     """Write the friction states of a joint whose speed v changes by `change` in a filtered step."""
     states[: stops.size] = stops

@@ -22,13 +22,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numba import njit
 
 from estimators.joint_physics.column_scan import (
     FRICTION_HARMONICS,
     STATES,
     WIDTHS,
 )
+from limo_driver.compiled import compiled
 from limo_driver.physics.hysteresis import PreslidingHysteresis
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def _simulated(simulation: Simulation, n: int) -> FloatArray:
     return heights
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _variance(
     columns: FloatArray,
     about: FloatArray,
@@ -128,7 +128,7 @@ def _variance(
             found[t, j] = max(total, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def remembered(r: float) -> float:
     """Return s, how far apart two copies of a stop still are after r widths, on average."""
     if r >= 1.0:

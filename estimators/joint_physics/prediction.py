@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,7 +49,7 @@ class Prediction:
         return torque, leverage
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})  # sums in several lanes
+@compiled(nogil=True, fastmath={"reassoc", "contract"})  # sums in several lanes
 def _predict(
     columns: FloatArray,
     kept: NDArray[np.int64],

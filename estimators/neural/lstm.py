@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numba import njit
 
 from estimators.neural.network import Network, free_size
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -136,7 +136,7 @@ def _cell_shapes(parts: int, inputs: int, units: int, layer: int) -> dict[str, t
     }
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _scan(
     x: FloatArray,
     columns: NDArray[np.int64],
@@ -173,14 +173,14 @@ def _scan(
     return y
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _part(packed: FloatArray, start: int, g: int, rows: int, columns: int) -> FloatArray:
     """Return the matrix of part g of a weight (G, rows, columns) that begins at `start`."""
     first = start + g * rows * columns
     return packed[first : first + rows * columns].reshape(rows, columns)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _advance_cell(
     x: FloatArray,
     input_weight: FloatArray,
@@ -206,7 +206,7 @@ def _advance_cell(
         h[u] = np.tanh(c[u]) / (1.0 + np.exp(-gates[3 * U + u]))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _linear(h: FloatArray, weight: FloatArray, bias: FloatArray) -> FloatArray:
     """Map (T, G H) to (T, G m) by the weights (G, H, m) and biases (G, m) of each part."""
     G, H, m = weight.shape

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numba import njit
 
 from estimators.neural.network import Network, free_size
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -63,7 +63,7 @@ class Mlp(Network):
         return np.maximum(hidden, 0.0) @ w["output_weight"][g] + w["output_bias"][g]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _row(
     x: FloatArray,
     columns: NDArray[np.int64],

@@ -12,7 +12,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +40,7 @@ class AdamW(NamedTuple):
     largest_gradient: float  # norm over all weights; a longer gradient is shortened to it
 
 
-@njit(cache=True)
+@compiled()
 def descend(
     inputs: Single,
     targets: Single,
@@ -76,7 +77,7 @@ def descend(
     return total / (batches.size * targets.shape[1])
 
 
-@njit(cache=True)
+@compiled()
 def mean_square(
     inputs: Single,
     targets: Single,
@@ -93,7 +94,7 @@ def mean_square(
     return total / (batches.size * targets.shape[1])
 
 
-@njit(cache=True)
+@compiled()
 def _scratch(
     batches: NDArray[np.int64], columns: NDArray[np.int64], weights: Flat, targets: Single
 ) -> tuple[Single, Single, Single]:
@@ -112,13 +113,13 @@ def _scratch(
     )
 
 
-@njit(cache=True)
+@compiled()
 def _like(arrays: Flat) -> Flat:
     a, b, c, d = arrays
     return np.empty_like(a), np.empty_like(b), np.empty_like(c), np.empty_like(d)
 
 
-@njit(cache=True)
+@compiled()
 def _shaped(arrays: Flat, x: Single, hidden: Single, y: Single) -> tuple[Single, ...]:
     """Return the arrays with the shapes that they have as weights."""
     (G, _, H), f, m = hidden.shape, x.shape[2], y.shape[2]
@@ -126,7 +127,7 @@ def _shaped(arrays: Flat, x: Single, hidden: Single, y: Single) -> tuple[Single,
     return a.reshape(G, f, H), b.reshape(G, H), c.reshape(G, H, m), d.reshape(G, m)
 
 
-@njit(cache=True)
+@compiled()
 def _forward(
     inputs: Single,
     rows: NDArray[np.int64],
@@ -154,7 +155,7 @@ def _forward(
                 y[g, b, i] += output_bias[g, i]
 
 
-@njit(cache=True)
+@compiled()
 def _errors(targets: Single, rows: NDArray[np.int64], y: Single) -> float:
     """Turn outputs into their errors; return the sum of the squares."""
     G, B, m = y.shape
@@ -168,7 +169,7 @@ def _errors(targets: Single, rows: NDArray[np.int64], y: Single) -> float:
     return total
 
 
-@njit(cache=True)
+@compiled()
 def _backward(
     weights: Flat, x: Single, hidden: Single, errors: Single, slope: Single, gradients: Flat
 ) -> None:
@@ -192,7 +193,7 @@ def _backward(
         np.dot(x[g % x.shape[0]].T, slope, to_hidden[g])
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})  # as vectors
+@compiled(error_model="numpy", fastmath={"contract"})  # as vectors
 def _step(
     weights: Flat, gradients: Flat, moments: tuple[Flat, ...], number: int, constants: AdamW
 ) -> None:
@@ -216,7 +217,7 @@ def _step(
             w[i] = kept * w[i] - length * first / (spread * np.sqrt(second) + epsilon)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc"})  # sums in several lanes
+@compiled(error_model="numpy", fastmath={"reassoc"})  # sums in several lanes
 def _clipping(gradients: Flat, largest: float) -> np.float32:
     """Return what the gradients are scaled by, at most 1, so that their norm is `largest`.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
-from numba import njit
 
 from estimators.neural.network import Network, free_size
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -136,7 +136,7 @@ def position_encoding(length: int, d: int) -> FloatArray:
     return np.stack([np.sin(angle), np.cos(angle)], axis=-1).reshape(length, -1)[:, :d]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _scan(
     x: FloatArray,
     encoding: FloatArray,
@@ -180,7 +180,7 @@ def _scan(
     return y
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _attend(
     x: FloatArray,
     source: FloatArray,
@@ -214,7 +214,7 @@ def _attend(
     return found @ join
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc"})  # lets the compiler sum in several lanes
+@compiled(nogil=True, fastmath={"reassoc"})  # lets the compiler sum in several lanes
 def _dot(a: FloatArray, b: FloatArray) -> float:
     """Return the sum of products over the length of `a`."""
     total = 0.0
@@ -223,7 +223,7 @@ def _dot(a: FloatArray, b: FloatArray) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _norm(x: FloatArray, scale_and_shift: FloatArray) -> FloatArray:
     """Normalise (d,) to mean 0 and variance 1, then scale and shift."""
     x = x - x.mean()  # the argument stays as it is

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.regressor import PER_LINK, Chain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
+from limo_driver.compiled import compiled
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def _ratio(gram: FloatArray) -> float:
     return float("inf") if dependent else float(np.sqrt(largest / smallest))
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@compiled(fastmath={"contract", "nsz"})
 def contract(
     rotation: FloatArray,
     translation: FloatArray,

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from estimators.rigid_body.regressor import (
     PER_LINK,
@@ -24,6 +23,7 @@ from estimators.rigid_body.regressor import (
     vector,
     write_rotation,
 )
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
@@ -36,7 +36,7 @@ def link_parameters(model: RobotModel) -> FloatArray:
     return np.array([inertia.toDynamicParameters() for inertia in inertias]).reshape(-1, PER_LINK)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def inverse_dynamics(
     rotation: FloatArray,
     translation: FloatArray,
@@ -79,7 +79,7 @@ def inverse_dynamics(
             store(m[i - 1], add(vector(m[i - 1]), add(moment, lever)))
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def _inertia(parameters: FloatArray, x: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return I x with the inertia I about the origin of the link."""
     xx, xy, yy = parameters[4], parameters[5], parameters[6]
@@ -91,7 +91,7 @@ def _inertia(parameters: FloatArray, x: tuple[float, float, float]) -> tuple[flo
     )
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def _to_parent(R: FloatArray, x: tuple[float, float, float]) -> tuple[float, float, float]:
     """Express x in the parent's frame."""
     return (

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def parameters_of(inertial: Inertial) -> FloatArray:
     return np.array([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def fill_regressor(
     rotation: FloatArray,
     translation: FloatArray,
@@ -137,43 +137,43 @@ def fill_regressor(
 _Vector: TypeAlias = tuple[float, float, float]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def vector(x: FloatArray) -> _Vector:
     """Return the three numbers of x."""
     return x[0], x[1], x[2]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def store(x: FloatArray, values: _Vector) -> None:
     """Write three numbers into x."""
     x[0], x[1], x[2] = values
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def add(x: _Vector, y: _Vector) -> _Vector:
     """Return x + y."""
     return x[0] + y[0], x[1] + y[1], x[2] + y[2]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def times(x: _Vector, factor: float) -> _Vector:
     """Return x times a factor."""
     return x[0] * factor, x[1] * factor, x[2] * factor
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def dot(x: _Vector, y: _Vector) -> float:
     """Return x · y."""
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def cross(x: _Vector, y: _Vector) -> _Vector:
     """Return x × y."""
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def to_child(R: FloatArray, x: _Vector) -> _Vector:
     """Express x in the child's frame."""
     return (
@@ -183,7 +183,7 @@ def to_child(R: FloatArray, x: _Vector) -> _Vector:
     )
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def write_rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray) -> None:
     """Write fixed · Rot(axis, angle), child to parent, into R."""
     c, s = np.cos(angle), np.sin(angle)
@@ -196,7 +196,7 @@ def write_rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray
         R[row, 2] = f0 * (x * z * k + y * s) + f1 * (y * z * k - x * s) + f2 * (c + z * z * k)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def _fill_row(z: _Vector, r: _Vector, w: _Vector, dw: _Vector, a: _Vector, y: FloatArray) -> None:
     """Write what the ten parameters of a link add to the torque about axis z at distance r.
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effect import TEXT, Friction, State, parameter
 from limo_driver.physics.friction import sign_width
@@ -184,7 +184,7 @@ class TemperatureDependentFriction(DryFriction):
         return (self.per_kelvin or 0.0) * (temperature - reference)
 
 
-@njit(cache=True)
+@compiled()
 def _warm(state: FloatArray, time: FloatArray, heat: FloatArray, constant: float) -> FloatArray:
     """Advance (warmth, last time) in place towards `heat` (T,); return the warmths (T,)."""
     warmth = np.empty(time.size)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.physics.effect import SensorEffect, State, parameter
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class TimeDelay(SensorEffect):
         return output - torque, np.concatenate(after)
 
 
-@njit(cache=True)
+@compiled()
 def _lagged(last: FloatArray, time: FloatArray, value: FloatArray, lag: float) -> FloatArray:
     """Return the first-order lag of a value that is linear between samples, (T,)."""
     t, x, y = last

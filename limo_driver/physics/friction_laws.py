@@ -10,7 +10,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,7 +24,7 @@ COULOMB, VISCOUS, STRIBECK, ASYMMETRIC, DRAG = 0, 1, 2, 3, 4
 PARAMETERS = 4
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def friction_torque(law: int, p0: float, p1: float, p2: float, p3: float, velocity: float) -> float:
     """Return the friction torque [N m] of one law, with its parameters, at `velocity` [rad/s]."""
     if law == COULOMB:
@@ -38,7 +39,7 @@ def friction_torque(law: int, p0: float, p1: float, p2: float, p3: float, veloci
     return p0 * fade * math.tanh(velocity / p3)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def friction_torques(law: int, parameters: FloatArray, velocity: FloatArray) -> FloatArray:
     """Return the torque of one law at many velocities, (N,) [N m]; parameters (PARAMETERS,)."""
     p0, p1, p2, p3 = parameters
@@ -48,7 +49,7 @@ def friction_torques(law: int, parameters: FloatArray, velocity: FloatArray) -> 
     return torque
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def add_frictions(
     torque: FloatArray,
     velocity: FloatArray,

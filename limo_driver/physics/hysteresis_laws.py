@@ -13,7 +13,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,7 +26,7 @@ _SHORT_STEP = 0.05  # [presliding distances] of one Runge-Kutta step, for expone
 _FAR = 25.0  # [presliding distances] after which any exponent slides, to 1e-10
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def path_of(memory: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
     """Return the path from the last position in `memory` on, (3, T), and leave its end there."""
     path = np.empty((3, position.size))
@@ -36,7 +37,7 @@ def path_of(memory: FloatArray, position: FloatArray, velocity: FloatArray) -> F
     return path
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def maxwell_slip(
     memory: FloatArray, path: FloatArray, stiffness: FloatArray, width: FloatArray
 ) -> FloatArray:
@@ -49,7 +50,7 @@ def maxwell_slip(
     return torque
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def add_maxwell_slips(
     torque: FloatArray,
     position: FloatArray,
@@ -81,7 +82,7 @@ def add_maxwell_slips(
         start = end
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def lugre(
     memory: FloatArray,
     path: FloatArray,
@@ -107,7 +108,7 @@ def lugre(
     return torque
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def dahl(
     memory: FloatArray, path: FloatArray, sigma_0: float, tau_c: float, exponent: float
 ) -> FloatArray:
@@ -133,7 +134,7 @@ def dahl(
     return torque
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def bouc_wen(
     memory: FloatArray,
     path: FloatArray,
@@ -162,14 +163,14 @@ def bouc_wen(
     return torque
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _bouc_wen_slope(zeta: float, beta_ratio: float, exponent: float) -> float:
     """Return d zeta / d run in the direction of motion; zeta is positive where it resists."""
     sign = 1.0 if zeta >= 0.0 else -1.0
     return 1.0 - abs(zeta) ** exponent * (beta_ratio * sign + 1.0 - beta_ratio)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def preisach(
     memory: FloatArray, path: FloatArray, up: FloatArray, down: FloatArray, weight: FloatArray
 ) -> FloatArray:

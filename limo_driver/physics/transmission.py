@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numba import njit
 
+from limo_driver.compiled import compiled
 from limo_driver.physics.effect import MotionEffect, State, TorqueEffect, parameter
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class Backlash(MotionEffect):
         return _float(after, motion.time, ahead, 0.5 * self.gap), after
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _float(state: FloatArray, time: FloatArray, ahead: FloatArray, flank: float) -> FloatArray:
     """Advance (displacement, its speed, last time) in place; return displacements (T,) [rad].
 

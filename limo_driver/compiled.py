@@ -1,0 +1,191 @@
+"""Functions that numba compiles at their first call, and whose machine code is kept.
+
+`compiled` stands for `numba.njit(cache=True)`, whose cache runs old machine code after a change in
+a file that a function calls into, and falls over half-written files and folders that cannot be
+written. Here the name of a file holds a digest of all that its code comes from: the sources of the
+function and of every compiled function that it reaches, the values of the constants they use, and
+the versions of the compiler. What cannot be read is compiled anew; what cannot be kept is compiled
+in every process.
+
+All that limo knows about the inside of numba stands in this file.
+"""
+
+# pyright: reportPrivateUsage=false, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportUnnecessaryIsInstance=false, reportOptionalSubscript=false, reportReturnType=false
+# pyright: reportArgumentType=false
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numba
+from numba.core import event
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
+from numba.core.serialize import dumps
+
+from limo_driver import compilation, kept_code
+from limo_driver.reached_sources import digest, reached
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_Function = TypeVar("_Function", bound="Callable[..., Any]")
+
+_functions: Final[list[Dispatcher]] = []  # all that `compiled` made, in the order of import
+
+
+def compiled(**options: Any) -> Callable[[_Function], _Function]:  # noqa: ANN401  # numba's
+    """Compile a function at its first call, once on this machine.
+
+    Args:
+        options: Of `numba.njit`, for example `nogil` and `fastmath`.
+    """
+
+    def wrap(function: _Function) -> _Function:
+        dispatcher = numba.njit(**options)(function)
+        if isinstance(dispatcher, Dispatcher):  # else numba is switched off
+            dispatcher._cache = _MachineCode(dispatcher)
+            _functions.append(dispatcher)
+        return dispatcher
+
+    return wrap
+
+
+def part(**options: Any) -> Callable[[_Function], _Function]:  # noqa: ANN401
+    """Compile a function that only compiled functions call, along with these.
+
+    Without a way in from Python, which nobody takes, and without a file of its own, it compiles in
+    half the time.
+
+    Args:
+        options: As those of `compiled`.
+    """
+
+    def wrap(function: _Function) -> _Function:
+        dispatcher = numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
+        if isinstance(dispatcher, Dispatcher):
+            _functions.append(dispatcher)
+        return dispatcher
+
+    return wrap
+
+
+def signatures() -> dict[str, int]:
+    """Return how many signatures each compiled function has been asked for in this process."""
+    return {_name(function): len(function.overloads) for function in _functions}
+
+
+def _name(dispatcher: Dispatcher) -> str:
+    return f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
+
+
+class _MachineCode:
+    """The machine code of one function; what a dispatcher of numba asks a cache for."""
+
+    def __init__(self, dispatcher: Dispatcher) -> None:
+        self._dispatcher = dispatcher
+        self._place: kept_code.Place | None = None
+        self.cache_path = None  # numba's statistics ask for it
+
+    def is_kept(self) -> bool:
+        """Say whether there is code of any signature."""
+        return self.place().any()
+
+    def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:  # noqa: ANN401
+        """Return the kept code of a signature, or None."""
+        target_context.refresh()
+        kept = self.place().read(_key(sig, target_context.codegen()))
+        if kept is None:
+            return None
+        try:
+            return CompileResult._rebuild(target_context, *kept)
+        except Exception:  # noqa: BLE001  # whatever is wrong with it, it can be compiled
+            return None
+
+    def save_overload(self, sig: Any, data: CompileResult) -> None:  # noqa: ANN401
+        """Keep the code of a signature, if that can be done."""
+        if data.library.has_dynamic_globals or any(not x.can_cache for x in data.lifted):
+            return  # it holds addresses of this process
+        self.place().write(_key(sig, data.codegen), lambda: dumps(data._reduce()))
+
+    def place(self) -> kept_code.Place:
+        """Return where the code is kept, which is known once all modules are imported."""
+        if self._place is None:
+            source = self._dispatcher.py_func.__code__.co_filename
+            name, made_from = _name(self._dispatcher), digest(self._dispatcher)
+            self._place = kept_code.Place(source, name, made_from)
+        return self._place
+
+    def flush(self) -> None:
+        """Forget nothing: files are named by what they hold."""
+
+    def enable(self) -> None:
+        """Keep code, as always."""
+
+    disable = enable
+
+
+def _key(sig: Any, codegen: Any) -> str:  # noqa: ANN401
+    """Return what tells signatures and processors apart."""
+    return repr((sig, codegen.magic_tuple()))
+
+
+class _Watch(event.Listener):
+    """Tells `compilation` what numba compiles. Numba compiles one function at a time."""
+
+    def __init__(self) -> None:
+        self._under_way: list[Dispatcher] = []
+        self._done = self._most = 0
+        self._before, self._begun = 0.0, 0.0  # [s]
+
+    def on_start(self, event: event.Event) -> None:
+        if not self._under_way:
+            self._begun = time.monotonic()
+            self._most = max(self._most, self._done + _pending())
+        self._under_way.append(event.data["dispatcher"])
+        self._tell()
+
+    def on_end(self, event: event.Event) -> None:
+        if self._under_way.pop() in _functions:
+            self._done += 1
+        if not self._under_way:
+            self._before += time.monotonic() - self._begun
+        self._tell(event.data["dispatcher"])
+
+    def tick(self) -> None:
+        """Tell the same once more, inside a function that takes long."""
+        if self._under_way:
+            self._tell()
+
+    def _tell(self, last: Dispatcher | None = None) -> None:
+        running = bool(self._under_way)
+        seconds = self._before + (time.monotonic() - self._begun if running else 0.0)
+        name = _name(self._under_way[0] if running else last)
+        most = max(self._most, self._done + running)
+        compilation.tell(compilation.Compilation(name, running, self._done, most, seconds))
+
+
+class _Ticks(event.Listener):
+    """Passes of the compiler, at which it can be stopped without harm."""
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002
+        _watch.tick()
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+def _pending() -> int:
+    """Return how many functions that are imported would have to be compiled before their use."""
+    fresh = [f for f in _functions if not f.overloads]
+    missing = {
+        f for f in fresh if isinstance(f._cache, _MachineCode) and not f._cache.place().any()
+    }
+    behind = {inner for f in missing for inner in reached(f) if not inner.overloads}
+    return len(missing | (behind & set(fresh)))
+
+
+_watch: Final = _Watch()
+event.register("numba:compile", _watch)
+event.register("numba:run_pass", _Ticks())
