@@ -104,7 +104,7 @@ def slow_down(
     return position + slower * period, slower
 
 
-@compiled()
+@compiled(reads=("values",))
 def first_unreadable(values: FloatArray, lowest: float) -> int:
     """Return the first joint, from 1, whose value is not finite or below `lowest`; 0 if none."""
     for j in range(values.size):
@@ -113,7 +113,7 @@ def first_unreadable(values: FloatArray, lowest: float) -> int:
     return 0
 
 
-@compiled()
+@compiled(reads=("position", "velocity"))
 def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray) -> int:
     """Return the first joint, from 1, that is too fast or on its way out of range; 0 if none.
 
@@ -130,7 +130,7 @@ def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray
     return 0
 
 
-@compiled()
+@compiled(reads=("target", "goal", "position", "velocity"))
 def _follow(
     target: FloatArray,
     goal: FloatArray,
@@ -164,7 +164,7 @@ def _follow(
     return hit
 
 
-@compiled()
+@compiled(reads=("targets",))
 def _follow_on(
     targets: FloatArray, bounds: FloatArray, period: float, path: FloatArray, speeds: FloatArray
 ) -> int:
@@ -178,7 +178,7 @@ def _follow_on(
     return hit
 
 
-@compiled()
+@compiled(reads=("target", "effort"))
 def _follow_effort(
     target: FloatArray, effort: FloatArray, bounds: FloatArray, reached: FloatArray
 ) -> int:
@@ -192,7 +192,7 @@ def _follow_effort(
     return hit
 
 
-@compiled()
+@compiled(inline="always")
 def _in_reach(
     direct: float, velocity: float, drift: float, low: float, high: float, change: float
 ) -> bool:
@@ -205,7 +205,7 @@ def _in_reach(
     )
 
 
-@compiled()
+@compiled(inline="always")
 def _catch_up(
     direct: float,
     velocity: float,
@@ -233,7 +233,7 @@ def _catch_up(
     return reached, hit
 
 
-@compiled()
+@compiled(inline="always")
 def _braking(room: float, change: float, period: float) -> float:
     """Return the highest velocity [rad/s] from which the arm stops within `room` [rad].
 

@@ -9,18 +9,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from backends.mujoco_sim import layout as row
-from limo_driver.compiled import part
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
-    from backends.mujoco_sim.layout import Arrays, Servo
+    from backends.mujoco_sim.layout import Arrays, Scratch, Servo
     from backends.mujoco_sim.realisation import Plant
     from limo_driver.types import FloatArray
 
 
-@part()
+@compiled(inline="always")
 def servo_torque(
     arrays: Arrays,
     plant: Plant,
@@ -28,10 +26,7 @@ def servo_torque(
     memory: FloatArray,
     added: FloatArray,
     target: FloatArray,
-    rate: FloatArray,
-    torque: FloatArray,
-    damping: FloatArray,
-    inertial: FloatArray,
+    own: Scratch,
 ) -> None:
     """Position servo of the drives: feed-forward of the rigid body, and a PID on every joint.
 
@@ -40,102 +35,106 @@ def servo_torque(
     damping is left to the integrator, which takes it implicitly.
     """
     h, n = servo.period, target.size
-    wanted, ahead, speed = np.empty(n), np.empty(n), np.empty(n)
+    wanted, ahead, speed = own.wanted, own.ahead, own.speed
+    inertial, torque, damping = own.inertial, own.torque, own.damping
     for j in range(n):
-        v = (target[j] - memory[row.LAST_TARGET, j]) / h
-        wanted[j] = (v - memory[row.TARGET_VELOCITY, j]) / h
+        v = (target[j] - memory[row.LAST_TARGET * n + j]) / h
+        wanted[j] = (v - memory[row.TARGET_VELOCITY * n + j]) / h
         ahead[j] = target[j] + h * (v + h * wanted[j])
         speed[j] = v + 2.0 * h * wanted[j]
-        memory[row.LAST_TARGET, j], memory[row.TARGET_VELOCITY, j] = target[j], v
-    multiply(arrays, wanted, inertial)
+        memory[row.LAST_TARGET * n + j], memory[row.TARGET_VELOCITY * n + j] = target[j], v
+    multiply(arrays, n, wanted, inertial)
     for j in range(n):
-        own = arrays.inertia[arrays.row_start[j] + arrays.row_size[j] - 1]
+        mass = arrays.inertia[arrays.row_start[j] + arrays.row_size[j] - 1]
         nominal = inertial[j] - plant.armature[j] * wanted[j] + arrays.bias[j]
         wind_up = (
             deflection(plant.compliance[j], plant.cubic[j], nominal)
-            + added[row.ADDED_STATIC_WIND_UP, j]
+            + added[row.ADDED_STATIC_WIND_UP * n + j]
         )
         error = ahead[j] - arrays.position[j] - wind_up
-        stiffness = own * servo.bandwidth**2
-        integral = memory[row.INTEGRAL, j] + stiffness * servo.integral_rate * h * error
+        stiffness = mass * servo.bandwidth**2
+        integral = memory[row.INTEGRAL * n + j] + stiffness * servo.integral_rate * h * error
         limit = servo.torque_limit[j]
-        memory[row.INTEGRAL, j] = min(max(integral, -limit), limit)
-        damping[j] = 2.0 * servo.bandwidth * own
+        memory[row.INTEGRAL * n + j] = min(max(integral, -limit), limit)
+        damping[j] = 2.0 * servo.bandwidth * mass
         torque[j] = (
             arrays.bias[j]
             + inertial[j]
             + stiffness * error
-            + memory[row.INTEGRAL, j]
-            + damping[j] * (speed[j] - rate[j])
+            + memory[row.INTEGRAL * n + j]
+            + damping[j] * (speed[j] - own.rate[j])
         )
 
 
-@part()
+@compiled(inline="always")
 def compliant(
     arrays: Arrays,
     memory: FloatArray,
     mode: int,
     target: FloatArray,
     command: FloatArray,
-    rate: FloatArray,
-    torque: FloatArray,
-    damping: FloatArray,
+    own: Scratch,
 ) -> None:
     """Impedance and torque control, on top of the compensated gravity."""
-    for j in range(target.size):
-        torque[j] = arrays.bias[j] + command[row.FEED_FORWARD, j]
+    rate, torque, damping = own.rate, own.torque, own.damping
+    n = target.size
+    for j in range(n):
+        torque[j] = arrays.bias[j] + command[row.FEED_FORWARD * n + j]
         damping[j] = 0.0
         if mode == row.IMPEDANCE:
-            encoder = arrays.position[j] + memory[row.STATIC_WIND_UP, j]
-            damping[j] = command[row.DAMPING, j]
-            torque[j] += command[row.STIFFNESS, j] * (target[j] - encoder) - damping[j] * rate[j]
+            encoder = arrays.position[j] + memory[row.STATIC_WIND_UP * n + j]
+            damping[j] = command[row.DAMPING * n + j]
+            torque[j] += (
+                command[row.STIFFNESS * n + j] * (target[j] - encoder) - damping[j] * rate[j]
+            )
 
 
-@part()
+@compiled(inline="always")
 def uncompensated(
     arrays: Arrays,
     memory: FloatArray,
     target: FloatArray,
     command: FloatArray,
-    rate: FloatArray,
-    torque: FloatArray,
-    damping: FloatArray,
+    own: Scratch,
 ) -> None:
     """Give each joint what its own drive makes, where the position servo does not run.
 
     A drive on a bus knows its motor and not the arm, so nothing is compensated.
     """
-    for j in range(target.size):
-        if command[row.SERVO, j] != 0.0:
-            torque[j] += command[row.FEED_FORWARD, j]
+    rate, torque, damping = own.rate, own.torque, own.damping
+    n = target.size
+    for j in range(n):
+        if command[row.SERVO * n + j] != 0.0:
+            torque[j] += command[row.FEED_FORWARD * n + j]
             continue
-        encoder = arrays.position[j] + memory[row.STATIC_WIND_UP, j]
-        damping[j] = command[row.DAMPING, j]
-        torque[j] = command[row.FEED_FORWARD, j] - damping[j] * rate[j]
-        torque[j] += command[row.STIFFNESS, j] * (target[j] - encoder)
-        memory[row.INTEGRAL, j] = 0.0
+        encoder = arrays.position[j] + memory[row.STATIC_WIND_UP * n + j]
+        damping[j] = command[row.DAMPING * n + j]
+        torque[j] = command[row.FEED_FORWARD * n + j] - damping[j] * rate[j]
+        torque[j] += command[row.STIFFNESS * n + j] * (target[j] - encoder)
+        memory[row.INTEGRAL * n + j] = 0.0
 
 
-@part()
-def saturate(servo: Servo, velocity: FloatArray, torque: FloatArray, damping: FloatArray) -> None:
+@compiled(inline="always")
+def saturate(servo: Servo, n: int, own: Scratch) -> None:
     """Keep the drives within their torque; a saturated drive does not damp."""
-    for j in range(torque.size):
+    velocity, torque, damping = own.velocity, own.torque, own.damping
+    for j in range(n):
         limit = servo.torque_limit[j]
         if abs(torque[j] - damping[j] * velocity[j]) > limit:
             torque[j] = math.copysign(limit, torque[j] - damping[j] * velocity[j])
             damping[j] = 0.0
 
 
-@part()
+@compiled(inline="always")
 def deflection(compliance: float, cubic: float, load: float) -> float:
     """Return the wind-up of a gear [rad] under `load` [N m]."""
     return load * (compliance + cubic * load * load)
 
 
-@part()
-def multiply(arrays: Arrays, vector: FloatArray, product: FloatArray) -> None:
+@compiled(inline="always")
+def multiply(arrays: Arrays, n: int, vector: FloatArray, product: FloatArray) -> None:
     """Write M(q) times `vector` into `product`."""
-    for i in range(vector.size):
+    for i in range(n):
         product[i] = 0.0
         start, size = arrays.row_start[i], arrays.row_size[i]
         for k in range(start, start + size):

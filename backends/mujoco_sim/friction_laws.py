@@ -8,7 +8,7 @@ from limo_driver.physics.friction_laws import friction_torque
 _SMALL_VELOCITY = 1e-9  # [rad/s]
 
 
-@compiled()
+@compiled(inline="always")
 def friction_damping(
     law: int, p0: float, p1: float, p2: float, p3: float, velocity: float
 ) -> float:
@@ -21,7 +21,7 @@ def friction_damping(
     return friction_torque(law, p0, p1, p2, p3, v) / v
 
 
-@compiled()
+@compiled(inline="always")
 def away_from_rest(velocity: float) -> float:
     """Return `velocity` [rad/s], of at least a size by which a torque can be divided."""
     return _SMALL_VELOCITY if abs(velocity) < _SMALL_VELOCITY else velocity

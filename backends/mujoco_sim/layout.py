@@ -1,7 +1,8 @@
 """How the simulated robot's arrays are laid out, shared by Python and compiled code.
 
-Compiled code is cached by the source of the engine alone: after a change here, in the drives, the
-friction laws or the tables of the plant, touch the engine.
+In compiled code the fields of these tuples are pointers, and tables are read row by row from one:
+entry (row, j) of a table of n columns stands at row * n + j. Arrays there would carry their sizes,
+strides and owners through every call, which takes numba three times as long to compile.
 """
 
 from __future__ import annotations
@@ -65,3 +66,23 @@ class Servo(NamedTuple):
     velocity_gain: float  # of the encoder's velocity filter, 0 to 1
     encoder_resolution: FloatArray  # (n,) [rad]
     torque_resolution: FloatArray  # (n,) [N m]
+
+
+class Scratch(NamedTuple):
+    """What a cycle works with, each of n joints; the position and velocity are the links'."""
+
+    position: FloatArray  # [rad]
+    velocity: FloatArray  # [rad/s]
+    acceleration: FloatArray  # [rad/s²]
+    inertial: FloatArray  # M(q) times an acceleration [N m]
+    rate: FloatArray  # of the motor against the link, by static load [rad/s]
+    torque: FloatArray  # of the drive [N m]
+    damping: FloatArray  # of the drive [N m s/rad]
+    friction: FloatArray  # as a damping [N m s/rad]
+    motor: FloatArray  # [rad/s]
+    wanted: FloatArray  # acceleration of the target [rad/s²]
+    ahead: FloatArray  # target, carried forward [rad]
+    speed: FloatArray  # of the target, carried forward [rad/s]
+
+
+SCRATCH_ROWS = len(Scratch._fields)

@@ -24,7 +24,7 @@ COULOMB, VISCOUS, STRIBECK, ASYMMETRIC, DRAG = 0, 1, 2, 3, 4
 PARAMETERS = 4
 
 
-@compiled(nogil=True)
+@compiled(inline="always")
 def friction_torque(law: int, p0: float, p1: float, p2: float, p3: float, velocity: float) -> float:
     """Return the friction torque [N m] of one law, with its parameters, at `velocity` [rad/s]."""
     if law == COULOMB:
