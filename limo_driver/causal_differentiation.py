@@ -218,7 +218,8 @@ def _scan(
                 return t
             shift = min(lost + 1, L)
             rise = (q - own[L - 1]) / (lost + 1)
-            own[: L - shift] = own[shift:]
+            for i in range(L - shift):  # own[...] = own[...] would compile the message of its error
+                own[i] = own[i + shift]
             for i in range(shift):
                 own[L - 1 - i] = q - i * rise
             x, v, a = 0.0, 0.0, 0.0

@@ -63,7 +63,7 @@ def _relative(poses: FloatArray, parent: NDArray[np.int64]) -> FloatArray:
     return np.asarray(np.linalg.solve(above, poses), dtype=np.float64)
 
 
-@compiled(nogil=True)
+@compiled(reads=("q",), nogil=True)
 def forward(
     q: FloatArray,
     parent: NDArray[np.int64],
@@ -111,7 +111,7 @@ def forward(
                 R[j, row, col] = total
 
 
-@compiled(nogil=True)
+@compiled(reads=("position",), nogil=True)
 def _poses(
     position: FloatArray,
     parent: NDArray[np.int64],

@@ -46,7 +46,7 @@ def segment_distance(p1: FloatArray, q1: FloatArray, p2: FloatArray, q2: FloatAr
     return float(np.sqrt(total))
 
 
-@compiled(nogil=True)
+@compiled(reads=("position",), nogil=True)
 def clearances(
     position: FloatArray,  # (T, n) [rad]
     parent: NDArray[np.int64],

@@ -155,8 +155,9 @@ def _append(x: FloatArray, k: int, states: FloatArray, factor: float) -> int:
 @compiled(nogil=True)
 def _friction_states(stops: FloatArray, v: float, change: float, states: FloatArray) -> None:
     """Write the friction states of a joint whose speed v changes by `change` in a filtered step."""
-    states[: stops.size] = stops
     k = stops.size
+    for i in range(k):  # states[:k] = stops would compile the message of its error
+        states[i] = stops[i]
     for i in range(SPEEDS.size):
         states[k + i] = np.tanh(v / SPEEDS[i])
     k += SPEEDS.size

@@ -167,9 +167,11 @@ def _scan(
                 bias = _part(packed, weight, g, 1, 4 * U)[0]
                 weight += G * 4 * U
                 _advance_cell(seen[:inputs], V, W, bias, gates, h, c)
-                seen[:U] = h
+                for u in range(U):  # seen[:U] = h would compile the message of its error
+                    seen[u] = h[u]
                 inputs, start = U, start + 2 * G * U
-            y[t, g * H : (g + 1) * H] = seen[:H]
+            for u in range(H):
+                y[t, g * H + u] = seen[u]
     return y
 
 

@@ -77,7 +77,8 @@ def _row(
     y = np.empty((1, G * m))
     hidden = np.empty(H)
     for g in range(G):
-        hidden[:] = hidden_bias[g]
+        for u in range(H):  # hidden[:] = ... would compile the message of its error
+            hidden[u] = hidden_bias[g, u]
         for k in range(columns.shape[1]):
             value = x[0, columns[g, k]]
             for u in range(H):

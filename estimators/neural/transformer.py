@@ -174,8 +174,9 @@ def _scan(
             o = _norm(o + _attend(o, h, qkv[2][a], join[2][a], k[2], v[2], p), norm[1][a, 1])
             f = np.maximum(o @ widen[1][a] + widen_bias[1][a], 0.0)
             o = _norm(o + f @ narrow[1][a] + narrow_bias[1][a], norm[1][a, 2])
-        y[t] = o @ linear[2] + biases[2]
-        last[:] = y[t]
+        found = o @ linear[2] + biases[2]
+        for u in range(m):
+            y[t, u] = last[u] = found[u]
         positions[i] = memories[i, 0] = (p + 1) % block
     return y
 
@@ -196,8 +197,9 @@ def _attend(
     """
     d, heads, width = qkv.shape[1:]
     query = x @ qkv[0].reshape(d, d)
-    keys[:, p] = source @ qkv[1].reshape(d, d)
-    values[:, p] = source @ qkv[2].reshape(d, d)
+    key_now, value_now = source @ qkv[1].reshape(d, d), source @ qkv[2].reshape(d, d)
+    for u in range(d):  # keys[:, p] = ... would compile the message of its error
+        keys[u, p], values[u, p] = key_now[u], value_now[u]
     found, scores = np.empty(d), np.empty(p + 1)
     for head in range(heads):
         scores[:] = 0.0

@@ -172,7 +172,9 @@ def contract(
     moved = np.empty((3, 3 * n + 1, n))
     for t in range(T):
         for k in range(3 * n + 1):
-            moved[:, k] = state[:, t]
+            for x in range(3):  # moved[:, k] = ... would compile the message of its error
+                for j in range(n):
+                    moved[x, k, j] = state[x, t, j]
             if k > 0:
                 moved[(k - 1) // n, k, (k - 1) % n] += step
         fill_regressor(

@@ -36,7 +36,11 @@ def link_parameters(model: RobotModel) -> FloatArray:
     return np.array([inertia.toDynamicParameters() for inertia in inertias]).reshape(-1, PER_LINK)
 
 
-@compiled(nogil=True, fastmath={"contract", "nsz"})
+@compiled(
+    reads=("parameters", "position", "velocity", "acceleration"),
+    nogil=True,
+    fastmath={"contract", "nsz"},
+)
 def inverse_dynamics(
     rotation: FloatArray,
     translation: FloatArray,

@@ -91,7 +91,7 @@ def parameters_of(inertial: Inertial) -> FloatArray:
     return np.array([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
-@compiled(nogil=True, fastmath={"contract", "nsz"})
+@compiled(reads=("position", "velocity", "acceleration"), nogil=True, fastmath={"contract", "nsz"})
 def fill_regressor(
     rotation: FloatArray,
     translation: FloatArray,
@@ -111,7 +111,7 @@ def fill_regressor(
     """
     n = axis.shape[0]
     z, r = np.zeros((n, 3)), np.zeros((n, 3))
-    R, zero = np.zeros((3, 3)), np.zeros(3)
+    R = np.zeros((3, 3))
     for t in range(position.shape[0]):
         w, dw = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         a = (-gravity[0], -gravity[1], -gravity[2])
@@ -128,7 +128,7 @@ def fill_regressor(
                 store(r[j], to_child(R, add(vector(r[j]), p)))
                 store(z[j], to_child(R, vector(z[j])))
             store(z[i], u)
-            r[i] = zero
+            store(r[i], (0.0, 0.0, 0.0))  # r[i] = ... would compile the message of its error
             for j in range(i + 1):
                 row = Y[j, t, PER_LINK * i : PER_LINK * (i + 1)]
                 _fill_row(vector(z[j]), vector(r[j]), w, dw, a, row)

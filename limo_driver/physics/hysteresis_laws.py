@@ -78,7 +78,9 @@ def add_maxwell_slips(
         j, end = joint[e], ends[e]
         own = memory[start + e : end + e + 1]  # each effect has its last position behind
         path = path_of(own, position[:, j], velocity[:, j])
-        torque[:, j] += maxwell_slip(own, path, stiffness[start:end], width[start:end])
+        added = maxwell_slip(own, path, stiffness[start:end], width[start:end])
+        for t in range(added.size):  # torque[:, j] += ... would compile the message of its error
+            torque[t, j] += added[t]
         start = end
 
 
