@@ -9,11 +9,17 @@ import typer
 
 Connect: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(help="Zenoh endpoint to reach, for example tcp/192.168.1.2:7447; several count."),
+    typer.Option(
+        metavar="ENDPOINT",
+        help="Zenoh endpoint to reach, for example tcp/192.168.1.2:7447; several count.",
+    ),
 ]
 Listen: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(help="Zenoh endpoint to be reached at, for example tcp/0.0.0.0:7447."),
+    typer.Option(
+        metavar="ENDPOINT",
+        help="Zenoh endpoint to be reached at, for example tcp/0.0.0.0:7447.",
+    ),
 ]
 ConfigFile: TypeAlias = Annotated[
     Path | None,

@@ -27,12 +27,12 @@ def command(
         str | None, typer.Option(help="Own address, HOST or HOST:PORT; else any free port.")
     ] = None,
     mode: Annotated[Mode, typer.Option(help="What the client commands.")] = Mode.POSITION,
-    period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 \\[ms].")] = 2,
+    period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 [ms].")] = 2,
     multiplier: Annotated[
         int, typer.Option(help="Receive multiplier: the client answers every that many packets.")
     ] = 1,
     duration: Annotated[
-        float | None, typer.Option(help="End the session after this time \\[s]; else at Ctrl-C.")
+        float | None, typer.Option(help="End the session after this time [s]; else at Ctrl-C.")
     ] = None,
     sim: Annotated[
         Path | None, typer.Option(help="A sim.yaml for the arm; else the iiwa's rigid body alone.")
@@ -41,13 +41,13 @@ def command(
         Path | None, typer.Option(help="What goes wrong when (YAML, see docs/fri_controller.md).")
     ] = None,
     position: Annotated[
-        str | None, typer.Option(help="Where the arm stands at first, seven angles \\[rad].")
+        str | None, typer.Option(help="Where the arm stands at first, seven angles [rad].")
     ] = None,
     trajectory: Annotated[
         Path | None, typer.Option(help="The arm stands where this trajectory starts.")
     ] = None,
     late_ms: Annotated[
-        float | None, typer.Option(min=0.0, help="Count answers slower than this \\[ms].")
+        float | None, typer.Option(min=0.0, help="Count answers slower than this [ms].")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
     fifo: Annotated[
@@ -55,18 +55,17 @@ def command(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
-    """Be an FRI controller with a simulated iiwa, for any FRI client.
+    r"""Be an FRI controller with a simulated iiwa, for any FRI client.
 
     At its end it tells what was sent and answered, how the session went, and what the client did
     wrong. A client that never answers is waited for; the robot speaks first.
 
-    [bold]Examples[/bold]
-
-        limo controller --fri 1.15 --client 127.0.0.1:30200 --trajectory limo.traj.parquet
-
+    Examples:
+        limo controller --fri 1.15 --client 127.0.0.1:30200 \
+            --trajectory limo.traj.parquet
         limo controller --fri 2.7 --mode torque --period-ms 1 --duration 10 --json
-
-        limo controller --client 192.168.1.5:30200 --sim sim.yaml --scenario lossy.yaml
+        limo controller --client 192.168.1.5:30200 --sim sim.yaml \
+            --scenario lossy.yaml
     """
     from backends.fri.controller.controller import SimulatedController
     from backends.fri.controller.port import Address

@@ -38,12 +38,9 @@ def command(
     lost leave gaps; duplicates stay in the file and are left out where it is read. A log that was
     cut off is read as far as it goes. If --out ends in .mcap, a recording becomes a log instead.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo convert logs/ --robot iiwa14 --out run.parquet
-
         limo convert bag_0.mcap --topic /joint_states --out run.parquet
-
         limo convert run.parquet --out run.mcap
     """
     from limo_driver.outputs import require_file
@@ -157,13 +154,16 @@ def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
 
 @contextmanager
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
-    from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    console = Console(stderr=True)
+    from limo_driver.terminal import terminal
+
+    console = terminal(stderr=True)
     columns = (
         SpinnerColumn(),
-        TextColumn("reading: {task.fields[messages]} messages, {task.completed} files done"),
+        TextColumn(
+            "reading: {task.fields[messages]} messages, {task.completed} files done", markup=False
+        ),
         TimeElapsedColumn(),
     )
     disable = quiet or not console.is_terminal
@@ -175,23 +175,22 @@ def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
 def _report(out: Path, counts: dict[str, Any], notes: list[str], *, as_json: bool) -> None:
     import json
 
-    from rich.console import Console
+    from limo_driver.terminal import terminal
 
     if as_json:
-        Console().print_json(json.dumps({"file": str(out), **counts, "notes": notes}))
+        terminal().print_json(json.dumps({"file": str(out), **counts, "notes": notes}))
         return
-    errors = Console(stderr=True, soft_wrap=True, highlight=False)
+    errors = terminal(stderr=True, soft_wrap=True)
     for note in notes:
-        errors.print(note, markup=False)
-    console = Console(soft_wrap=True, highlight=False)
+        errors.print(note)
+    console = terminal(soft_wrap=True)
     console.print(
         f"{out}: {counts['samples']} samples of {len(counts['joints'])} joints over "
         f"{counts['duration']:.3f} s, topic {counts['topic']}",
-        markup=False,
     )
     for name in ("duplicates", "reordered", "malformed", "of other joints"):
         if counts.get(name):
-            console.print(f"{counts[name]} messages {_MEANING[name]}", markup=False)
+            console.print(f"{counts[name]} messages {_MEANING[name]}")
 
 
 _MEANING = {

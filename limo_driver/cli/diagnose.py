@@ -36,26 +36,25 @@ def command(
     ] = 10.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:
-    """Say where a simulation and recordings differ, what physics was left out, and mend it.
+    r"""Say where a simulation and recordings differ, what physics was left out, and mend it.
 
     Writes verdict.json, sim.yaml (the improved simulation), report.html, and next_motion.parquet
     where one more motion would decide between explanations. A finished diagnosis ends with exit
     status 0, whatever it finds.
 
-    [bold]Examples[/bold]
-
-        limo diagnose monday.parquet tuesday.parquet --sim sim.yaml --out diagnosis
-
-        limo run --backend mujoco --trajectory diagnosis/next_motion.parquet --record next.parquet
+    Examples:
+        limo diagnose monday.parquet tuesday.parquet --sim sim.yaml \
+            --out diagnosis
+        limo run --backend mujoco --trajectory diagnosis/next_motion.parquet \
+            --record next.parquet
     """
     import json
     import sys
 
-    from rich.console import Console
-
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
+    from limo_driver.terminal import terminal
 
     simulation = Simulation.load(sim)
     measured = [Recording.load(path) for path in recordings]
@@ -63,7 +62,7 @@ def command(
         recording.check_robot(simulation.model)
     names = (VERDICT, IMPROVED, REPORT, NEXT_MOTION)
     require_folder(out, "the diagnosis", names, [sim, *recordings])
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    notes = terminal(stderr=True, soft_wrap=True)
     with _progress(notes) as progress:
         found = _diagnose(simulation, measured, bandwidth, progress)
         _write(found, out)
@@ -73,7 +72,7 @@ def command(
         return
     for recording in measured:
         for item in recording.left_out:
-            notes.print(f"{recording.source}: {item}", markup=False)
+            notes.print(f"{recording.source}: {item}")
     _show(found, out)
 
 
@@ -204,7 +203,7 @@ def _write(found: Diagnosis, out: Path) -> None:
 def _progress(console: Console) -> Generator[Callable[[str, float], None]]:
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
-    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
     # where nobody watches, the bar would leave an empty line before the message of an error
     disable = not console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=disable) as bar:
@@ -213,26 +212,24 @@ def _progress(console: Console) -> Generator[Callable[[str, float], None]]:
 
 
 def _show(found: Diagnosis, out: Path) -> None:
-    from rich.console import Console
-
     from limo_driver.physics import spoken
+    from limo_driver.terminal import terminal
 
-    console = Console(highlight=False)
+    console = terminal()
     verdict = found.verdict
-    console.print(f"[bold]{verdict.sentence()}[/bold]")
+    console.print(verdict.sentence(), style="bold")
     for item in verdict.findings:
         same = ", ".join(spoken(other) for other in item.equivalent)
-        console.print(f"{item.evidence}", markup=False)
+        console.print(f"{item.evidence}")
         console.print(
             f"  confidence {item.confidence:.0%}" + (f"; cannot be told from {same}" * bool(same)),
-            markup=False,
         )
     console.print(_errors(verdict))
     for note in verdict.notes:
-        console.print(f"note: {note}", markup=False)
+        console.print(f"note: {note}")
     if found.next_motion is not None:
-        console.print(f"next motion: {found.next_motion_purpose}", markup=False)
-    console.print(f"wrote {out / REPORT}", markup=False)
+        console.print(f"next motion: {found.next_motion_purpose}")
+    console.print(f"wrote {out / REPORT}")
 
 
 def _errors(verdict: Verdict) -> Table:

@@ -8,15 +8,14 @@ import typer
 
 UNHEALTHY = 1
 
-command = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
+command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
 @command.callback()
 def doctor() -> None:
     """Find out why a link to a real arm does not work, and what to do about it.
 
-    [bold]Example[/bold]
-
+    Example:
         limo doctor fri
     """
 
@@ -40,10 +39,8 @@ def fri(
 
     Exit status 0 if the link works, 1 if something is wrong with it.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo doctor fri
-
         limo doctor fri --host 192.170.10.2 --port 30201 --seconds 10 --json
     """
     import json

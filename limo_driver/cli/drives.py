@@ -27,7 +27,7 @@ def command(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time \\[s]; else at Ctrl-C.")
+        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
     ] = None,
     fifo: Annotated[
         bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
@@ -36,16 +36,15 @@ def command(
         bool, typer.Option("--json", help="Say that they are ready, and the summary, as JSON.")
     ] = False,
 ) -> None:
-    """Be the drives of an arm on its CAN bus, with a simulated arm behind them.
+    r"""Be the drives of an arm on its CAN bus, with a simulated arm behind them.
 
     One MuJoCo simulation moves all joints. The other end of the bus is `limo run --backend can`
     with the same configuration, in another process, or any other master.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo drives --config arm.yaml --trajectory limo.traj.parquet
-
-        limo drives --config arm.yaml --sim sim.yaml --scenario lost_frames.yaml --duration 60
+        limo drives --config arm.yaml --sim sim.yaml --scenario lost_frames.yaml \
+            --duration 60
     """
     from backends.can.config import ArmConfig
     from backends.can.drives.scenario import Scenario

@@ -34,19 +34,17 @@ def command(
     table says how many torques were within the interval that is meant to hold 95 %, and how much
     of the motion is unlike what was learned.
 
-    [bold]Example[/bold]
-
+    Example:
         limo evaluate test.parquet --model model/ --sim sim.yaml --out evaluation/
     """
     import json
-
-    from rich.console import Console
 
     from estimators.evaluation import evaluate
     from estimators.model_folder import check_simulation, load_model
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
+    from limo_driver.terminal import terminal
 
     if out is not None:
         require_folder(out, "the evaluation", FILES, [recording])
@@ -55,22 +53,21 @@ def command(
         check_simulation(trained, Simulation.load(sim))
     measured = Recording.load(recording)
     measured.check_robot(trained.simulation.model)
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    notes = terminal(stderr=True, soft_wrap=True)
     for item in (*measured.left_out, *measured.warnings):
-        notes.print(f"{recording}: {item}", markup=False)
+        notes.print(f"{recording}: {item}")
     evaluation = evaluate(trained, measured)
     if evaluation.trained_on:
         notes.print(
             f"{recording}: the model was trained on it; these errors say nothing of other motion",
-            markup=False,
         )
     values = json.dumps(evaluation.as_values())
     if out is not None:
         write(evaluation, out)
     if as_json:
-        Console().print_json(values)
+        terminal().print_json(values)
         return
-    Console(highlight=False).print(table(evaluation), certainty(evaluation))
+    terminal().print(table(evaluation), certainty(evaluation))
 
 
 def write(evaluation: Evaluation, folder: Path) -> None:

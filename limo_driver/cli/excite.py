@@ -70,17 +70,17 @@ def command(
     picture: Picture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Find the motion whose torques tell inertias and friction apart best, within all limits.
+    r"""Find the motion whose torques tell inertias and friction apart best, within all limits.
 
     Each joint moves on harmonics of its own of one base frequency. Pose and coefficients minimise
     the condition number of the regressor of the base parameters, Coulomb and viscous friction
     included. The motion is one period; it starts and ends in one pose, at rest.
 
-    [bold]Examples[/bold]
-
-        limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet --picture excite.png
-
-        limo excite --robot arm.urdf --duration 30 --harmonics 4 --out excite.traj.parquet --json
+    Examples:
+        limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet \
+            --picture excite.png
+        limo excite --robot arm.urdf --duration 30 --harmonics 4 \
+            --out excite.traj.parquet --json
     """
     from math import inf, radians
 
@@ -125,7 +125,6 @@ def _excite(
     quiet: bool,
 ) -> Excitation:
     """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
-    from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -134,13 +133,14 @@ def _excite(
         TimeElapsedColumn,
     )
 
+    from limo_driver.terminal import terminal
     from limopa.exciter import excite
 
     columns = (
         TextColumn("exciting"), BarColumn(), MofNCompleteColumn(), TextColumn("iterations"),
-        TimeElapsedColumn(), TextColumn("condition number {task.fields[condition]}"),
+        TimeElapsedColumn(), TextColumn("condition number {task.fields[condition]}", markup=False),
     )  # fmt: skip
-    console = Console(stderr=True)
+    console = terminal(stderr=True)
     disable = quiet or not console.is_terminal
     with Progress(*columns, console=console, disable=disable, transient=True) as bar:
         task = bar.add_task("exciting", total=None, condition="")
@@ -154,9 +154,9 @@ def _excite(
 def _report(
     found: Excitation, conditioning: Conditioning, model: RobotModel, *, as_json: bool
 ) -> None:
-    from rich.console import Console
+    from limo_driver.terminal import terminal
 
-    motion, console = found.trajectory, Console(soft_wrap=True, highlight=False)
+    motion, console = found.trajectory, terminal(soft_wrap=True)
     condition, scaled = conditioning.condition(motion), conditioning.scaled(motion)
     rigid = conditioning.columns - 2 * model.n
     if as_json:

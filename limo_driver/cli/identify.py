@@ -49,20 +49,17 @@ def command(  # one argument for each option
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Identify inertias and friction, and write them as a simulation.
+    r"""Identify inertias and friction, and write them as a simulation.
 
     Least squares finds the base parameters; a convex fit then finds bodies that can exist and
     explain the same torques, and stays at the robot description where the motion reveals nothing.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo identify run.parquet --robot iiwa14 --out sim.yaml
-
-        limo identify a.csv b.csv --robot arm.urdf --moving-only --bandwidth 8 --out sim.yaml --json
+        limo identify a.csv b.csv --robot arm.urdf --moving-only --bandwidth 8 \
+            --out sim.yaml --json
     """
     import json
-
-    from rich.console import Console
 
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body.report import as_values
@@ -70,8 +67,9 @@ def command(  # one argument for each option
     from limo_driver.model import RobotModel
     from limo_driver.outputs import require_file
     from limo_driver.recording import Recording
+    from limo_driver.terminal import terminal
 
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    notes = terminal(stderr=True, soft_wrap=True)
     require_file(out, recordings)
     model = RobotModel.load(robot)
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
@@ -89,7 +87,7 @@ def command(  # one argument for each option
             }
             for recording in measured
         ]
-        Console().print_json(json.dumps(as_values(found) | {"rows": left_out}))
+        terminal().print_json(json.dumps(as_values(found) | {"rows": left_out}))
         return
     _say_what_was_left_out(measured, notes)
     _show(found, out, base=base)
@@ -123,38 +121,34 @@ def _identify(
 def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
     for recording in measured:
         for warning in recording.warnings:
-            console.print(f"{recording.source}: {warning}", markup=False)
+            console.print(f"{recording.source}: {warning}")
         for item in recording.left_out:
-            console.print(f"{recording.source}: {item}", markup=False)
+            console.print(f"{recording.source}: {item}")
 
 
 def _show(found: Identification, out: Path, *, base: bool) -> None:
-    from rich.console import Console
-
     from estimators.rigid_body.report import base_table, joint_table, link_table
+    from limo_driver.terminal import terminal
 
-    console = Console()
+    console = terminal()
     console.print(
         f"{found.samples} samples; {found.fit.excited} of {found.base.rank} base parameters "
         f"excited; condition {found.fit.condition:.3g}",
-        highlight=False,
     )
     fewest = int(found.fit.effective.min())
     console.print(
         f"errors are correlated: a joint's rows are worth {fewest} independent ones at least; "
         f"inertias of the description are held to {found.tolerance:.0%} (1 sigma)",
-        highlight=False,
     )
     known = found.simulation.tolerances
     console.print(
         f"known to (1 sigma, as far as the torque of such motion depends on them): "
         f"inertias {known.inertia:.1%}, friction {known.friction:.0%}",
-        highlight=False,
     )
     console.print(joint_table(found))
     console.print(link_table(found))
     if base:
         console.print(base_table(found))
     for warning in found.warnings:
-        console.print(f"note: {warning}", highlight=False, markup=False)
-    console.print(f"wrote {out}", highlight=False, markup=False)
+        console.print(f"note: {warning}")
+    console.print(f"wrote {out}")

@@ -59,16 +59,15 @@ def command(
     picture: Picture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the statistics as JSON.")] = False,
 ) -> None:
-    """Plan locally isotropic motion (LIMOPA): straight reaches, then small sinusoids around each.
+    r"""Plan locally isotropic motion (LIMOPA): straight reaches, then small sinusoids around each.
 
     Every configuration in between keeps the joint limits, the table and the links apart; the motion
     keeps the limits of velocity, acceleration and jerk.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo plan --robot iiwa14 --scaffolds 150 --seed 1 --out limo.traj.parquet
-
-        limo plan --scaffolds 5 --out short.traj.parquet --picture short.png --json
+        limo plan --scaffolds 5 --out short.traj.parquet --picture short.png \
+            --json
     """
     from math import radians
 
@@ -111,7 +110,6 @@ def require_writable(out: Path, picture: Path | None, robot: str) -> None:
 
 def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:
     """Plan behind a progress bar, which goes to stderr and leaves stdout to the result."""
-    from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -120,13 +118,14 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
         TimeRemainingColumn,
     )
 
+    from limo_driver.terminal import terminal
     from limopa import plan
 
     columns = (
         TextColumn("planning"), BarColumn(), MofNCompleteColumn(), TextColumn("scaffolds"),
         TimeRemainingColumn(),
     )  # fmt: skip
-    console = Console(stderr=True)
+    console = terminal(stderr=True)
     disable = quiet or not console.is_terminal
     with Progress(*columns, console=console, disable=disable, transient=True) as bar:
         task = bar.add_task("planning", total=request.scaffolds)
@@ -134,7 +133,7 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
 
 
 def _report(statistics: Statistics, *, as_json: bool) -> None:
-    from rich.console import Console
+    from limo_driver.terminal import terminal
 
     if as_json:
         import json
@@ -142,7 +141,7 @@ def _report(statistics: Statistics, *, as_json: bool) -> None:
 
         sys.stdout.write(json.dumps(statistics.as_dict(), indent=2) + "\n")
         return
-    console = Console()
+    console = terminal()
     s = statistics
     console.print(
         f"{s.scaffolds} scaffolds, {s.waypoints} waypoints, {_clock(s.duration)} "

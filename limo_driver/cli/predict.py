@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 BANDWIDTH = 10.0  # [Hz], with a simulation
+_UNITS = {"torque": " [N m]", "std": " [N m]"}
 
 
 def command(
@@ -42,26 +43,25 @@ def command(
         bool, typer.Option("--json", help="Print the rows used and left out as JSON.")
     ] = False,
 ) -> None:
-    """Predict the noise-free torque of a recorded motion: columns time, torque_1 … torque_n.
+    """Predict the noise-free torque of a recorded motion, and write it as Parquet.
 
-    A model adds std_1 … std_n, the standard deviation of its error, and outside_1 … outside_n, true
-    where the motion is unlike what it learned from. With --delay, time is that of the torque, which
-    is that much before the position that came with it. One row for each row of the recording; rows
-    that cannot be used are empty and named.
+    --out has one row for each row of the recording: time [s] and torque_1 … torque_n [N m], one
+    column for each joint. Rows that cannot be used are empty and named.
 
-    [bold]Examples[/bold]
+    A model adds std_1 … std_n [N m], the standard deviation of its error, and outside_1 …
+    outside_n, true where the motion is unlike what it learned from. With --delay, time is that of
+    the torque, which is that much before the position that came with it.
 
+    Examples:
         limo predict run.parquet --sim sim.yaml --out torque.parquet
-
         limo predict run.parquet --model model/ --delay 0.1 --out torque.parquet
     """
     import json
 
-    from rich.console import Console
-
     from estimators.simulation_only import SimulationOnly
     from limo_driver.outputs import require_file
     from limo_driver.recording import Recording
+    from limo_driver.terminal import terminal
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     physics, learned = _load(sim, model, bandwidth)
@@ -79,13 +79,22 @@ def command(
     if as_json:
         left_out = {item.reason: item.rows for item in measured.left_out}
         rows = {"used": len(measured), "left_out": left_out}
-        Console().print_json(
+        terminal().print_json(
             json.dumps({"file": str(out), "rows": rows, "warnings": measured.warnings})
         )
         return
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    notes = terminal(stderr=True, soft_wrap=True)
     for item in (*measured.warnings, *measured.left_out):
-        notes.print(f"{recording}: {item}", markup=False)
+        notes.print(f"{recording}: {item}")
+    terminal(soft_wrap=True).print(_written(out, measured, columns))
+
+
+def _written(out: Path, recording: Recording, columns: Mapping[str, NDArray[Any]]) -> str:
+    """Say what the file holds."""
+    empty = recording.rows_total - len(recording)
+    rows = f"{recording.rows_total} rows" + (f", {empty} of them empty" if empty else "")
+    named = ", ".join(f"{name}_1 … {name}_{recording.n}{_UNITS.get(name, '')}" for name in columns)
+    return f"{out}: {rows}: time [s], {named}"
 
 
 def _load(

@@ -43,7 +43,7 @@ def command(
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of a simulated arm's sensor noise.")] = 0,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory \\[s].")
+        float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory [s].")
     ] = None,
     rate: Annotated[
         float | None,
@@ -74,20 +74,20 @@ def command(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Move an arm along a trajectory and record position, velocity and torque.
+    r"""Move an arm along a trajectory and record position, velocity and torque.
 
     A simulated arm starts where the trajectory does; a real one has to stand there. Ctrl-C
     or SIGTERM slows the arm down to a hold, keeps what was recorded, and ends with exit status 130.
 
-    [bold]Examples[/bold]
-
-        limo run --backend mujoco --trajectory limo.traj.parquet --sim sim.yaml --record run.parquet
-
-        limo run --backend virtual --trajectory limo.traj.parquet --record ideal.parquet --json
-
-        limo run --backend mujoco --trajectory limo.traj.parquet --record run.parquet --stream
-
-        limo run --backend fri --trajectory limo.traj.parquet --record run.parquet --fifo
+    Examples:
+        limo run --backend mujoco --trajectory limo.traj.parquet --sim sim.yaml \
+            --record run.parquet
+        limo run --backend virtual --trajectory limo.traj.parquet \
+            --record ideal.parquet --json
+        limo run --backend mujoco --trajectory limo.traj.parquet \
+            --record run.parquet --stream
+        limo run --backend fri --trajectory limo.traj.parquet \
+            --record run.parquet --fifo
     """
     from limo_driver.errors import ConfigError
     from limo_driver.outputs import require_apart
@@ -192,11 +192,12 @@ def _shortened(motion: Trajectory, duration: float) -> Trajectory:
 
 @contextmanager
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    from limo_driver.terminal import terminal
+
+    console = terminal(stderr=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
     disable = quiet or not console.is_terminal
     with Progress(*columns, console=console, disable=disable, transient=True) as bar:
         task = bar.add_task("moving and recording")
@@ -204,10 +205,11 @@ def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
 
 
 def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    from limo_driver.terminal import terminal
+
+    console = terminal()
     if as_json:
         console.print_json(data=summary.as_json())
         return
@@ -220,16 +222,15 @@ def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
         f"{summary.record}: {summary.samples} samples, {summary.duration:.3f} s, "
         f"{summary.real_time_factor:.1f} times real time"
         + (", interrupted: the arm holds" if summary.interrupted else ""),
-        highlight=False,
         soft_wrap=True,
     )
     console.print(table)
     if summary.link:
-        console.print(_link_line(summary.link), highlight=False, soft_wrap=True)
+        console.print(_link_line(summary.link), soft_wrap=True)
     for refused in summary.refused:
-        console.print(f"not permitted: {refused}", highlight=False, soft_wrap=True)
+        console.print(f"not permitted: {refused}", soft_wrap=True)
     for name, count in summary.limited.items():
-        console.print(f"limited by {name.replace('_', ' ')} in {count} cycles", highlight=False)
+        console.print(f"limited by {name.replace('_', ' ')} in {count} cycles")
 
 
 def _link_line(link: dict[str, Any]) -> str:

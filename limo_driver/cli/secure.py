@@ -35,12 +35,9 @@ def command(
     read). Whoever holds a role's folder has the role: copy each to where it is used, and keep
     `authority/` to yourself.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo secure --out trust/ --driver robot.local --service 192.168.1.3
-
         limo run --stream --zenoh-config trust/driver/zenoh.json5 ...
-
         limo watch --zenoh-config trust/viewer/zenoh.json5
     """
     from limo_driver.trust import ROLES, Host, write_trust

@@ -79,7 +79,7 @@ def command(  # one argument for each option
     ] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Learn the torque that a simulation leaves unexplained, by a network or by joint physics.
+    r"""Learn the torque that a simulation leaves unexplained, by a network or by joint physics.
 
     Simulation and network are the hybrid tau_HYB = tau_RBD + F_NN(q, dq, ddq, r, tau_RBD), with r
     the rotation since the last reversal. Its part is scaled, joint by joint, by how much of it is
@@ -88,24 +88,21 @@ def command(  # one argument for each option
     says how sure it is. The folder holds weights, manifest and simulation, and is all that
     `limo evaluate` needs.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo train run.parquet --sim sim.yaml --model lstm-fcl --out model/
-
-        limo train a.parquet b.parquet --sim sim.yaml --features drive --out model/
-
+        limo train a.parquet b.parquet --sim sim.yaml --features drive \
+            --out model/
         limo train run.parquet --sim sim.yaml --model joint-physics --out model/
     """
     import json
     from dataclasses import replace
-
-    from rich.console import Console
 
     from estimators.hybrid import HybridModel
     from estimators.joint_physics import JointPhysics
     from estimators.neural import NETWORKS
     from estimators.training import usual_settings
     from limo_driver.errors import ConfigError
+    from limo_driver.terminal import terminal
 
     if model == JointPhysics.name:
         _refuse_network_options(context)
@@ -139,28 +136,27 @@ def command(  # one argument for each option
     hybrid.save(out)
     rmse, gain = hybrid.fitted.record["rmse"], hybrid.fitted.gain.tolist()
     if as_json:
-        Console().print_json(json.dumps({"model": str(out), "rmse": rmse, "gain": gain}))
+        terminal().print_json(json.dumps({"model": str(out), "rmse": rmse, "gain": gain}))
         return
-    _print(rmse, gain, bandwidth, Console(highlight=False))
+    _print(rmse, gain, bandwidth, terminal())
 
 
 def _load(
     recordings: list[Path], sim: Path, out: Path
 ) -> tuple[Simulation, list[Recording], Console]:
     """Read simulation and recordings; say on the console what is left out of them."""
-    from rich.console import Console
-
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
+    from limo_driver.terminal import terminal
 
     simulation = Simulation.load(sim)
     measured = [Recording.load(path) for path in recordings]
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    notes = terminal(stderr=True, soft_wrap=True)
     for recording in measured:
         recording.check_robot(simulation.model)
         for item in (*recording.left_out, *recording.warnings):
-            notes.print(f"{recording.source}: {item}", markup=False)
+            notes.print(f"{recording.source}: {item}")
     require_folder(out, "the model")
     return simulation, measured, notes
 
@@ -173,7 +169,7 @@ def _train(
     from estimators.training import Epoch, train
 
     trainings = settings.folds + 1 if settings.folds > 1 else 1
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
     silent = not notes.is_terminal  # else a blank line, which is no message
     with Progress(*columns, console=notes, transient=True, disable=silent) as progress:
         bar = progress.add_task("computing inputs", total=trainings * settings.epochs)
@@ -240,17 +236,17 @@ def _train_physics(
 ) -> None:
     import json
 
-    from rich.console import Console
     from rich.table import Table
 
     from estimators.joint_physics import JointPhysics
+    from limo_driver.terminal import terminal
 
     simulation, measured, _ = _load(recordings, sim, out)
     model = JointPhysics(simulation, bandwidth).fit(measured)
     model.save(out)
     rmse = model.fitted.record["rmse"]
     if as_json:
-        Console().print_json(json.dumps({"model": str(out), "rmse": rmse}))
+        terminal().print_json(json.dumps({"model": str(out), "rmse": rmse}))
         return
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
@@ -260,4 +256,4 @@ def _train_physics(
         table.add_column(heading, justify="right")
     for j, values in enumerate(zip(rmse["simulation"], rmse["held_out"], strict=True)):
         table.add_row(str(j + 1), *(f"{value:.4f}" for value in values))
-    Console(highlight=False).print(table)
+    terminal().print(table)

@@ -35,7 +35,7 @@ def command(
     listen: Listen = None,
     config: ConfigFile = None,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time \\[s]; else at Ctrl-C.")
+        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print every status and event as JSON, one a line.")
@@ -43,10 +43,8 @@ def command(
 ) -> None:
     """Show rates, latency, external torque, models, contacts and losses of arms on the network.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo watch
-
         limo watch --arm iiwa14 --connect tcp/192.168.1.2:7447 --json
     """
     from limo_driver.streaming import Keys, follow_history, open_session
@@ -141,8 +139,9 @@ def _printable(text: str) -> str:
 
 def _show(watched: Watched, duration: float | None) -> None:
     """Draw twice a second until the time is over."""
-    from rich.console import Console
     from rich.live import Live
+
+    from limo_driver.terminal import terminal
 
     ends = math.inf if duration is None else time.monotonic() + duration
     pause = threading.Event()
@@ -150,7 +149,7 @@ def _show(watched: Watched, duration: float | None) -> None:
         while time.monotonic() < ends:
             pause.wait(min(0.5, max(ends - time.monotonic(), 0.0)))
         return
-    with Live(console=Console(), screen=False, refresh_per_second=4) as live:
+    with Live(console=terminal(), screen=False, refresh_per_second=4) as live:
         while time.monotonic() < ends:
             live.update(_page(watched))
             pause.wait(min(0.5, max(ends - time.monotonic(), 0.0)))
@@ -237,6 +236,7 @@ def _retraining(facts: dict[str, Any]) -> str:
 
 def _joints(status: dict[str, Any]) -> RenderableType:
     from rich.table import Table
+    from rich.text import Text
 
     table = Table("joint", "external rms [N m]", "outside", "contact", box=None)
     rows = zip(status["external_rms"], status["outside"], status["contact"], strict=False)
@@ -246,7 +246,7 @@ def _joints(status: dict[str, Any]) -> RenderableType:
             str(j),
             "-" if rms is None else f"{rms:.3f}",
             f"{100 * part:.0f} %",
-            "[bold yellow]contact[/]" if contact else "",
+            Text("contact", style="bold yellow") if contact else "",
         )
     return table
 

@@ -11,7 +11,7 @@ from limo_driver.cli.models import (
     retraining,
 )
 
-command = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
+command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
 @command.callback()
@@ -21,14 +21,10 @@ def models() -> None:
     A store is a folder; a version in it never changes. The champion is the version that serves.
     With --arm, a running service is asked.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo models add model/ --golden run.parquet
-
         limo models promote 1 --reason "the first"
-
         limo models compare champion 2 --data test.parquet
-
         limo models list --arm iiwa14
     """
 

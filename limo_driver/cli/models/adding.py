@@ -26,7 +26,7 @@ def add(
         Path | None, typer.Option(help="Recording not trained on, for the errors to keep.")
     ] = None,
     parent: Annotated[int | None, typer.Option(help="Version that this one came from.")] = None,
-    delay: Annotated[float, typer.Option(help="Delay of the live estimate \\[s].")] = 0.1,
+    delay: Annotated[float, typer.Option(help="Delay of the live estimate [s].")] = 0.1,
     store: StoreOption = MODELS,
     robot: RobotOption = None,
     as_json: JsonOption = False,
@@ -36,8 +36,7 @@ def add(
     It is loaded, copied, and answers to some seconds of motion, which are kept: whoever loads it
     later sees whether it still answers the same.
 
-    [bold]Example[/bold]
-
+    Example:
         limo models add model/ --golden run.parquet --test test.parquet
     """
     from estimators.service.comparison import metrics

@@ -28,8 +28,7 @@ def verify(
 ) -> None:
     """Check files and signature of a version, load it, and replay its golden motion.
 
-    [bold]Example[/bold]
-
+    Example:
         limo models verify champion --trust release.pub
     """
     models = opened(store, robot, trust)
@@ -50,8 +49,7 @@ def sign(
 ) -> None:
     """Sign a version with a private key, as `openssl genpkey -algorithm ed25519` makes it.
 
-    [bold]Example[/bold]
-
+    Example:
         limo models sign release.pem 2
     """
     models = opened(store, robot)

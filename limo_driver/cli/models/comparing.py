@@ -30,7 +30,7 @@ def compare(
     challenger: WhichArgument,
     data: Annotated[Path, typer.Option(help="Recording that neither was trained on.")],
     block: Annotated[
-        float, typer.Option(help="Length of a block \\[s]; longer than errors remember.")
+        float, typer.Option(help="Length of a block [s]; longer than errors remember.")
     ] = 5.0,
     out: Annotated[Path | None, typer.Option(help="Where to write a picture (PNG).")] = None,
     store: StoreOption = MODELS,
@@ -43,8 +43,7 @@ def compare(
     The intervals are of paired errors, averaged over blocks. The last line says whether the second
     version would be promoted over the first: better on average, and worse on no joint.
 
-    [bold]Example[/bold]
-
+    Example:
         limo models compare champion 2 --data test.parquet --out difference.png
     """
     from estimators.service.comparison import compare_versions, difference_figure

@@ -26,10 +26,8 @@ def list_versions(
 ) -> None:
     """List the versions of a store, and which of them is the champion.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo models list --store models/
-
         limo models list --arm iiwa14
     """
     from estimators.service.remote_store import RemoteStore
@@ -51,8 +49,7 @@ def show(
 ) -> None:
     """Show what a version is, what it learned from, and how its aliases changed.
 
-    [bold]Example[/bold]
-
+    Example:
         limo models show champion
     """
     from dataclasses import asdict

@@ -33,7 +33,9 @@ RobotOption = Annotated[
 TrustOption = Annotated[
     list[Path] | None,
     typer.Option(
-        "--trust", help="Public key (PEM); versions that none of these signed are refused."
+        "--trust",
+        metavar="KEY",
+        help="Public key (PEM); versions that none of these signed are refused.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -156,9 +158,9 @@ def print_found(values: Any, table: Table | str, *, as_json: bool) -> None:  # n
     """Print values as JSON, or else the table."""
     import json
 
-    from rich.console import Console
+    from limo_driver.terminal import terminal
 
     if as_json:
-        Console().print_json(json.dumps(values))
+        terminal().print_json(json.dumps(values))
     else:
-        Console(highlight=False, soft_wrap=isinstance(table, str)).print(table)
+        terminal(soft_wrap=isinstance(table, str)).print(table)

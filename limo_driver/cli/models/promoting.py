@@ -34,8 +34,7 @@ def load(
     The service vets it first, which takes some seconds; the old version serves on meanwhile, and
     also where the new one is refused.
 
-    [bold]Example[/bold]
-
+    Example:
         limo models load 2 --arm iiwa14
     """
     with asked(arm, connect, listen, config) as client:
@@ -55,10 +54,8 @@ def promote(
 
     With --arm the running service vets it and lets it serve at once.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo models promote 2 --reason "better on all joints"
-
         limo models promote 2 --arm iiwa14
     """
     with place.reached() as models:
@@ -73,10 +70,8 @@ def rollback(
 ) -> None:
     """Make the champion before the champion again.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo models rollback --reason "worse since the tool was changed"
-
         limo models rollback --arm iiwa14
     """
     with place.reached() as models:

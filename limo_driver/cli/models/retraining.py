@@ -33,7 +33,7 @@ def retrain(
             help="Same as the champion, joint-physics, or a network, for example lstm-fcl."
         ),
     ] = "same",
-    delay: Annotated[float, typer.Option(help="Delay of the live estimate \\[s].")] = 0.1,
+    delay: Annotated[float, typer.Option(help="Delay of the live estimate [s].")] = 0.1,
     sign: Annotated[
         Path | None, typer.Option(help="Private key (PEM), with which the version is signed.")
     ] = None,
@@ -45,10 +45,8 @@ def retrain(
     it if it is better. With --log, the version is added to a store and compared with its champion
     on the last part of the motion; nothing serves by that.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo models retrain --arm iiwa14 --reason "the tool was changed"
-
         limo models retrain --store models/ --log logs/ --seconds 600
     """
     from limo_driver.errors import ConfigError

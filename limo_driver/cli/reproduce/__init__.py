@@ -4,15 +4,14 @@ import typer
 
 from limo_driver.cli.reproduce import table1
 
-command = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
+command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
 @command.callback()
 def reproduce() -> None:
     """Compute tables of published work again, on data of your own.
 
-    [bold]Example[/bold]
-
+    Example:
         limo reproduce table1 --quick
     """
 

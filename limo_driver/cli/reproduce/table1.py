@@ -62,7 +62,7 @@ def command(
         ),
     ] = None,
 ) -> None:
-    """Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
+    r"""Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
 
     Rigid body, perceptrons, LSTMs and Transformer, standalone and hybrid, with and without the
     rotational history: errors on training, test and validation motion for each joint, mean and
@@ -71,22 +71,19 @@ def command(
 
     Finished trials are kept: started again, the command goes on where it was stopped or killed.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo reproduce table1 --quick
-
         limo reproduce table1 --data recordings/ --runs 3 --out out/table1
-
-        limo reproduce table1 --data half_a_minute/ --batch 1 --out out/half_a_minute
+        limo reproduce table1 --data half_a_minute/ --batch 1 \
+            --out out/half_a_minute
     """
     from dataclasses import replace
 
-    from rich.console import Console
-
     from estimators.reproduction.trial import Protocol
     from limo_driver.outputs import only_writer, require_folder
+    from limo_driver.terminal import terminal
 
-    notes = Console(stderr=True, soft_wrap=True, highlight=False)
+    notes = terminal(stderr=True, soft_wrap=True)
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
     given = {"runs": runs, "epochs": epochs, "batch": batch}
     protocol = replace(protocol, **{name: n for name, n in given.items() if n is not None})
@@ -151,8 +148,8 @@ def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
 
     from limo_driver.cli.reproduce.simulated_data import FULL, QUICK, make
 
-    notes.print(f"{folder} is not there: making it with the simulated arm", markup=False)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    notes.print(f"{folder} is not there: making it with the simulated arm")
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     disable = not notes.is_terminal
     with Progress(*columns, console=notes, transient=True, disable=disable) as bar:
         task = bar.add_task("making data", total=1.0)
@@ -202,16 +199,16 @@ def _run(
 
 def _print(table: Table, out: Path) -> None:
     """Print the joint averages; all joints are in the files."""
-    from rich.console import Console
     from rich.table import Table as Grid
 
     from estimators.reproduction.results import SPLIT_NAMES
     from estimators.reproduction.rows import PARTS, ROWS
     from estimators.reproduction.trial import SPLITS
     from estimators.reproduction.writing import cell, done
+    from limo_driver.terminal import terminal
 
-    console = Console(highlight=False)
-    console.print(table.headline(), markup=False)
+    console = terminal()
+    console.print(table.headline())
     for split in SPLITS:
         grid = Grid(
             "architecture", "runs", *PARTS,
@@ -222,5 +219,5 @@ def _print(table: Table, out: Path) -> None:
             figures = [table.figures(row, part, split) for part in PARTS]
             grid.add_row(row.name, done(figures[0]), *(cell(f, -1) for f in figures))
         console.print(grid)
-    console.print(table.scored, markup=False)
-    console.print(f"wrote {out}: {', '.join(FILES)}", markup=False, soft_wrap=True)
+    console.print(table.scored)
+    console.print(f"wrote {out}: {', '.join(FILES)}", soft_wrap=True)

@@ -44,10 +44,10 @@ class Watch:
         for result in before:
             self._done(result.trial, result.seconds)
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[note]}"),
+            TextColumn("{task.fields[note]}", markup=False),
         )
         disable = not console.is_terminal
         self.progress = Progress(*columns, console=console, transient=True, disable=disable)
@@ -90,9 +90,7 @@ class Watch:
         if bar is not None:
             self.progress.remove_task(bar)
         count = self.total - len(self.rest)
-        self.console.print(
-            f"{count}/{self.total}  {_title(trial)}: {how}{self._left()}", markup=False
-        )
+        self.console.print(f"{count}/{self.total}  {_title(trial)}: {how}{self._left()}")
         self._count()
 
     def _count(self) -> None:

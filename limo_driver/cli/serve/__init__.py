@@ -73,7 +73,7 @@ def command(
         float | None, typer.Option(help="Rate of the joint states [Hz]; measured if not given.")
     ] = None,
     delay: Annotated[
-        float, typer.Option(help="By which estimates are late \\[s]; less hears more noise.")
+        float, typer.Option(help="By which estimates are late [s]; less hears more noise.")
     ] = 0.1,
     bound: Annotated[
         float | None,
@@ -116,20 +116,27 @@ def command(
     ] = "same",
     trust: Annotated[
         list[Path] | None,
-        typer.Option(help="Public key (PEM); versions that none of these signed are refused."),
+        typer.Option(
+            metavar="KEY", help="Public key (PEM); versions that none of these signed are refused."
+        ),
     ] = None,
     sign: Annotated[
         Path | None,
         typer.Option(help="Private key (PEM), with which challengers are signed that are trained."),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time \\[s]; else at Ctrl-C.")
+        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print events and status as JSON, one a line.")
     ] = False,
 ) -> None:
-    """Subscribe to joint states, and publish torque estimates, external torque and events.
+    r"""Subscribe to joint states, and publish torque estimates, external torque and events.
+
+    States come from `limo run --stream`, or with --ros from ROS 2. The answers are on Zenoh, where
+    `limo watch` shows them: limo/NAME/torque/estimate, limo/NAME/torque/external, limo/NAME/event
+    and limo/NAME/status/service; docs/streaming.md and docs/messages.md say what they hold. With
+    --log they are also in MCAP files, which Foxglove opens and `limo convert` reads.
 
     Estimates are of `delay` before the state that they answer, with a standard deviation and the
     version of the model. Where a model fails, the physics alone serves. Ctrl-C stops.
@@ -137,14 +144,11 @@ def command(
     Arms share one Python process and one core: serve each from a process of its own unless they
     are slow.
 
-    [bold]Examples[/bold]
-
+    Examples:
         limo serve --arm iiwa14 --store models/ --log logs/
-
         limo serve --arm iiwa14 --model model/ --connect tcp/192.168.1.2:7447
-
-        limo serve --arm iiwa14 --model model/ --ros joint_states --connect tcp/127.0.0.1:7447
-
+        limo serve --arm iiwa14 --model model/ --ros joint_states \
+            --connect tcp/127.0.0.1:7447
         limo serve --arm left=models/left --arm right=models/right
     """
     from limo_driver.errors import ConfigError

@@ -16,9 +16,9 @@ def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
     """Return what shows an event to whoever watches the service, with the arm if it has several."""
     import json
 
-    from rich.console import Console
+    from limo_driver.terminal import terminal
 
-    console = Console(stderr=not as_json)
+    console = terminal(stderr=not as_json)
 
     def tell(event: Event) -> None:
         if as_json:
@@ -28,9 +28,7 @@ def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
             return
         style = {10: "dim", 20: "", 30: "yellow", 40: "red", 50: "bold red"}[event.level]
         whose = "" if arm is None else f"{arm}: "
-        console.print(
-            f"{whose}{event.kind}: {event.text}", style=style, highlight=False, markup=False
-        )
+        console.print(f"{whose}{event.kind}: {event.text}", style=style)
 
     return tell
 
