@@ -16,8 +16,9 @@ from typing import Annotated
 
 import typer
 
-from limo_driver.errors import LimoError
+from limo_driver.errors import LimoError, ServiceNotReadyError
 
+NOT_READY = 1
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
@@ -68,12 +69,15 @@ def _add_commands() -> None:
 
 
 def main() -> None:
-    """Run the command line; bad input ends with one clear line and exit status 2."""
+    """Run the command line; bad input ends with one clear line and exit status 2.
+
+    Where a service was waited for in vain, the status is 1.
+    """
     try:
         _add_commands()
         app()
     except LimoError as error:
         sys.stderr.write(f"limo: {error}\n")
-        sys.exit(USAGE_ERROR)
+        sys.exit(NOT_READY if isinstance(error, ServiceNotReadyError) else USAGE_ERROR)
     except KeyboardInterrupt:  # while commands were imported; the app handles it later on
         sys.exit(INTERRUPTED)
