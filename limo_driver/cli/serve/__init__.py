@@ -207,7 +207,10 @@ def command(
             contact_duration=per_joint("--contact-for", contact_for, "s", arms),
         )
         presence.check()  # rather than after the rehearsal
-        enter(ServicePhase.COMPILING, "what the first estimate needs is compiled, or read from the cache")
+        enter(
+            ServicePhase.COMPILING,
+            "what the first estimate needs is compiled, or read from the cache",
+        )
         for models in arms.values():
             rehearse(models, settings)
         session = presence.session()
