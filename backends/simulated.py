@@ -74,7 +74,9 @@ class SimulatedRobot(Robot):
         """Wait for a cycle in which the arm and its time stand; return its last state again."""
         if self._state is None or not self._open:
             return self.receive()
-        if self._keeps_time and self._began is not None:
+        if self._began is None:
+            self._began = time.monotonic() - self._passed
+        if self._keeps_time:
             self._wait(self._began)
         self._stood += 1
         return self._state
