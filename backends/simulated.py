@@ -61,6 +61,7 @@ class SimulatedRobot(Robot):
         self.simulation = simulation
         self._cycle = 0
         self._losing = 0
+        self._stood = 0  # cycles in which simulated time stood
         self._began: float | None = None  # [s], where time is kept: when cycle 0 was
         self._keeps_time = False
         self.lateness = LatencyHistogram()
@@ -68,6 +69,17 @@ class SimulatedRobot(Robot):
     def keep_time(self) -> None:
         """Run no faster than real time from now on."""
         self._keeps_time, self._began = True, None
+
+    def stand_by(self) -> JointState:
+        """Wait for a cycle in which the arm and its time stand; return its last state again."""
+        if self._state is None or not self._open:
+            return self.receive()
+        if self._began is None:
+            self._began = time.monotonic() - self._passed
+        if self._keeps_time:
+            self._wait(self._began)
+        self._stood += 1
+        return self._state
 
     def lose_measurements(self, count: int) -> None:
         """Lose the next `count` measurements, as a network might; the arm moves on meanwhile."""
@@ -88,16 +100,21 @@ class SimulatedRobot(Robot):
             self._wait(self._began)
         measured = self._cycle_once()
         if self._began is None:  # time runs from here: the first cycle may compile for a second
-            self._began = time.monotonic() - self._cycle * self.spec.period
+            self._began = time.monotonic() - self._passed
         self._cycle += 1
         if self._losing:
             self._losing -= 1
             return None
         return measured
 
+    @property
+    def _passed(self) -> float:
+        """Time from the first cycle to the next one, had it all been real [s]."""
+        return (self._cycle + self._stood) * self.spec.period
+
     def _wait(self, began: float) -> None:
         """Sleep until this cycle is due."""
-        now, due = time.monotonic(), began + self._cycle * self.spec.period
+        now, due = time.monotonic(), began + self._passed
         if due > now:
             time.sleep(due - now)
         self.lateness.add(max(time.monotonic() - due, 0.0))

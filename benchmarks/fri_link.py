@@ -90,7 +90,7 @@ def report_of(running: subprocess.Popen[str]) -> dict[str, Any]:
     said, complained = running.communicate(timeout=60)
     if running.returncode:
         raise SystemExit(complained)
-    return json.loads(said)
+    return json.loads(said.splitlines()[-1])
 
 
 def send_back(port: int, *, fifo: bool) -> None:

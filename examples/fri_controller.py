@@ -4,7 +4,8 @@
 
 `limo controller` is the robot: an iiwa in MuJoCo behind FRI 1.15, on whose second joint somebody
 leans for a second, and whose network loses a packet now and then. `limo run --backend fri` is the
-client, as it would be for a real arm. From both come OUT/fri_controller.png and the lines that are
+client, as it would be for a real arm; it is begun when the controller says that it is ready. From
+both come OUT/fri_controller.png and the lines that are
 printed.
 """
 
@@ -28,11 +29,12 @@ PORT = 30205
 START = np.array([0.0, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0])  # [rad], where the controller's arm stands
 SWING = np.array([0.15, 0.1, 0.1, 0.15, 0.2, 0.15, 0.3])  # [rad]
 SECONDS = 8.0
-PUSH_AT, PUSH = 6.0, 15.0  # [s] since the controller began, [N m]
+PUSH_AT, PUSH = 5.0, 15.0  # [s] since commanding began, [N m]
 SCENARIO = f"""seed: 1
+from: commanding
 events:
   - {{event: push, at: {PUSH_AT}, for: 1.0, joint: 2, torque: {PUSH}}}
-  - {{event: loss, at: 3.0, for: 2.0, fraction: 0.01}}
+  - {{event: loss, at: 2.0, for: 2.0, fraction: 0.01}}
 """
 
 
@@ -62,17 +64,18 @@ def play() -> dict:
     print(f"$ limo {controller} &", flush=True)
     with subprocess.Popen([*LIMO, *controller.split()], stdout=subprocess.PIPE, text=True) as robot:
         try:
+            if not robot.stdout.readline():
+                sys.exit("the controller did not start")
             print(f"$ limo {client}", flush=True)
             subprocess.run([*LIMO, *client.split()], check=True)
         finally:
             robot.send_signal(signal.SIGINT)
-        said, _ = robot.communicate(timeout=30)
-    return json.loads(said)
+        # `communicate` would not see what was read from the pipe with the first line
+        return json.loads(robot.stdout.read().splitlines()[-1])
 
 
-def draw(recording: Recording, report: dict) -> None:
-    """Plot what the client recorded, beside what the controller knows."""
-    active = next(v["at"] for v in report["states"] if v["state"] == "COMMANDING_ACTIVE")
+def draw(recording: Recording) -> None:
+    """Plot what the client recorded, and when somebody leaned on the arm."""
     time = recording.time - recording.time[0]
     figure, (motion, torque) = plt.subplots(2, 1, figsize=(8, 6), sharex=True)
     joints = [str(joint) for joint in range(1, recording.position.shape[1] + 1)]
@@ -81,9 +84,7 @@ def draw(recording: Recording, report: dict) -> None:
     motion.legend(title="joint", ncols=len(joints), fontsize="small", loc="lower center")
     motion.margins(y=0.35)
     torque.plot(time, recording.torque[:, 1], color="C1")
-    torque.axvspan(
-        PUSH_AT - active, PUSH_AT - active + 1.0, alpha=0.2, label="somebody leans on it"
-    )
+    torque.axvspan(PUSH_AT, PUSH_AT + 1.0, alpha=0.2, label="somebody leans on it")
     torque.set(xlabel="time since commanding began [s]", ylabel="torque of joint 2 [N m]")
     torque.legend()
     figure.suptitle("Recorded through FRI from a controller without a robot")
@@ -95,7 +96,7 @@ def main() -> None:
     """Play, draw, and say how it went."""
     OUT.mkdir(exist_ok=True)
     report = play()
-    draw(Recording.load(OUT / "swing.parquet"), report)
+    draw(Recording.load(OUT / "swing.parquet"))
     packets = report["packets"]
     print("\nthe controller saw:")
     print("  " + " > ".join(visit["state"] for visit in report["states"]))

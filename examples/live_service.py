@@ -17,9 +17,10 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -29,11 +30,14 @@ from limo_driver.messages import decode_event, decode_torque_estimate
 from limo_driver.physics import ExternalContact, Simulation, TemperatureDependentFriction
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     from limo_driver.messages import Event
 
 TRUTH = Path(__file__).parent / "iiwa14_hysteretic.yaml"
 LIMO = [sys.executable, "-c", "from limo_driver.cli import main; main()"]
 RATE = 250  # [Hz] of the stream
+PATIENCE = 120.0  # [s] for a service to answer, or to end
 PUSH = ExternalContact(windows=((60.0, 62.0),), wrench=((0.0, 25.0, -25.0, 0.0, 0.0, 0.0),))
 WARM = 150.0  # [s] of stream, of which two minutes show how large the residual is usually
 COLD = (0.9, 1.0, 0.65, 0.7, 0.35, 0.2, 0.15)  # [N m] of friction more in each joint
@@ -44,6 +48,21 @@ def limo(command: str) -> None:
     """Run one limo command to its end, as a shell would."""
     print(f"\n$ limo {command}", flush=True)
     subprocess.run([*LIMO, *shlex.split(command)], check=True)
+
+
+@contextmanager
+def background(command: str, told: TextIO | None = None) -> Generator[None]:
+    """Run one limo command until the block ends, as a shell would in the background."""
+    print(f"\n$ limo {command} &", flush=True)
+    process = subprocess.Popen([*LIMO, *shlex.split(command)], stdout=told)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(PATIENCE)
+        finally:
+            process.kill()
 
 
 def learn(out: Path) -> None:
@@ -96,18 +115,14 @@ def stream(out: Path, seconds: float) -> None:
         f"serve --arm iiwa14 --store {out}/models --log {out}/logs --zenoh-config {service} "
         "--contact 3 --training-seconds 90"
     )
-    print(f"\n$ limo {command} &", flush=True)
-    serving = subprocess.Popen([*LIMO, *shlex.split(command)])
-    try:
+    with background(command):
         for sim, duration, seed in ((pushed, WARM, 3), (cooled, seconds, 4)):
             limo(
                 f"run --backend mujoco --trajectory {out}/live.traj.parquet --sim {sim} "
                 f"--rate {RATE} --duration {duration:g} --seed {seed} --stream "
-                f"--record {out}/{sim.stem}.parquet --zenoh-config {driver}"
+                f"--wait-for-estimates {PATIENCE:g} --record {out}/{sim.stem}.parquet "
+                f"--zenoh-config {driver}"
             )
-    finally:
-        serving.send_signal(signal.SIGINT)
-        serving.wait(30.0)
 
 
 class Log:

@@ -5,6 +5,7 @@
 
 Half a minute, two processes: `limo run --stream` drives a simulated iiwa 14 in real time, which is
 pushed at its flange for a while; `limo serve` estimates the torque that its motion needs, and logs.
+The arm stands until the first estimates come, however long the service takes to load and compile.
 OUT/live.png shows both.
 """
 
@@ -12,18 +13,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import shlex
 import shutil
-import signal
-import subprocess
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import matplotlib.pyplot as plt
 import numpy as np
-from live_service import LIMO, TRUTH, limo, network
+from live_service import PATIENCE, TRUTH, background, limo, network
 
+from limo_driver.errors import LimoError
 from limo_driver.mcap_log import read_mcap
 from limo_driver.messages import decode_event, decode_torque_estimate
 from limo_driver.physics import ExternalContact, Simulation
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from limo_driver.messages import Event
 
 SECONDS = 20.0  # of stream
+# in the time of the motion, which begins once there are estimates
 PUSH = ExternalContact(windows=((8.0, 9.5),), wrench=((0.0, 12.0, -12.0, 0.0, 0.0, 0.0),))
 THRESHOLD = 2.0  # [N m] of external torque that is a contact
 DEVIATIONS = 1.96  # of a 95 % interval
@@ -50,16 +50,27 @@ class Live:
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read the log and the last status."""
+        """Read the log and the last status.
+
+        Raises:
+            LimoError: No state was answered; says what was heard last of the service.
+        """
         messages = [m for path in sorted(folder.glob("*.mcap")) for m in read_mcap(path)]
         answers = [
             decode_torque_estimate(m.payload) for m in messages if m.topic.endswith("/estimate")
         ]
+        told = [json.loads(line) for line in (folder / "service.jsonl").open()]
+        status = [line["status"] for line in told if "status" in line]
+        counted = [one for one in status if one.get("latency", {}).get("count")]
+        if not answers or not counted:
+            said = status[-1]["state"] if status else "nothing"
+            raise LimoError(
+                f"{folder}: no estimates in the log; the service said last: {said}. "
+                "Is it given another model, or the driver another rate?"
+            )
         begin = answers[0].stamp_ns
         unknown = np.where([answer.reset for answer in answers], np.nan, 1.0)[:, None]
         events = [decode_event(m.payload) for m in messages if m.topic.endswith("/event")]
-        told = [json.loads(line) for line in (folder / "service.jsonl").open()]
-        status = [line["status"] for line in told if "status" in line]
         return cls(
             1e-9 * np.array([answer.stamp_ns - begin for answer in answers]),
             *(
@@ -67,7 +78,7 @@ class Live:
                 for name in ("torque", "std", "external")
             ),
             [(1e-9 * (event.stamp_ns - begin), event) for event in events],
-            next(one for one in reversed(status) if one.get("latency", {}).get("count")),
+            counted[-1],
         )
 
 
@@ -83,18 +94,12 @@ def stream(model: Path, motion: Path, out: Path) -> Live:
         f"serve --arm iiwa14 --model {model} --log {logs} --contact {THRESHOLD:g} --json "
         f"--zenoh-config {service}"
     )
-    print(f"\n$ limo {command} &", flush=True)
-    with (logs / "service.jsonl").open("w") as told:
-        serving = subprocess.Popen([*LIMO, *shlex.split(command)], stdout=told)
-        try:
-            limo(
-                f"run --backend mujoco --trajectory {motion} --sim {pushed} --seed 4 "
-                f"--duration {SECONDS:g} --stream --record {out}/pushed.parquet "
-                f"--zenoh-config {driver}"
-            )
-        finally:
-            serving.send_signal(signal.SIGINT)
-            serving.wait(30.0)
+    with (logs / "service.jsonl").open("w") as told, background(command, told):
+        limo(
+            f"run --backend mujoco --trajectory {motion} --sim {pushed} --seed 4 "
+            f"--duration {SECONDS:g} --stream --wait-for-estimates {PATIENCE:g} "
+            f"--record {out}/pushed.parquet --zenoh-config {driver}"
+        )
     return Live.read(logs)
 
 

@@ -7,6 +7,7 @@ LimoError
 │   ├── BackendUnavailableError (ImportError)   names the extra to install
 │   ├── ConnectionLostError (ConnectionError)
 │   ├── CycleTimeoutError (TimeoutError)
+│   ├── ServiceNotReadyError (TimeoutError)     says who was heard last
 │   ├── WireFormatError (ValueError)
 │   ├── JointLimitError (ValueError)    a command that no limiter may repair
 │   └── HoldingError                    the arm holds; nothing resumes without being told
@@ -85,6 +86,25 @@ class CycleTimeoutError(BackendError, TimeoutError):
     def __init__(self, waited: float) -> None:
         self.waited = waited
         super().__init__(f"no joint state within {waited:.3f} s")
+
+
+class ServiceNotReadyError(BackendError, TimeoutError):
+    """No service got as far as was waited for, in time.
+
+    Args:
+        arm: Name of the arm in keys; `*` for any.
+        until: How far, for example `serving`.
+        waited: How long was waited [s].
+        heard: Who was heard last, and what it said; empty if nobody was.
+    """
+
+    def __init__(self, arm: str, until: str, waited: float, heard: str) -> None:
+        self.arm, self.until, self.waited, self.heard = arm, until, waited, heard
+        what = "no service" if arm == "*" else f"no service of arm {arm!r}"
+        advice = "start one with `limo serve`, or say where it is with --connect or --zenoh-config"
+        super().__init__(
+            f"{what} was {until} within {waited:g} s: {heard or f'none was heard; {advice}'}"
+        )
 
 
 class WireFormatError(BackendError, ValueError):

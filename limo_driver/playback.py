@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from inspect import signature
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.interrupts import interrupts
+from limo_driver.outputs import require_file
 from limo_driver.realtime import Realtime
 from limo_driver.recorder import Recorder
 from limo_driver.registry import ROBOTS, find
@@ -55,6 +57,45 @@ class PlaybackSummary:
         }
 
 
+class NotBegunError(KeyboardInterrupt):
+    """A run was interrupted before the arm moved; nothing was recorded."""
+
+
+class _States:
+    """Receives the states of a robot and publishes them, numbered so that only a loss is a gap.
+
+    Args:
+        robot: Open.
+        publish: Told the states, if anybody is.
+        every: Cycles for each state that is published.
+    """
+
+    def __init__(
+        self, robot: Robot, publish: Callable[[JointState], None] | None, every: int
+    ) -> None:
+        self.robot, self._publish, self._every = robot, publish, every
+        self._stood = 0  # cycles in which a simulated arm's own time stood
+        self._last = -1  # number of the last state, as the robot has it
+
+    def receive(self) -> JointState:
+        """Wait for the next cycle and publish its state."""
+        return self._put(self.robot.receive())
+
+    def stand_by(self) -> JointState:
+        """Wait for the next cycle before the motion, and publish its state."""
+        state = self.robot.stand_by()
+        self._stood += state.sequence == self._last
+        return self._put(state)
+
+    def _put(self, state: JointState) -> JointState:
+        self._last = state.sequence
+        sequence = state.sequence + self._stood
+        if self._publish is not None and sequence % self._every == 0:
+            now = state.time + self._stood * self.robot.spec.period
+            self._publish(replace(state, sequence=sequence // self._every, time=now))
+        return state
+
+
 @dataclass(frozen=True)
 class Playback:
     """One trajectory on one robot.
@@ -67,6 +108,9 @@ class Playback:
         provenance: What made this run, for the recording's header.
         publish: Told the states as they are measured, numbered so that only a lost one is a gap.
         fifo: Ask for SCHED_FIFO and locked memory while a real arm moves.
+        start_when: Asked in every cycle before the motion, until it says yes; for example a
+            `FirstEstimate`. Meanwhile the arm stands, in real time, and its states are published.
+            What it raises ends the run; nothing has moved and nothing is recorded by then.
     """
 
     trajectory: Trajectory
@@ -76,6 +120,7 @@ class Playback:
     provenance: dict[str, Any] | None = None
     publish: Callable[[JointState], None] | None = None
     fifo: bool = False
+    start_when: Callable[[], bool] | None = None
 
     def run(self, robot: Robot, progress: Callable[[int, int], None]) -> PlaybackSummary:
         """Move the arm along the trajectory; SIGINT or SIGTERM slows it down to a hold.
@@ -87,6 +132,7 @@ class Playback:
         Raises:
             JointLimitError: The arm does not stand where the trajectory starts.
             HoldingError: The arm went into a hold by itself; what was recorded is kept.
+            NotBegunError: SIGINT or SIGTERM came before it moved.
         """
         if robot.simulated:
             return self._run(robot, progress, None)
@@ -98,13 +144,17 @@ class Playback:
     ) -> PlaybackSummary:
         targets = self.trajectory.resample(robot.spec.period).position
         robot.wait_until_ready()
-        state = self._receive(robot)
-        start, began = state.time, time.monotonic()
+        states = _States(robot, self.publish, self.record_every)
+        state = states.receive()
         errors = np.zeros((2, robot.spec.n))  # sum of squares, maximum
         limited: Counter[str] = Counter()
         done, reached = 0, 0.0
         interrupted = threading.Event()
-        with interrupts(interrupted.set), self._recorder(robot, start) as recorder:
+        with interrupts(interrupted.set), ExitStack() as open_:
+            if self.start_when is not None:
+                state = self._stand_by(self.start_when, states, state, interrupted, realtime)
+            start, began = state.time, time.monotonic()
+            recorder = open_.enter_context(self._recorder(robot, start))
             for done, target in enumerate(targets, start=1):  # how far it came
                 sent = robot.send(self._command(target))
                 limited.update(sent.limited_by)
@@ -119,11 +169,11 @@ class Playback:
                     realtime.tidy()
                 if done % 256 == 0:
                     progress(done, len(targets))
-                state = self._receive(robot)
+                state = states.receive()
                 if interrupted.is_set():
                     break
             if interrupted.is_set():
-                self._stop(robot, recorder)
+                self._stop(states, recorder)
         progress(done, len(targets))
         return PlaybackSummary(
             record=str(self.record),
@@ -138,10 +188,24 @@ class Playback:
             refused=() if realtime is None else tuple(realtime.refused),
         )
 
-    def _receive(self, robot: Robot) -> JointState:
-        state = robot.receive()
-        if self.publish is not None and state.sequence % self.record_every == 0:
-            self.publish(replace(state, sequence=state.sequence // self.record_every))
+    def _stand_by(
+        self,
+        ready: Callable[[], bool],
+        states: _States,
+        state: JointState,
+        interrupted: threading.Event,
+        realtime: Realtime | None,
+    ) -> JointState:
+        """Stand and publish until the motion may begin; return the state from which it does."""
+        require_file(self.record)  # rather than after a long wait
+        states.robot.keep_time()
+        # A stream cannot start from a lost measurement; an arm that holds says why when it is sent.
+        while not state.holding and (not ready() or state.stale):
+            if interrupted.is_set():
+                raise NotBegunError
+            if realtime is not None:
+                realtime.tidy()
+            state = states.stand_by()
         return state
 
     def _command(self, target: FloatArray) -> JointCommand:
@@ -176,13 +240,14 @@ class Playback:
         measured = robot.spec.measures_temperature
         return Recorder(self.record, robot.spec.n, header, temperature=measured)
 
-    def _stop(self, robot: Robot, recorder: Recorder) -> None:
+    def _stop(self, states: _States, recorder: Recorder) -> None:
         """Slow the arm down to a hold, recording on."""
+        robot = states.robot
         robot.hold("interrupted")
         for cycle in range(int(HOLD_TIMEOUT / robot.spec.period)):
             if robot.standing:
                 return
-            state = self._receive(robot)
+            state = states.receive()
             if cycle % self.record_every == 0:
                 recorder.append(state, robot.setpoint)
 

@@ -95,6 +95,17 @@ class Robot(Closing):
         self._answered = True
         return sent
 
+    def stand_by(self) -> JointState:
+        """Wait for the next cycle before the motion, in which the arm stands.
+
+        The time of a simulated arm stands, too, and its last state is returned again: its motion
+        and all that acts on it begin with the first command, however long that took.
+
+        Raises:
+            CycleTimeoutError, ConnectionLostError: As for `receive`.
+        """
+        return self.receive()
+
     def hold(self, reason: str = "asked to hold") -> None:
         """Slow down within the limits, then keep the pose; commands are refused until `resume`."""
         self._contract.hold(reason)

@@ -6,7 +6,7 @@
 | `limo/<arm>/torque/estimate` | limo_msgs/TorqueEstimate |
 | `limo/<arm>/torque/external` | sensor_msgs/JointState whose effort is the external torque |
 | `limo/<arm>/event` | rcl_interfaces/Log |
-| `limo/<arm>/status/service` | JSON, once a second |
+| `limo/<arm>/status/service` | JSON, once a second and when its phase changes |
 | `limo/<arm>/model/<verb>` | queryables of the service |
 | `limo/<arm>/alive/<part>/<id>` | liveliness token |
 
@@ -237,6 +237,7 @@ class Presence(Closing):
         arms: Their names in keys, none of which may have that part already.
         part: `driver` or `service`.
         connect, listen, config: Of the session, see `open_session`.
+        joined: Given the session as soon as the arms are claimed, on a thread of its own.
     """
 
     def __init__(
@@ -246,11 +247,12 @@ class Presence(Closing):
         connect: Sequence[str] = (),
         listen: Sequence[str] = (),
         config: Path | str | None = None,
+        joined: Callable[[zenoh.Session], None] | None = None,
     ) -> None:
         keys = [Keys(arm) for arm in sorted(arms)]  # two that want the same cannot stop each other
         self._open = ExitStack()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="limo-join")
-        self._joined = self._thread.submit(self._join, keys, part, connect, listen, config)
+        self._joined = self._thread.submit(self._join, keys, part, connect, listen, config, joined)
 
     def session(self) -> zenoh.Session:
         """Wait until the arms are claimed, and return the session.
@@ -278,10 +280,13 @@ class Presence(Closing):
         connect: Sequence[str],
         listen: Sequence[str],
         config: Path | str | None,
+        joined: Callable[[zenoh.Session], None] | None,
     ) -> zenoh.Session:
         session = self._open.enter_context(open_session(connect, listen, config))
         for keys in arms:
             self._open.callback(claim(session, keys, part).undeclare)
+        if joined is not None:
+            joined(session)
         return session
 
 

@@ -22,21 +22,22 @@ from estimators.service.source import FollowedSource, Silence
 from estimators.service.vetting import Demand
 from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
 from limo_driver.messages import Attachment, Level, decode_joint_state
+from limo_driver.readiness import ServicePhase
 from limo_driver.ros import RosReader
-from limo_driver.streaming import Keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from estimators.service.bulletin import Bulletin
     from estimators.service.keeper import Keeper
     from estimators.service.live_model import LiveModel
     from estimators.service.models import ServedModels
     from estimators.service.settings import ServiceSettings
     from limo_driver.mcap_log import McapLog
-    from limo_driver.messages import Event
     from limo_driver.ros import RosTopic
 
-_WAITING_FOR_STATES, _PREPARING, _SERVING = "waiting for joint states", "preparing", "serving"
+_WAITING_FOR_STATES: Final = "waiting for joint states"
+_ANSWERING: Final = (ServicePhase.SERVING, ServicePhase.SILENT)
 _PAUSE: Final = 10.0  # [s] before another try to serve states that could not be served
 _WAITING: Final = 32  # states; older ones are lost rather than answered late
 
@@ -46,11 +47,10 @@ class ArmServer:
 
     Args:
         session: Open Zenoh session, which holds the arm's name; see `Presence`.
-        arm: Name of the arm in keys.
+        bulletin: Tells events and how far the service is, and knows the arm's keys.
         models: What can serve.
         settings: How.
         log: Where everything is kept, if anywhere.
-        tell: Told every event.
         ros: Topic of joint states to answer instead of a driver's.
 
     Raises:
@@ -60,18 +60,18 @@ class ArmServer:
     def __init__(
         self,
         session: zenoh.Session,
-        arm: str,
+        bulletin: Bulletin,
         models: ServedModels,
         settings: ServiceSettings,
         log: McapLog | None,
-        tell: Callable[[Event], None],
         ros: RosTopic | None = None,
     ) -> None:
-        self.keys, self.models, self.settings = Keys(arm), models, settings
+        self.keys, self.models, self.settings = bulletin.keys, models, settings
         self._physics = models.physics
         settings.contact(self._physics.model.n)  # refuses those of an arm with other joints
-        self.outlet = NetworkOutlet(session, self.keys, log, tell)
-        self._opening = Opening(arm, models, settings, self.outlet)
+        self._bulletin = bulletin
+        self.outlet = NetworkOutlet(session, bulletin, log)
+        self._opening = Opening(self.arm, models, settings, self.outlet)
         self._logging = None if log is None else LogWatch(log, self.outlet)
         self.service: ArmService | None = None
         self._next_try = 0.0  # [s], of opening the service
@@ -79,18 +79,18 @@ class ArmServer:
         self._told = False  # why something was refused
         self._failures = 0  # of this program
         self._opener: threading.Thread | None = None
-        self._state = _WAITING_FOR_STATES
         self._source, self._silence = FollowedSource(), Silence()
         self.keeper: Keeper | None = None  # retrains the champion, where there is one
         self._changing = threading.RLock()  # one change of models after the other
-        self._ros = None if ros is None else RosReader(self._physics.model.joint_names, arm)
+        self._ros = None if ros is None else RosReader(self._physics.model.joint_names, self.arm)
         key = self.keys.joints if ros is None else ros.key_of_any_hash
+        self._queries = ModelQueries(session, self)
+        self._wait_for_states(f"joint states are waited for on {key}")
         self._subscriber = session.declare_subscriber(key, RingChannel(_WAITING))
         self._thread = threading.Thread(
-            target=self._receive, args=(self._subscriber.handler,), name=f"limo-{arm}"
+            target=self._receive, args=(self._subscriber.handler,), name=f"limo-{self.arm}"
         )
         self._thread.start()
-        self._queries = ModelQueries(session, self)
 
     @property
     def arm(self) -> str:
@@ -100,21 +100,26 @@ class ArmServer:
     @property
     def answering(self) -> bool:
         """Whether joint states are answered, those of the rate that is served."""
-        return self._state == _SERVING
+        return self._bulletin.phase in _ANSWERING
+
+    @property
+    def _preparing(self) -> bool:
+        return self._bulletin.phase is ServicePhase.PREPARING
+
+    def tell_changes(self, wake: Callable[[], None]) -> None:
+        """Call this, from any thread, when the status should be published again at once."""
+        self._bulletin.wake = wake
 
     def status(self) -> dict[str, Any]:
         """Return the condition since the last call, as JSON values, and publish it."""
         service = self.service
-        now: dict[str, Any] = {
-            "arm": self.keys.arm,
-            "time_ns": time.time_ns(),
-            "state": self._state,
-            "counts": dict(self._refused),
-        }
+        if service is not None:
+            self._tell_silence(service)
+        now: dict[str, Any] = {**self._bulletin.condition(), "counts": dict(self._refused)}
         if service is not None:
             service.end_silent_contacts()
             window, service.window = service.window, Window(len(service.arm.joint_names))
-            now |= {**_condition(service, window), "state": self._told_silence(service)}
+            now |= _condition(service, window)
             if self.keeper is not None:
                 self.keeper.watch(window)
                 now["retraining"] = self.keeper.status()
@@ -255,7 +260,7 @@ class ArmServer:
         if self.service is None:
             raise LimoError(f"{self.keys.arm} is not served yet: no joint states came")
         if not self.answering:
-            raise LimoError(f"{self.keys.arm} is not served now: {self._state}")
+            raise LimoError(f"{self.keys.arm} is not served now: {self._bulletin.state}")
         return self.service
 
     def _receive(self, states: zenoh.Handler[zenoh.Sample]) -> None:
@@ -291,19 +296,22 @@ class ArmServer:
                 self._follow(source)
             if self.service.other_rate is not None:
                 self._stop_for(self.service.arm.rate, self.service.other_rate)
-        elif self._state != _PREPARING and time.monotonic() >= self._next_try:
+        elif not self._preparing and time.monotonic() >= self._next_try:
             self._find_rate(payload, attachment, source)
 
-    def _told_silence(self, service: ArmService) -> str:
-        """Return the state, and tell when joint states end and come again."""
+    def _wait_for_states(self, text: str) -> None:
+        self.outlet.enter(ServicePhase.WAITING, text, state=_WAITING_FOR_STATES)
+
+    def _tell_silence(self, service: ArmService) -> None:
+        """Tell when joint states end and come again, and for how long there were none."""
         silence = self._silence
-        if silence.look(service.arrivals.counts.total(), answering=self.answering):
-            if silence.silent:
-                text = f"no joint states for {silence.limit:g} s"
-                self.outlet.event("silent", text, Level.ERROR)
-            elif self.answering:
-                self.outlet.event("serving", "joint states come again")
-        return f"silent for {silence.lasts:.0f} s" if silence.silent else self._state
+        ended = silence.look(service.arrivals.counts.total(), answering=self.answering)
+        if silence.silent:
+            text, lasts = f"no joint states for {silence.limit:g} s", silence.lasts
+            state = f"silent for {lasts:.0f} s"
+            self.outlet.enter(ServicePhase.SILENT, text, Level.ERROR, state)
+        elif ended and self.answering:
+            self.outlet.enter(ServicePhase.SERVING, "joint states come again")
 
     def _follow(self, source: str) -> None:
         """Keep to the source of a state, and tell when another one sends at the same time."""
@@ -313,12 +321,14 @@ class ArmServer:
     def _stop_for(self, rate: float, found: float) -> None:
         """Answer no states of another rate: velocities and memory would be wrong by it."""
         text = f"joint states came at {found:g} Hz, {rate:g} Hz was served"
-        if self.settings.rate is None:
-            self._state, then = _WAITING_FOR_STATES, "the service begins anew at their rate"
-        else:
-            self._state = f"refused: {text}"
-            then = "they are not answered: --rate says otherwise"
+        anew = self.settings.rate is None
+        then = "the service begins anew" if anew else "they are not answered: --rate says otherwise"
         self.outlet.event("rate", f"{text}; {then}", Level.ERROR, given=rate, found=found)
+        if anew:
+            self._wait_for_states("the rate of the joint states is found anew")
+        else:
+            why = f"refused: {text}"
+            self.outlet.enter(ServicePhase.REFUSED, f"{text}; {then}", Level.ERROR, why)
 
     def _refuse(self, error: WireFormatError) -> None:
         """Count what is no joint state of this arm, and tell why the first one is none."""
@@ -343,7 +353,8 @@ class ArmServer:
         rate = self._opening.rate(about.sequence, state.stamp_ns, first=first)
         if rate is None:
             return
-        self._state = _PREPARING
+        text = f"what answers joint states at {rate:g} Hz is loaded"
+        self.outlet.enter(ServicePhase.PREPARING, text, rate=rate)
         self._opener = threading.Thread(
             target=self._open, args=(rate,), name=f"limo-open-{self.keys.arm}"
         )
@@ -355,15 +366,16 @@ class ArmServer:
         except Exception as error:  # noqa: BLE001  # states go on coming, and may be served later
             known = isinstance(error, LimoError)
             why, facts = (str(error), {}) if known else (repr(error), {"trace": format_exc()})
-            self.outlet.event("refused", f"cannot serve: {why}", Level.FATAL, **facts)
             self._next_try = time.monotonic() + _PAUSE
-            self._state = f"refused: {error}"
+            text, state = f"cannot serve: {why}", f"refused: {why}"
+            self.outlet.enter(ServicePhase.REFUSED, text, Level.FATAL, state, **facts)
             return
         version = service.model.version
         gc.freeze()  # collecting through what was just loaded would hold the stream
         with self._changing:
-            self.service, self._state = service, _SERVING
-        self.outlet.event("serving", f"{version} serves at {rate:g} Hz", rate=rate, version=version)
+            self.service = service
+            text = f"{version} serves at {rate:g} Hz"
+            self.outlet.enter(ServicePhase.SERVING, text, rate=rate, version=version)
 
 
 def _condition(service: ArmService, window: Window) -> dict[str, Any]:

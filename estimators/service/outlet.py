@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
-from limo_driver.messages import JOINT_STATE, LOG, TORQUE_ESTIMATE, Event, Level
-from limo_driver.streaming import declare_history, declare_stream, to_json
+from limo_driver.messages import JOINT_STATE, TORQUE_ESTIMATE, Level
+from limo_driver.streaming import declare_stream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import zenoh
 
+    from estimators.service.bulletin import Bulletin
     from limo_driver.mcap_log import McapLog
-    from limo_driver.streaming import Keys
-
-_RECENT: Final = 20  # events that the status shows
+    from limo_driver.readiness import ServicePhase
 
 
 class NetworkOutlet:
@@ -25,32 +21,23 @@ class NetworkOutlet:
 
     Args:
         session: Open Zenoh session.
-        keys: Of the arm.
+        bulletin: Of the arm, which joins the session here at the latest.
         log: Where everything is kept, if anywhere.
-        tell: Told every event, for people who watch the service itself.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        keys: Keys,
-        log: McapLog | None,
-        tell: Callable[[Event], None],
-    ) -> None:
-        self._keys, self._log, self._tell = keys, log, tell
+    def __init__(self, session: zenoh.Session, bulletin: Bulletin, log: McapLog | None) -> None:
+        keys = bulletin.keys
+        self._keys, self._log, self._bulletin = keys, log, bulletin
+        bulletin.log = log
+        bulletin.join(session)
         self._estimate = declare_stream(session, keys.estimate)
         self._external = declare_stream(session, keys.external)
-        self._event = declare_history(session, keys.event)
-        self._status = declare_history(session, keys.status("service"), kept=1)
         self.external_wanted = False
         self._matching = self._external.declare_matching_listener(self._match)
-        self.recent: deque[Event] = deque(maxlen=_RECENT)
-        self.published = 0
 
     def estimate(self, payload: bytes, attachment: bytes, stamp_ns: int) -> None:
         """Publish and log a torque estimate."""
         self._estimate.put(payload, attachment=attachment)
-        self.published += 1
         self.log(self._keys.estimate, TORQUE_ESTIMATE, payload, stamp_ns)
 
     def external(self, payload: bytes, attachment: bytes) -> None:
@@ -66,16 +53,31 @@ class NetworkOutlet:
 
     def event(self, kind: str, text: str, level: Level = Level.INFO, **facts: object) -> None:
         """Publish, log and tell what happened."""
-        event = Event(time.time_ns(), level, kind, text, facts)
-        payload = event.encode()
-        self.recent.append(event)
-        self._event.put(payload)
-        self.log(self._keys.event, LOG, payload, event.stamp_ns)
-        self._tell(event)
+        self._bulletin.event(kind, text, level, **facts)
+
+    def enter(
+        self,
+        phase: ServicePhase,
+        text: str,
+        level: Level = Level.INFO,
+        state: str = "",
+        **facts: object,
+    ) -> None:
+        """Publish, log and tell how far the service is, see `Bulletin`."""
+        self._bulletin.enter(phase, text, level, state, **facts)
+
+    @property
+    def phase(self) -> ServicePhase | None:
+        """How far the service is, as it was told last."""
+        return self._bulletin.phase
+
+    def condition(self) -> dict[str, Any]:
+        """Return how far the service is, as JSON values."""
+        return self._bulletin.condition()
 
     def status(self, status: dict[str, Any]) -> None:
         """Publish the condition of the service."""
-        self._status.put(to_json(status))
+        self._bulletin.status(status)
 
     def log(
         self, topic: str, schema: str, payload: bytes, stamp_ns: int, sequence: int = 0
@@ -87,5 +89,6 @@ class NetworkOutlet:
     def close(self) -> None:
         """Take the keys off the network."""
         self._matching.undeclare()
-        for publisher in (self._estimate, self._external, self._event, self._status):
+        for publisher in (self._estimate, self._external):
             publisher.undeclare()
+        self._bulletin.close()

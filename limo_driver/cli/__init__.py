@@ -11,19 +11,23 @@ import sys
 
 from limo_driver.stopping import Stopping
 
+NOT_READY = 1
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line; bad input and Ctrl-C end with one clear line, status 2 and 130."""
+    """Run the command line; bad input and Ctrl-C end with one clear line, status 2 and 130.
+
+    Where a service was waited for in vain, the status is 1.
+    """
     with Stopping(INTERRUPTED):
         from limo_driver.command_line import add_commands, app
-        from limo_driver.errors import LimoError
+        from limo_driver.errors import LimoError, ServiceNotReadyError
 
         try:
             add_commands()
             app()
         except LimoError as error:
             sys.stderr.write(f"limo: {error}\n")
-            sys.exit(USAGE_ERROR)
+            sys.exit(NOT_READY if isinstance(error, ServiceNotReadyError) else USAGE_ERROR)

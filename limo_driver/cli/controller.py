@@ -53,12 +53,15 @@ def command(
     fifo: Annotated[
         bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say that it is ready, and the report, as JSON.")
+    ] = False,
 ) -> None:
     r"""Be an FRI controller with a simulated iiwa, for any FRI client.
 
-    At its end it tells what was sent and answered, how the session went, and what the client did
-    wrong. A client that never answers is waited for; the robot speaks first.
+    It says on standard output when it is ready, and at its end what was sent and answered, how the
+    session went, and what the client did wrong. A client that never answers is waited for; the
+    robot speaks first.
 
     Examples:
         limo controller --fri 1.15 --client 127.0.0.1:30200 \
@@ -91,8 +94,12 @@ def command(
     simulation = None if sim is None else Simulation.load(sim)
     played = None if scenario is None else Scenario.load(scenario)
     with SimulatedController(settings, simulation, played) as controller:
-        told = f"FRI {fri} from {controller.address} to {settings.client}, {settings.note}"
-        typer.echo(f"limo: {told}; end it with Ctrl-C", err=True)
+        if as_json:
+            ends = {"from": controller.address, "to": str(settings.client)}
+            typer.echo(json.dumps({"ready": True, "fri": fri, **ends}))
+        else:
+            told = f"FRI {fri} from {controller.address} to {settings.client}, {settings.note}"
+            typer.echo(f"ready: {told}; end it with Ctrl-C")
         with interrupts(controller.stop):
             report = controller.run()
     typer.echo(json.dumps(report.as_json()) if as_json else report.as_text())

@@ -38,8 +38,9 @@ def command(
 ) -> None:
     r"""Be the drives of an arm on its CAN bus, with a simulated arm behind them.
 
-    One MuJoCo simulation moves all joints. The other end of the bus is `limo run --backend can`
-    with the same configuration, in another process, or any other master.
+    One MuJoCo simulation moves all joints. Standard output says when they are ready. The other end
+    of the bus is `limo run --backend can` with the same configuration, in another process, or any
+    other master.
 
     Examples:
         limo drives --config arm.yaml --trajectory limo.traj.parquet
@@ -64,7 +65,7 @@ def command(
         if as_json:
             typer.echo(json.dumps({"ready": True, "bus": where, "nodes": nodes}))
         else:
-            typer.echo(f"{len(nodes)} {arm.convention} drives on {where}, nodes {nodes}")
+            typer.echo(f"ready: {len(nodes)} {arm.convention} drives on {where}, nodes {nodes}")
 
     counts = run_drives(
         arm,

@@ -58,6 +58,15 @@ def command(
     stream: Annotated[
         bool, typer.Option("--stream", help="Publish joint states on Zenoh, in real time.")
     ] = False,
+    wait: Annotated[
+        float | None,
+        typer.Option(
+            "--wait-for-estimates",
+            metavar="SECONDS",
+            help="With --stream: stand at the start until `limo serve` answers, at most so long; "
+            "without an answer the arm does not move, and the exit status is 1.",
+        ),
+    ] = None,
     name: Annotated[
         str | None, typer.Option(help="Name of the arm on the network; else the robot's.")
     ] = None,
@@ -92,9 +101,15 @@ def command(
     from limo_driver.errors import ConfigError
     from limo_driver.outputs import require_apart
     from limo_driver.physics import Simulation
-    from limo_driver.playback import Playback, open_for
+    from limo_driver.playback import NotBegunError, Playback, open_for
     from limo_driver.trajectory import Trajectory
 
+    if wait is not None:
+        if not stream:
+            raise ConfigError("--wait-for-estimates waits for what answers --stream; give both")
+        from limo_driver.readiness import require_wait
+
+        require_wait("--wait-for-estimates", wait)
     if ros and not stream:
         raise ConfigError("--ros publishes what --stream does; give both")
     require_apart([record], [trajectory, *([] if sim is None else [sim])])
@@ -127,8 +142,9 @@ def command(
             "stiffness": impedance,
             "limo": version("limo"),
         }
-        publish = None
+        publish = answered = None
         if stream:
+            from limo_driver.readiness import FirstEstimate
             from limo_driver.ros import RosPublisher, RosTopic
             from limo_driver.streaming import JointStatePublisher, open_session
 
@@ -140,12 +156,20 @@ def command(
             session = open_.enter_context(open_session(connect or (), listen or (), config))
             arm.keep_time()
             also = open_.enter_context(RosPublisher(session, topic)).publish if ros else None
+            called = name or arm.spec.name
             publish = open_.enter_context(
-                JointStatePublisher(session, name or arm.spec.name, arm.spec.joint_names, also)
+                JointStatePublisher(session, called, arm.spec.joint_names, also)
             ).publish
-        playback = Playback(motion, record, every, impedance, provenance, publish, fifo)
-        with _progress(quiet=as_json) as progress:
-            summary = playback.run(arm, progress)
+            if wait is not None:
+                answered = open_.enter_context(FirstEstimate(session, called, wait))
+                typer.echo(f"{called} stands until estimates of its torque come", err=True)
+        playback = Playback(motion, record, every, impedance, provenance, publish, fifo, answered)
+        try:
+            with _progress(quiet=as_json) as progress:
+                summary = playback.run(arm, progress)
+        except NotBegunError:
+            typer.echo("limo: interrupted before the arm moved; nothing was recorded", err=True)
+            raise typer.Exit(INTERRUPTED) from None
     _report(summary, as_json=as_json)
     if summary.interrupted:
         raise typer.Exit(INTERRUPTED)

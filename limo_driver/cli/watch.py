@@ -15,6 +15,9 @@ import typer
 from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
     import zenoh
     from rich.console import RenderableType
     from rich.text import Text
@@ -37,18 +40,44 @@ def command(
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
     ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PHASE",
+            help="Show nothing, and end as soon as a service is as far as loading, compiling, "
+            "waiting (for joint states), preparing or serving.",
+        ),
+    ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="With --until: wait no longer, then end with exit status 1. 60 if not given.",
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print every status and event as JSON, one a line.")
     ] = False,
 ) -> None:
     """Show rates, latency, external torque, models, contacts and losses of arms on the network.
 
+    With --until, wait for a service instead: exit status 0 once it is that far, or further.
+
     Examples:
         limo watch
         limo watch --arm iiwa14 --connect tcp/192.168.1.2:7447 --json
+        limo watch --arm iiwa14 --until serving --timeout 60
     """
+    from limo_driver.errors import ConfigError
     from limo_driver.streaming import Keys, follow_history, open_session
 
+    if until is not None:
+        if duration is not None:
+            raise ConfigError("--duration is for watching; --until ends after --timeout")
+        _wait(arm, until, timeout, (connect or (), listen or (), config), as_json=as_json)
+        return
+    if timeout is not None:
+        raise ConfigError("--timeout is for --until; watching ends after --duration")
     watched = Watched(as_json=as_json)
     keys = Keys.of_any() if arm == "*" else Keys(arm)
     with open_session(connect or (), listen or (), config) as session:
@@ -60,6 +89,28 @@ def command(
             _show(watched, duration)
         for subscriber in followed:
             subscriber.undeclare()
+
+
+def _wait(
+    arm: str,
+    until: str,
+    timeout: float | None,
+    ends: tuple[Sequence[str], Sequence[str], Path | None],
+    *,
+    as_json: bool,
+) -> None:
+    """Wait for a service, and say how far it is."""
+    from limo_driver.readiness import PATIENCE, ServicePhase, require_wait, wait_until_serving
+    from limo_driver.streaming import open_session
+
+    phase, seconds = ServicePhase.named(until), PATIENCE if timeout is None else timeout
+    require_wait("--timeout", seconds)
+    with open_session(*ends) as session:
+        heard = wait_until_serving(session, arm, until=phase, timeout=seconds)
+    if as_json:
+        typer.echo(json.dumps({"arm": heard.arm, "phase": heard.phase, "state": heard.state}))
+    else:
+        typer.echo(_printable(f"{heard.arm}: {heard.state}"))
 
 
 class Watched:

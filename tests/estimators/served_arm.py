@@ -11,12 +11,13 @@ from sessions import wait_until
 from wandering import wander
 
 from estimators.service.arm_server import ArmServer
+from estimators.service.bulletin import Bulletin
 from estimators.service.keeper import Keeper
 from estimators.service.models import StoreModels
 from estimators.service.settings import ServiceSettings
 from limo_driver.mcap_log import LogLimits, McapLog
 from limo_driver.messages import Attachment, JointStateCodec
-from limo_driver.streaming import open_session
+from limo_driver.streaming import Keys, open_session
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -114,7 +115,8 @@ def served(
     limits = LogLimits(queue=1_000_000)
     with open_session(config=alone) as session, McapLog(folder / "logs", "arm", limits) as log:
         models = NotVetted(store)
-        server = ArmServer(session, "arm", models, ServiceSettings(rate=RATE), log, events.append)
+        bulletin = Bulletin(Keys("arm"), events.append)
+        server = ArmServer(session, bulletin, models, ServiceSettings(rate=RATE), log)
         keeper = server.keeper = Keeper(server, store, folder / "logs", settings)
         try:
             ((payload, attachment),) = arm.states(physics, 1 / RATE)

@@ -73,7 +73,8 @@ class TestProbation:
             run.feed(arm.states(true_arm, 1.0))
             assert run.stage == "probation"
             run.feed(arm.states(true_arm, 62.0))
-        assert run.kinds == ["serving", "probation", "swap", "rollback"]
+        phases = ["waiting", "preparing", "serving"]
+        assert run.kinds == [*phases, "probation", "swap", "rollback"]
         assert store.aliases.champion == 1
         assert left(store).read() is None
 

@@ -15,6 +15,7 @@ from sessions import sessions_of_two, wait_until
 
 from estimators.service.arm_server import ArmServer
 from estimators.service.arm_service import ArmService, ServedArm
+from estimators.service.bulletin import Bulletin
 from estimators.service.live_model import LiveModel
 from estimators.service.models import OneFolder
 from estimators.service.settings import ServiceSettings
@@ -132,7 +133,8 @@ class Served:
         self.events: list[Event] = []
         settings = ServiceSettings(rate=rate, delay=DELAY)
         models = OneFolder("7", SimulationOnly(rigid))
-        self.server = ArmServer(own, "arm", models, settings, None, self.events.append, ros)
+        bulletin = Bulletin(KEYS, self.events.append)
+        self.server = ArmServer(own, bulletin, models, settings, None, ros)
         self.answered: set[int] = set()
         self._estimates = self.session.declare_subscriber(KEYS.estimate, self._note)
 

@@ -80,4 +80,4 @@ def fuzz_controller(count, seed=0):
                 count = 0
         said, complained = robot.communicate(timeout=PATIENCE)
     assert robot.returncode == 0, complained
-    return sent, json.loads(said), packet
+    return sent, json.loads(said.splitlines()[-1]), packet

@@ -122,7 +122,7 @@ def _by_command(
         robot.send_signal(signal.SIGINT)
         said, complained = robot.communicate(timeout=PATIENCE)
         assert robot.returncode == 0, complained
-    return json.loads(said)
+    return json.loads(said.splitlines()[-1])
 
 
 def _in_thread(

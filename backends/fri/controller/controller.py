@@ -129,7 +129,9 @@ class SimulatedController(Closing):
             self._quality.count(answered=answered)
         self._update_session()
         steps = self._cycles * self.settings.period_ms
-        self._motion.move(self._now, self._time, steps, active=self._session.active)
+        self._motion.move(
+            self._now, self._clock.since(self._time), steps, active=self._session.active
+        )
         if not self._now.silent:
             self._speak()
         if self._time >= self._ends and self._session.state is SessionState.IDLE:
@@ -157,6 +159,7 @@ class SimulatedController(Closing):
         elif after is SessionState.COMMANDING_ACTIVE:
             self._motion.begin()
             self._listener.begin()
+            self._clock.begin_commanding(self._time)
 
     def _cap(self) -> tuple[SessionState, str]:
         """Return the highest state that the program and the scenario allow, and why."""

@@ -147,11 +147,6 @@ ENUMS: dict[str, type[Enum]] = {
 }
 
 
-def words(kind: type[Enum]) -> dict[str, Enum]:
-    """Return the words that a file may use for the values of an enumeration."""
-    return {item.name.lower(): item for item in kind}
-
-
 def keys(kind: type[Event]) -> tuple[str, ...]:
     """Return the keys that an entry of this event may have, in the words of the file."""
     return ("event", *("for" if f.name == "duration" else f.name for f in fields(kind)))

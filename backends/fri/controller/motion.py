@@ -93,7 +93,7 @@ class Motion:
 
         Args:
             now: Who pushes it, and what its program does.
-            time: Since the start [s].
+            time: Of the scenario [s].
             steps: Milliseconds.
             active: Whether the client's commands count.
         """

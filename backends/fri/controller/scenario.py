@@ -2,6 +2,7 @@
 
 ```yaml
 seed: 7                                    # of what is lost, delayed, reordered and doubled
+from: commanding                           # times count from the first COMMANDING_ACTIVE
 events:
   - {event: loss, at: 2.0, for: 0.5, fraction: 0.1, direction: to_client}
   - {event: delay, at: 3.0, for: 1.0, delay: 0.002, jitter: 0.001}
@@ -14,8 +15,10 @@ events:
 
 from __future__ import annotations
 
+import math
 from dataclasses import MISSING, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Final
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import yaml
 
@@ -35,7 +38,6 @@ from backends.fri.controller.events import (
     SessionCap,
     Silence,
     keys,
-    words,
 )
 from backends.fri.controller.link import UNDISTURBED, Disturbance
 from backends.fri.messages import JOINTS, Quality, SafetyState, SessionState
@@ -45,7 +47,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+_Enum = TypeVar("_Enum", bound=Enum)
 _EPSILON: Final = 1e-9  # [s]
+
+
+class Origin(Enum):
+    """From when the times of a scenario count."""
+
+    START = "start"  # of the controller
+    COMMANDING = "commanding"  # the first COMMANDING_ACTIVE, however long the client took
 
 
 @dataclass(frozen=True)
@@ -55,10 +65,12 @@ class Scenario:
     Args:
         events: What happens.
         seed: Of what is lost, delayed, reordered and doubled.
+        origin: From when their times count.
     """
 
     events: tuple[Event, ...] = ()
     seed: int = 0
+    origin: Origin = Origin.START
 
     @classmethod
     def load(cls, path: Path) -> Scenario:
@@ -96,9 +108,19 @@ class ScenarioClock:
         self._active: list[Event] = []
         self._next_change = 0.0  # [s]
         self._now = Now()
+        self._origin = 0.0 if scenario.origin is Origin.START else math.inf  # [s]
+
+    def begin_commanding(self, time: float) -> None:
+        """Note that the client commands from a time on [s]; only the first one counts."""
+        self._origin = min(self._origin, time)
+
+    def since(self, time: float) -> float:
+        """Return the time of the scenario [s]; before it began, minus infinity."""
+        return time - self._origin
 
     def at(self, time: float) -> Now:
-        """Return what holds at a time [s]; times never go back."""
+        """Return what holds at a time since the start [s]; times never go back."""
+        time = self.since(time)
         if time < self._next_change - _EPSILON:
             return self._now
         while self._coming and self._coming[-1].at <= time + _EPSILON:
@@ -164,9 +186,10 @@ class _Reader(YamlReader):
     """Reads a scenario entry by entry."""
 
     def scenario(self) -> Scenario:
-        given = self._optional(self.root, "the file", ("seed", "events"))
+        given = self._optional(self.root, "the file", ("seed", "from", "events"))
         seed = self._whole(given["seed"]) if "seed" in given else 0
-        return Scenario(tuple(self._events(given.get("events"))), seed)
+        origin = self._word(given["from"], "from", Origin) if "from" in given else Origin.START
+        return Scenario(tuple(self._events(given.get("events"))), seed, origin)
 
     def _events(self, node: yaml.Node | None) -> Iterable[Event]:
         if node is None or is_null(node):
@@ -197,11 +220,7 @@ class _Reader(YamlReader):
 
     def _value(self, node: yaml.Node, key: str, item: Any) -> Any:  # noqa: ANN401  # of the field
         if item.type in ENUMS:
-            known = words(ENUMS[item.type])
-            text = self._text(node)
-            if text not in known:
-                self._fail(node, f"{key} {text!r} is unknown; known: {', '.join(known)}")
-            return known[text]
+            return self._word(node, key, ENUMS[item.type])
         if key == "joint":
             joint = self._whole(node)
             if not 1 <= joint <= JOINTS:
@@ -213,3 +232,9 @@ class _Reader(YamlReader):
             given = f"{key} = {number:g} {item.metadata['unit']}".strip()
             self._fail(node, f"{given} has to be {lowest:g} to {highest:g}")
         return number
+
+    def _word(self, node: yaml.Node, key: str, kind: type[_Enum]) -> _Enum:
+        known, text = {item.name.lower(): item for item in kind}, self._text(node)
+        if text not in known:
+            self._fail(node, f"{key} {text!r} is unknown; known: {', '.join(known)}")
+        return known[text]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import typer
@@ -13,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
-    """Return what shows an event to whoever watches the service, with the arm if it has several."""
+    """Return what shows an event to whoever watches the service, with the arm if it has several.
+
+    For people, how far the service is comes on standard output, everything else on standard error.
+    """
     import json
 
     from limo_driver.terminal import terminal
@@ -27,8 +31,12 @@ def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
             typer.echo(json.dumps({**line, **event.facts}))
             return
         style = {10: "dim", 20: "", 30: "yellow", 40: "red", 50: "bold red"}[event.level]
-        whose = "" if arm is None else f"{arm}: "
-        console.print(f"{whose}{event.kind}: {event.text}", style=style)
+        line = f"{'' if arm is None else f'{arm}: '}{event.kind}: {event.text}"
+        if "phase" in event.facts:
+            with suppress(OSError):  # who reads that may have gone, for example once it serves
+                typer.echo(line)
+            return
+        console.print(line, style=style)
 
     return tell
 

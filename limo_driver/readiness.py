@@ -1,0 +1,250 @@
+"""In which phase the service of an arm is, and how to wait for one.
+
+```python
+with open_session() as session:
+    wait_until_serving(session, "iiwa14", timeout=60.0)
+```
+
+A service says `loading`, `compiling`, `waiting` (for joint states), `preparing` and `serving`, in
+this order, on its status key, which is kept for those who come late. Its name is on the network
+before it can answer anything, so a name says nothing about that.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Final, Self
+
+from limo_driver.closing import Closing
+from limo_driver.errors import ConfigError, ServiceNotReadyError, WireFormatError
+from limo_driver.messages import decode_torque_estimate
+from limo_driver.streaming import Keys, follow_history, is_alive
+
+if TYPE_CHECKING:
+    import zenoh
+
+PATIENCE: Final = 60.0  # [s] for a service to serve, if nothing else is said
+_LONGEST: Final = 65536  # bytes of a status
+
+
+class ServicePhase(StrEnum):
+    """How far the service of an arm is."""
+
+    LOADING = "loading"  # models and physics
+    COMPILING = "compiling"  # what the first estimate needs, or reading it from the cache
+    WAITING = "waiting"  # for joint states
+    PREPARING = "preparing"  # their rate is known, and what answers them is loaded
+    SERVING = "serving"  # every joint state is answered
+    REFUSED = "refused"  # joint states come, and cannot be served; it tries again
+    SILENT = "silent"  # joint states came, and come no more
+
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """Return the phase of a name that can be waited for.
+
+        Raises:
+            ConfigError: There is none; names those that there are.
+        """
+        if name not in _RANK:
+            raise ConfigError(f"a service is never {name!r}, expected {', '.join(_RANK)}")
+        return cls(name)
+
+    def has_reached(self, phase: ServicePhase) -> bool:
+        """Say whether a service in this phase is as far as `phase`, or further."""
+        # one that refuses states or hears none any more is ready for others
+        return _RANK.get(self, _RANK[ServicePhase.WAITING]) >= _RANK[phase]
+
+
+_RANK: Final = {phase: rank for rank, phase in enumerate(list(ServicePhase)[:5])}
+
+
+@dataclass(frozen=True)
+class HeardService:
+    """What a service said last."""
+
+    arm: str
+    phase: ServicePhase
+    state: str  # the phase in words, with what there is to say
+    heard: float  # of the monotonic clock [s]
+
+
+class ServiceWatch(Closing):
+    """Hears how far the service of an arm is, from its last word before on.
+
+    Args:
+        session: Open Zenoh session.
+        arm: Name of the arm in keys; `*` for any.
+
+    Raises:
+        ConfigError: The name cannot be part of a key.
+    """
+
+    def __init__(self, session: zenoh.Session, arm: str) -> None:
+        self._session, self._keys = session, Keys(arm)
+        self._said: dict[str, HeardService] = {}
+        self._changed = threading.Condition()
+        status = self._keys.status("service")
+        self._subscriber = follow_history(session, status, self._take)
+
+    def wait(
+        self, until: ServicePhase | str = ServicePhase.SERVING, timeout: float = PATIENCE
+    ) -> HeardService:
+        """Wait until a service is as far as `until`, and return what it said.
+
+        Args:
+            until: A phase; every later one will do, too.
+            timeout: Longest wait [s].
+
+        Raises:
+            ServiceNotReadyError: It was not in time; says who was heard last, and what it said.
+            ConfigError: No such phase, or `timeout` is not above 0.
+        """
+        phase = ServicePhase.named(until)
+        require_wait("timeout", timeout)
+        ends = time.monotonic() + timeout
+        with self._changed:
+            while (found := self._first(phase)) is None:
+                left = ends - time.monotonic()
+                if left <= 0:
+                    raise self.error(phase, timeout)
+                self._changed.wait(min(left, threading.TIMEOUT_MAX))
+        return found
+
+    def error(self, until: ServicePhase, waited: float) -> ServiceNotReadyError:
+        """Return why a service did not get as far as `until` within `waited` [s]."""
+        return ServiceNotReadyError(self._keys.arm, until.value, waited, self._last_word())
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._subscriber.undeclare()
+
+    def _first(self, phase: ServicePhase) -> HeardService | None:
+        return next((one for one in self._said.values() if one.phase.has_reached(phase)), None)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        if (said := _read(sample)) is None:
+            return
+        with self._changed:
+            self._said[said.arm] = said
+            self._changed.notify_all()
+
+    def _last_word(self) -> str:
+        """Return who was heard last and what it said; empty if nobody was heard."""
+        if not self._said:
+            alive = is_alive(self._session, self._keys.alive("service"))
+            return "its name is on the network, but it said nothing yet" if alive else ""
+        last = max(self._said.values(), key=lambda one: one.heard)
+        ago = time.monotonic() - last.heard
+        text = f"the service of {last.arm} said {last.state!r} {ago:.1f} s ago"
+        if is_alive(self._session, Keys(last.arm).alive("service")):
+            return text
+        return f"{text}, and is gone since"
+
+
+def wait_until_serving(
+    session: zenoh.Session,
+    arm: str,
+    *,
+    until: ServicePhase | str = ServicePhase.SERVING,
+    timeout: float = PATIENCE,
+) -> HeardService:
+    """Wait until the service of an arm serves, or is as far as another phase.
+
+    Args:
+        session: Open Zenoh session.
+        arm: Name of the arm in keys; `*` for any.
+        until: A phase; every later one will do, too. A service without joint states comes as far
+            as `waiting`.
+        timeout: Longest wait [s].
+
+    Returns:
+        What the service said.
+
+    Raises:
+        ServiceNotReadyError: It was not in time; says who was heard last, and what it said.
+        ConfigError: The name cannot be part of a key, no such phase, or `timeout` is not above 0.
+    """
+    with ServiceWatch(session, arm) as watch:
+        return watch.wait(until, timeout)
+
+
+class FirstEstimate(Closing):
+    """Says whether estimates of an arm's torque come, for `Playback.start_when`.
+
+    Those in which the filter of the motion is still filling do not count.
+
+    Args:
+        session: Open Zenoh session.
+        arm: Name of the arm in keys.
+        timeout: Longest wait, from when it is asked first [s].
+
+    Raises:
+        ConfigError: The name cannot be part of a key, or `timeout` is not above 0.
+    """
+
+    def __init__(self, session: zenoh.Session, arm: str, timeout: float) -> None:
+        require_wait("timeout", timeout)
+        self._timeout, self._ends = timeout, float("inf")
+        self._asked = self._came = False
+        self._watch: ServiceWatch | None = ServiceWatch(session, arm)
+        self._estimates = session.declare_subscriber(Keys(arm).estimate, self._take)
+
+    def __call__(self) -> bool:
+        """Say whether estimates come.
+
+        Raises:
+            ServiceNotReadyError: None came in time; says who was heard last, and what it said.
+        """
+        if self._watch is None:
+            return True
+        if not self._asked:
+            self._asked, self._ends = True, time.monotonic() + self._timeout
+        if self._came:
+            self.close()  # takes time, so that the arm should not begin to move in this cycle
+        elif time.monotonic() >= self._ends:
+            raise self._watch.error(ServicePhase.SERVING, self._timeout)
+        return False
+
+    def close(self) -> None:
+        """Hear no more."""
+        if self._watch is not None:
+            self._estimates.undeclare()
+            self._watch.close()
+            self._watch = None
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        if self._came:
+            return
+        try:
+            self._came = not decode_torque_estimate(sample.payload.to_bytes()).reset
+        except WireFormatError:
+            return
+
+
+def require_wait(name: str, seconds: float) -> None:
+    """Refuse a longest wait that is none.
+
+    Raises:
+        ConfigError: It is not above 0.
+    """
+    if not seconds > 0:
+        raise ConfigError(f"{name} is {seconds:g} s, expected above 0")
+
+
+def _read(sample: zenoh.Sample) -> HeardService | None:
+    """Return what a service said; None where that is nothing of one arm's service."""
+    match str(sample.key_expr).split("/"):
+        case ["limo", arm, *_] if "*" not in arm:
+            data = sample.payload.to_bytes()
+        case _:
+            return None
+    try:
+        values = json.loads(data if len(data) <= _LONGEST else "{}")
+        phase = ServicePhase(values["phase"])
+        return HeardService(arm, phase, str(values["state"]), time.monotonic())
+    except (LookupError, RecursionError, TypeError, ValueError):
+        return None
