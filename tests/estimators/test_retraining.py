@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,7 +45,7 @@ def test_friction_that_changed_is_learned_and_the_residual_falls(
 
         run.feed(arm.states(worn_arm, 41.0))
         assert run.stage == "training"
-        time.sleep(0.5)  # the log is synced four times a second
+        run.sync()
         run.wait_while("training")
         assert run.stage in {"vetting", "shadow"}
         status = run.feed(arm.states(worn_arm, 60.0))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 CLIENT = Path(__file__).parent / "bare_client.py"
-PATIENCE = 60  # [s]
+PATIENCE = 120  # [s]
 # Other work on this machine may set either side aside for long; that is not what is tested.
 PATIENT = {
     "quality": QualityModel(fair=0.1, good=0.2, misses=50),

@@ -53,7 +53,7 @@ class SteppedArm:
         self.io = ()
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind((self.host, 0))
-        self.socket.settimeout(1.0)
+        self.socket.settimeout(60.0)
 
     def message(self, **changes):
         message = monitoring(self.generation, self.sequence, self.state)

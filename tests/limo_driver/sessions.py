@@ -29,10 +29,15 @@ def sessions_of_two(folder):
     """Two sessions that see each other and nobody else."""
     here, there = configurations_of_two(folder)
     with open_session(config=here) as first, open_session(config=there) as second:
+        wait_until(lambda: all(session.info.peers_zid() for session in (first, second)))
         yield first, second
 
 
-def wait_until(condition, seconds=10.0):
+PATIENCE = 120.0  # [s]; matters only where something is broken
+
+
+def wait_until(condition, seconds=PATIENCE):
+    """Wait for what another thread or process brings about."""
     ends = time.monotonic() + seconds
     while not condition() and time.monotonic() < ends:
         time.sleep(0.005)
