@@ -1,17 +1,12 @@
 """Real Zenoh sessions on free ports of this machine."""
 
 import json
-import socket
 import time
 from contextlib import contextmanager
 
+from ports import free_port
+
 from limo_driver.streaming import open_session
-
-
-def free_port():
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
 
 
 def configurations_of_two(folder):

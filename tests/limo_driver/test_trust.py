@@ -8,7 +8,8 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 import zenoh
-from sessions import free_port, wait_until
+from ports import free_port
+from sessions import wait_until
 from typer.testing import CliRunner
 
 from limo_driver.cli.secure import command

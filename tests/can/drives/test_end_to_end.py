@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import free_port
 from bus_master import GROUP, DrivesBus
+from ports import free_port
 
 from backends.can import ArmConfig, CanRobot
 from backends.can.drives import SimulatedDrives
