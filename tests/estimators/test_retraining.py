@@ -28,6 +28,7 @@ def rms(seconds: list[list[float]]) -> np.ndarray:
     return np.sqrt(np.mean(np.square(seconds), axis=0))
 
 
+@pytest.mark.slow("trains in a process of its own, and feeds 400 s of motion")
 def test_friction_that_changed_is_learned_and_the_residual_falls(
     store: ModelStore, tmp_path: Path, true_arm: Simulation, worn_arm: Simulation
 ) -> None:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from processes import ARM, PATIENCE, RATE, Answers, driven, limo, served, wait_for
 
 from estimators.model_folder import load_model
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from processes import Network
 
     from estimators.service.store import ModelStore
+
+pytestmark = pytest.mark.slow("real processes, which start, serve and are killed")
 
 DELAY_NS = 100_000_000
 LOST = 1.0  # [s] of data that may be gone after a kill
