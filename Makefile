@@ -2,11 +2,14 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Processes that share the tests, file by file; 0 for none, as a debugger wants it.
+WORKERS ?= 2
+PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
 
-.PHONY: help demo test lint format clean
+.PHONY: help demo test test-slow test-all lint format clean
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -19,8 +22,14 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 demo: $(VENV)/.installed ## see the whole way of the data once: out/demo/index.html
 	$(BIN)/python examples/demo.py --out out/demo
 
-test: $(VENV)/.installed ## run the tests
-	$(BIN)/python -m pytest
+test: $(VENV)/.installed ## run the tests that a change needs: a few minutes
+	$(PYTEST) -m "not slow"
+
+test-slow: $(VENV)/.installed ## run the tests that `make test` leaves out; each is marked with why
+	$(PYTEST) -m slow
+
+test-all: $(VENV)/.installed ## run all tests, with new random examples
+	$(PYTEST) --hypothesis-profile explore
 
 lint: $(VENV)/.installed ## style, types, direction of imports
 	$(BIN)/ruff check .

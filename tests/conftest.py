@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 from subprocess import CompletedProcess
 
+import hypothesis
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -23,6 +24,25 @@ TWO_LINKS = """<robot name="two_links">
     <origin xyz="0.4 0 0" rpy="0.3 0 0"/><axis xyz="0 0.6 0.8"/>
     <limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
 </robot>"""
+
+# The same examples each time, and none is too slow on a busy machine: what fails, fails again.
+# `--hypothesis-profile explore` looks at others.
+for name, alike in (("alike", True), ("explore", False)):
+    hypothesis.settings.register_profile(
+        name,
+        derandomize=alike,
+        deadline=None,
+        suppress_health_check=[hypothesis.HealthCheck.too_slow],
+    )
+hypothesis.settings.load_profile("alike")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Refuse what is left out of `make test` without a reason."""
+    for item in items:
+        for mark in item.iter_markers("slow"):
+            if mark.kwargs or len(mark.args) != 1 or not str(mark.args[0]).strip():
+                raise pytest.UsageError(f"{item.nodeid}: slow needs one argument, which says why")
 
 
 @pytest.fixture(scope="session")

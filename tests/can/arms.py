@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import socket
 from dataclasses import replace
 
 import numpy as np
@@ -18,13 +17,6 @@ _channels = itertools.count()
 
 def virtual_bus():
     return Bus(interface="virtual", channel=f"limo-{os.getpid()}-{next(_channels)}")
-
-
-def free_port():
-    """Return a UDP port that nobody uses: multicast frames cross groups on the same port."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        return probe.getsockname()[1]
 
 
 def arm_config(**changes):

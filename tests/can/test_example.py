@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from arms import free_port
+from ports import free_port
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -26,6 +26,7 @@ def config(tmp_path):
     return path
 
 
+@pytest.mark.slow("an arm and its drives in two processes, at the pace of a real arm")
 def test_the_example_runs(config, tmp_path, monkeypatch, capfd):
     given = {"out": tmp_path / "out", "config": config, "duration": 1.0, "hold-after": 200}
     words = [word for name, value in given.items() for word in (f"--{name}", str(value))]

@@ -21,6 +21,7 @@ def single():
     return cases.draw(40, "single")
 
 
+@pytest.mark.slow("draws a whole case twice: two motions of a minute at 1 kHz")
 def test_a_seed_says_everything(single):
     again = cases.draw(40, "single")
     assert again.truth() == single.truth()
@@ -29,6 +30,7 @@ def test_a_seed_says_everything(single):
         np.testing.assert_array_equal(a.torque, b.torque)
 
 
+@pytest.mark.slow("draws a whole case")
 def test_an_answer_is_of_the_arm_that_was_written(single):
     truth = json.loads(json.dumps(single.truth()))
     assert single.is_of(truth)
@@ -36,12 +38,14 @@ def test_an_answer_is_of_the_arm_that_was_written(single):
     assert not single.is_of(truth)
 
 
+@pytest.mark.slow("draws a whole case")
 def test_the_size_is_the_one_asked_for(single):
     (hidden,) = single.hidden
     assert hidden.draft.effect == "torque_ripple"
     assert hidden.sizes.max() == pytest.approx(single.asked[0], rel=0.07)
 
 
+@pytest.mark.slow("draws a whole case")
 def test_limo_can_read_what_is_handed_over(single, tmp_path):
     single.write(tmp_path)
     simulation = Simulation.load(tmp_path / "sim.yaml")
@@ -81,7 +85,14 @@ def bench():
     return cases._Bench(World.draw(random), random, plan)
 
 
-@pytest.mark.parametrize("name", [*KNOWN, *UNKNOWN, *WRONG])
+def one_of(effects):
+    """Return the names of effects, the first to be tried at once."""
+    more = pytest.mark.slow("simulates 48 s of motion at 1 kHz for each of dozens of effects")
+    first, *others = effects
+    return [first, *(pytest.param(name, marks=more) for name in others)]
+
+
+@pytest.mark.parametrize("name", [*one_of(KNOWN), *one_of(UNKNOWN), *one_of(WRONG)])
 def test_every_effect_shows(bench, name):
     make = (KNOWN | UNKNOWN | WRONG)[name]
     draft = make(Place(np.random.default_rng(2), 3, float(bench.floor[3]), bench.world))

@@ -69,8 +69,10 @@ class Arm:
 class Served:
     """A server, its keeper, and what they told."""
 
-    def __init__(self, server: ArmServer, keeper: Keeper, events: list[Event]) -> None:
-        self.server, self.keeper, self.events = server, keeper, events
+    def __init__(
+        self, server: ArmServer, keeper: Keeper, events: list[Event], log: McapLog
+    ) -> None:
+        self.server, self.keeper, self.events, self.log = server, keeper, events, log
         self.residual: list[list[float]] = []  # RMS of each second
 
     @property
@@ -94,6 +96,10 @@ class Served:
             self.residual.append(status["external_rms"])
             self.keeper.tick()
         return status
+
+    def sync(self) -> None:
+        """Wait until the log is on the disk."""
+        wait_until(lambda: not self.log._queue and not self.log._pending)
 
     def wait_while(self, stage: str, seconds: float = 300.0) -> None:
         """Let a process of its own come to its end."""
@@ -121,7 +127,7 @@ def served(
         try:
             ((payload, attachment),) = arm.states(physics, 1 / RATE)
             session.put(server.keys.joints, payload, attachment=attachment)
-            wait_until(lambda: server.service is not None, 60.0)
-            yield Served(server, keeper, events)
+            wait_until(lambda: server.service is not None)
+            yield Served(server, keeper, events, log)
         finally:
             server.close()

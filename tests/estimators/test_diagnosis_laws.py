@@ -55,7 +55,16 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("law", LAWS)
+SHIFTS = pytest.mark.slow("searches shifts in time, which takes seconds")
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        pytest.param(law, marks=SHIFTS if isinstance(hidden, TimeDelay) else ())
+        for law, hidden in LAWS.items()
+    ],
+)
 def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
     hidden = LAWS[law]
     true = replace(given, effects=(*given.effects, hidden))

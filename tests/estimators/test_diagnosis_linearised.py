@@ -144,6 +144,7 @@ def test_a_fit_stays_inside_the_tolerances_of_what_is_stated(given):
     assert found.simulation.effects[0].tau_c == pytest.approx(1.15, abs=1e-6)
 
 
+@pytest.mark.slow("fits ten draws of noise")
 def test_intervals_hold_the_truth_as_often_as_they_say(given):
     """Settings that the torque is not linear in have intervals, too."""
     dip = StribeckFriction(joint=1, tau_s=0.4, v_s=0.05, delta=1.5)

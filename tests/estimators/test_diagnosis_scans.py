@@ -106,7 +106,10 @@ def test_a_ripple_realises_as_the_sum_of_its_terms() -> None:
     assert response(effect, o).values == pytest.approx(c[0] * parts[0] + c[1] * parts[1])
 
 
-@pytest.mark.parametrize("seed", range(4))
+MORE = pytest.mark.slow("more draws of noise, seconds each")
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=MORE) for seed in (1, 2, 3))])
 def test_nothing_is_found_in_coloured_noise(seed: int) -> None:
     o = observed(seeds=(seed, seed + 50))
 

@@ -19,6 +19,7 @@ DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shar
 
 
 @pytest.mark.skipif(not (DATA / "ur10e").is_dir(), reason="no UR10e recordings; set LIMO_DATA")
+@pytest.mark.slow("trains on real recordings, which few have")
 def test_hybrid_carries_over_to_other_motion_of_a_ur10e() -> None:
     trained = Recording.load(DATA / "ur10e" / "unloaded_14harm.parquet")
     robot = RobotModel.load(DATA / "ur10e" / "ur10e.urdf")

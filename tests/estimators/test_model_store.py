@@ -292,6 +292,7 @@ print(len(store.numbers()), amid, len(list(store.home.glob(".adding-*"))))
 """
 
 
+@pytest.mark.slow("kills writers at random moments until all were met")
 def test_a_store_survives_writers_that_are_killed(
     folder: Path, test_recording: Recording, tmp_path: Path
 ) -> None:

@@ -374,6 +374,7 @@ def test_worker_processes_finish_trials_and_say_why_one_cannot_be(
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow("starts worker processes")
 def test_a_worker_that_dies_fails_its_trial_only(job: Job, data: TableData) -> None:
     trials = [trial_of(data, row) for row in (r.MLP_FULL, r.RBD)]
     trials[0] = replace(trials[0], settings=replace(trials[0].settings, epochs=10_000))
@@ -395,6 +396,7 @@ def test_a_worker_that_dies_fails_its_trial_only(job: Job, data: TableData) -> N
     assert [event.trial.row.name for event in finished] == ["RBD"]
 
 
+@pytest.mark.slow("starts worker processes")
 def test_workers_are_stopped_when_nobody_listens(job: Job, data: TableData) -> None:
     trial = trial_of(data, r.MLP_FULL)
     endless = replace(trial, settings=replace(trial.settings, epochs=10_000))

@@ -283,6 +283,7 @@ def nearly_done(data: TableData, tmp_path: Path) -> Path:
     return out
 
 
+@pytest.mark.slow("trains all the rows of the table in processes of their own")
 def test_a_killed_command_goes_on_where_it_was(folder: Path, nearly_done: Path, limo: Limo) -> None:
     out = nearly_done
     arguments = (
@@ -310,6 +311,7 @@ def test_a_killed_command_goes_on_where_it_was(folder: Path, nearly_done: Path, 
     assert "| - " not in table.read_text()
 
 
+@pytest.mark.slow("trains all the rows of the table in processes of their own")
 def test_ctrl_c_stops_at_once_and_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = command_line(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +28,7 @@ def rms(seconds: list[list[float]]) -> np.ndarray:
     return np.sqrt(np.mean(np.square(seconds), axis=0))
 
 
+@pytest.mark.slow("trains in a process of its own, and feeds 400 s of motion")
 def test_friction_that_changed_is_learned_and_the_residual_falls(
     store: ModelStore, tmp_path: Path, true_arm: Simulation, worn_arm: Simulation
 ) -> None:
@@ -46,7 +46,7 @@ def test_friction_that_changed_is_learned_and_the_residual_falls(
 
         run.feed(arm.states(worn_arm, 41.0))
         assert run.stage == "training"
-        time.sleep(0.5)  # the log is synced four times a second
+        run.sync()
         run.wait_while("training")
         assert run.stage in {"vetting", "shadow"}
         status = run.feed(arm.states(worn_arm, 60.0))

@@ -166,7 +166,7 @@ class Served:
             sent += 1
             return bool(self.answered)
 
-        wait_until(answered, 60.0)
+        wait_until(answered)
         return sent
 
 
@@ -211,7 +211,7 @@ class TestOverTheNetwork:
             for verb in ("load", "promote", "rollback"):
                 for question in questions:
                     replies = list(
-                        served.session.get(KEYS.model(verb), payload=question, timeout=5.0)
+                        served.session.get(KEYS.model(verb), payload=question, timeout=60.0)
                     )
                     assert len(replies) == 1, (verb, question[:40])
                     assert replies[0].err, (verb, question[:40])
@@ -270,7 +270,7 @@ class TestOverTheNetwork:
                     sent += 1
                     return condition()
 
-                wait_until(sends, 60.0)
+                wait_until(sends)
 
             until(lambda: "rate" in [event.kind for event in served.events], PERIOD // 4)
             told = next(event for event in served.events if event.kind == "rate")

@@ -128,6 +128,7 @@ def test_a_slow_version_is_refused_with_its_figures(filled: ModelStore) -> None:
     assert Demand(1000.0, 0.1).slowest == pytest.approx(1e-3)
 
 
+@pytest.mark.slow("waits until a process has hung for 5 s")
 def test_a_hanging_version_is_ended(
     filled: ModelStore, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -14,7 +14,11 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
     [
         ("predict_torque", "beyond the rigid body"),
         ("creep_and_reverse", "the arm holds"),
-        ("diagnose_simulated", "found: payload, presliding_hysteresis"),
+        pytest.param(
+            "diagnose_simulated",
+            "found: payload, presliding_hysteresis",
+            marks=pytest.mark.slow("diagnoses two minutes of motion"),
+        ),
     ],
 )
 def test_the_example_runs(name, says, capsys, tmp_path, monkeypatch):

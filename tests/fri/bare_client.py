@@ -21,7 +21,7 @@ import zlib
 
 IDLE, MONITORING_WAIT, MONITORING_READY, COMMANDING_WAIT, COMMANDING_ACTIVE = range(5)
 MONITORING_ID, COMMAND_ID = 0x245142, 0x34001
-PATIENCE = 50  # [s], so that a failing test ends
+PATIENCE = 100  # [s], so that a failing test ends
 
 
 def varint(value: int) -> bytes:
@@ -210,7 +210,7 @@ def main() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("0.0.0.0", given.port))  # noqa: S104
         print(json.dumps({"bound": sock.getsockname()[1]}), flush=True)  # noqa: T201
-        sock.settimeout(20)  # only so that a failing test ends
+        sock.settimeout(PATIENCE)  # only so that a failing test ends
         status = client.run(sock)
     counted = {"states": client.states, "received": client.received, "answers": client.answers}
     print(json.dumps(counted | {"active": client.active} | client.seen), flush=True)  # noqa: T201

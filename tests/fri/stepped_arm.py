@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from fri_messages import POSE, monitoring
+from ports import free_port
 
 from backends.fri import messages as m
 from backends.fri.codec import decode_command, encode_monitoring
@@ -18,12 +19,6 @@ from backends.fri.version import Generation
 
 HOST = "127.0.0.2"  # the arm's; the driver listens on all addresses
 INERTIA = 2.0  # [kg m^2] of every joint
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("0.0.0.0", 0))  # noqa: S104
-        return probe.getsockname()[1]
 
 
 @dataclass
@@ -53,7 +48,7 @@ class SteppedArm:
         self.io = ()
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind((self.host, 0))
-        self.socket.settimeout(1.0)
+        self.socket.settimeout(60.0)
 
     def message(self, **changes):
         message = monitoring(self.generation, self.sequence, self.state)

@@ -8,7 +8,8 @@ import signal
 import subprocess
 
 import pytest
-from controller_runs import LIMO, PATIENCE, free_port, process, session
+from controller_runs import LIMO, PATIENCE, process, session
+from ports import free_port
 
 ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMMANDING_ACTIVE"]
 

@@ -1,7 +1,8 @@
 """A scenario on the wire: what a client sees of it, and what the report says."""
 
 import pytest
-from controller_runs import PATIENT, free_port, last_line, started_client
+from controller_runs import PATIENT, last_line, started_client
+from ports import free_port
 
 from backends.fri.controller.controller import SimulatedController
 from backends.fri.controller.events import (

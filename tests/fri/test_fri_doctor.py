@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from ipaddress import IPv4Network
 
 import pytest
-from stepped_arm import SteppedArm, free_port
+from ports import free_port
+from stepped_arm import SteppedArm
 
 from backends.fri import doctor, network
 from backends.fri.advice import advice

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fri_messages import POSE, monitoring
-from stepped_arm import free_port, stepped
+from ports import free_port
+from stepped_arm import stepped
 
 from backends.fri import FriRobot
 from backends.fri.codec import encode_monitoring

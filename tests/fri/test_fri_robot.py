@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fri_messages import POSE
-from stepped_arm import SteppedArm, free_port, stepped, wake
+from ports import free_port
+from stepped_arm import SteppedArm, stepped, wake
 
 from backends.fri import FriRobot
 from backends.fri import messages as m

@@ -1,17 +1,12 @@
 """Real Zenoh sessions on free ports of this machine."""
 
 import json
-import socket
 import time
 from contextlib import contextmanager
 
+from ports import free_port
+
 from limo_driver.streaming import open_session
-
-
-def free_port():
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
 
 
 def configurations_of_two(folder):
@@ -29,10 +24,15 @@ def sessions_of_two(folder):
     """Two sessions that see each other and nobody else."""
     here, there = configurations_of_two(folder)
     with open_session(config=here) as first, open_session(config=there) as second:
+        wait_until(lambda: all(session.info.peers_zid() for session in (first, second)))
         yield first, second
 
 
-def wait_until(condition, seconds=10.0):
+PATIENCE = 120.0  # [s]; matters only where something is broken
+
+
+def wait_until(condition, seconds=PATIENCE):
+    """Wait for what another thread or process brings about."""
     ends = time.monotonic() + seconds
     while not condition() and time.monotonic() < ends:
         time.sleep(0.005)

@@ -15,7 +15,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.mcap_file import McapWriter
-from limo_driver.mcap_log import LogLimits, McapLog, log_files, read_mcap
+from limo_driver.mcap_log import SYNC_PERIOD, LogLimits, McapLog, log_files, read_mcap
 from limo_driver.messages import JOINT_STATE, LOG, SCHEMAS, Event, JointStateCodec, Level
 
 CODEC = JointStateCodec(["a", "b"])
@@ -34,7 +34,7 @@ for k in range(10**9):
     values = np.full(2, float(k))
     log.write("joints", JOINT_STATE, codec.encode(now, values, values, values), now, now, k)
     if k % 10 == 0:
-        print(k, flush=True)
+        print(log.written, flush=True)
     time.sleep(max(0.0, began + k * 1e-3 - time.monotonic()))
 """
 
@@ -46,15 +46,17 @@ from limo_driver.messages import JOINT_STATE
 
 _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
-failures, random = [], np.random.default_rng(0)
+failures, random, rounds = [], np.random.default_rng(0), []
 log = McapLog(sys.argv[1], on_failure=failures.append)
+pause = log._closing.wait
+log._closing.wait = lambda seconds: rounds.append(seconds) or pause(seconds)
 
 def write(first, last):
     for k in range(first, last):
         log.write("joints", JOINT_STATE, random.bytes(1000), k, k, k)
 
 def until(condition):
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not condition():
         assert time.monotonic() < deadline, vars(log)
         time.sleep(0.01)
@@ -64,7 +66,8 @@ until(lambda: log.written == 50)
 write(50, 150)
 until(lambda: failures)
 write(150, 160)  # has no effect but to be counted
-time.sleep(0.6)
+seen = len(rounds)
+until(lambda: len(rounds) > seen + 50)  # it goes on, and says nothing more
 assert len(failures) == 1, failures
 assert log.failure is failures[0]
 assert log.written == 50
@@ -89,7 +92,7 @@ def write(log, first, last, topic=TOPIC):
 
 
 def until(condition):
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -152,24 +155,26 @@ def test_a_reader_of_ros_bags_reads_it(tmp_path):
     bag.close()
 
 
-@pytest.mark.parametrize("after", [0.7, 1.3, 1.9])
-def test_killed_process_loses_less_than_a_second(tmp_path, after):
+@pytest.mark.parametrize(("syncs", "more"), [(1, 0), (2, 7), (4, 16)])
+def test_killed_process_keeps_all_that_was_synced(tmp_path, syncs, more):
+    """Whatever it does when it is killed: so many tens of messages after a sync."""
+    assert SYNC_PERIOD <= 0.25  # [s], so that less than a second is lost
     with subprocess.Popen(
         [sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True
     ) as process:
-        process.stdout.readline()
-        time.sleep(after)
+        told = [0]
+        while len(set(told)) <= syncs:
+            told.append(int(process.stdout.readline()))
+        told += [int(process.stdout.readline()) for _ in range(more)]
         process.send_signal(signal.SIGKILL)
-        killed = time.time_ns()
-        sent = [int(line) for line in process.stdout.read().split()]
+        told += [int(line) for line in process.stdout.read().splitlines()]
     (path,) = log_files(tmp_path)
-    told = []
-    messages = list(read_mcap(path, told.append))
-    assert len(told) == 1
-    assert "was never finished" in told[0]
+    warnings = []
+    messages = list(read_mcap(path, warnings.append))
+    assert len(warnings) == 1
+    assert "was never finished" in warnings[0]
     assert [m.sequence for m in messages] == list(range(len(messages)))  # no hole before the end
-    assert 0 < len(messages) <= sent[-1] + 11
-    assert killed - messages[-1].log_time_ns < 1e9
+    assert told[-1] <= len(messages) <= 10 * len(told)
 
 
 def test_full_disk_stops_logging_until_resumed(tmp_path):
@@ -284,7 +289,7 @@ def test_files_rotate_by_age_and_old_ones_go(tmp_path):
         for k in range(3):
             write(log, k, k + 1)
             until(lambda n=k + 1: log.written == n)
-            time.sleep(0.3)
+            until(lambda: log._file is None)
     files = log_files(tmp_path)
     assert old not in files
     assert files[0] == young
@@ -302,7 +307,7 @@ def test_queue_that_is_full_drops_and_counts(tmp_path, monkeypatch):
     with McapLog(tmp_path, limits=LogLimits(queue=10)) as log:
         monkeypatch.setattr(os, "fsync", hang)
         write(log, 0, 1)
-        assert hanging.wait(10.0)
+        assert hanging.wait(120.0)
         write(log, 1, 31)  # returns while the disk hangs
         assert (log.written, log.dropped) == (0, 20)
         released.set()

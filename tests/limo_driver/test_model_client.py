@@ -3,7 +3,7 @@
 import threading
 
 import pytest
-from sessions import wait_until
+from sessions import PATIENCE, wait_until
 
 from limo_driver import model_client
 from limo_driver.errors import ConnectionLostError
@@ -11,6 +11,11 @@ from limo_driver.model_client import ModelClient
 from limo_driver.streaming import Keys, is_alive, to_json
 
 KEYS = Keys("arm")
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    monkeypatch.setattr(model_client, "STARTING", PATIENCE)
 
 
 @pytest.fixture

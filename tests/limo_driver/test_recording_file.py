@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 from recorded_columns import RATE, make_columns, write
+from sessions import wait_until
 
 from limo_driver import recorder
 from limo_driver.errors import RecordingError
@@ -67,12 +66,9 @@ def unfinished(tmp_path, monkeypatch):
                 np.array([columns[f"{q}_{j}"][k] for j in (1, 2, 3)])
                 for q in ("position", "torque")
             )
-            size = log.stat().st_size
             writer.append(JointState(columns["time"][k], position, 0 * position, torque, k))
-            deadline = time.monotonic() + 5.0
-            while k % 120 == 119 and log.stat().st_size == size and time.monotonic() < deadline:
-                time.sleep(0.005)  # the writer's thread decides when a batch goes to disk
-        time.sleep(0.1)  # and so for the last one
+            if k % 120 == 119:  # the writer's thread decides when a batch goes to disk
+                wait_until(lambda rows=k + 1: recorder.read_log(log).num_rows == rows)
         return log.read_bytes()
 
 

@@ -65,6 +65,7 @@ def test_the_arm_is_the_one_of_the_examples(hysteretic):
     assert simulated_arm().sensors == hysteretic.sensors
 
 
+@pytest.mark.slow("plans, runs and records a folder of motions")
 def test_a_folder_is_made_whole(tmp_path):
     request = ExcitationRequest(duration=20.0, starts=1, iterations=0)
     told = []

@@ -66,7 +66,7 @@ class TestPublishing:
             wait_until(arrived)
             tokens = [
                 str(reply.ok.key_expr)
-                for reply in second.liveliness().get("@ros2_lv/**", timeout=5.0)
+                for reply in second.liveliness().get("@ros2_lv/**", timeout=60.0)
             ]
         for subscriber in subscribers:
             subscriber.undeclare()
@@ -111,7 +111,7 @@ def test_a_run_is_heard_by_a_ros_subscriber(limo, tmp_path):
             "--zenoh-config", there,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
-        wait_until(lambda: attachment(got[-1]).sequence == 50)
+        wait_until(lambda: got and attachment(got[-1]).sequence > 25)
         subscriber.undeclare()
     attachments = [attachment(sample) for sample in got]
     sequences = [about.sequence for about in attachments]

@@ -4,13 +4,13 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from sessions import PATIENCE, wait_until
 
 from limo_driver.cli import main
 from limo_driver.recorder import partial_path, read_header
@@ -85,13 +85,10 @@ def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
         ],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    for _ in range(600):
-        partial = partial_path(record)
-        if partial.exists() and partial.stat().st_size > 10_000:  # rows came after the header
-            break
-        time.sleep(0.1)
+    partial = partial_path(record)  # rows come after the header
+    wait_until(lambda: partial.exists() and partial.stat().st_size > 10_000)
     child.send_signal(number)
-    stdout, stderr = child.communicate(timeout=60)
+    stdout, stderr = child.communicate(timeout=PATIENCE)
     assert child.returncode == 130, stderr
     summary = json.loads(stdout)
     assert summary["interrupted"]

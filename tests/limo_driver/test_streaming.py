@@ -9,7 +9,7 @@ import pytest
 import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
-from sessions import configurations_of_two, wait_until
+from sessions import PATIENCE, configurations_of_two, wait_until
 
 from limo_driver.errors import ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
@@ -164,8 +164,7 @@ class TestPublishing:
             wait_until(lambda: probe.matching_status.matching)
             for k in range(50):
                 publisher.publish(state(k, stale=k == 49))
-                time.sleep(0.001)
-            wait_until(lambda: len(got) == 50)
+                wait_until(lambda number=k + 1: len(got) == number)  # best effort: one by one
         subscriber.undeclare()
         message = decode_joint_state(got[7][0])
         assert message.names == ("a", "b")
@@ -217,7 +216,7 @@ class TestPublishing:
         subscriber = follow_history(second, Keys.of_any().event, hear)
         wait_until(lambda: len(heard) == 3)
         publisher.put("3")
-        assert all_three.wait(10.0)
+        assert all_three.wait(PATIENCE)
         assert heard == ["0", "1", "2", "3"]
         subscriber.undeclare()
 
@@ -227,14 +226,14 @@ class TestPresence:
         here, there = configurations_of_two(tmp_path)
         with Presence(["left", "arm"], "service", config=here) as first:
             session = first.session()
-            assert is_alive(session, Keys("left").alive("service"))
+            wait_until(lambda: is_alive(session, Keys("left").alive("service")))
             with (
                 Presence(["arm"], "service", config=there) as second,
                 pytest.raises(ConfigError, match="another service of an arm called 'arm'"),
             ):
                 second.session()
             with Presence(["arm"], "driver", config=there) as driver:
-                assert is_alive(driver.session(), Keys("arm").alive("service"))
+                wait_until(lambda: is_alive(driver.session(), Keys("arm").alive("service")))
                 wait_until(lambda: is_alive(session, Keys("arm").alive("driver")))
 
     def test_one_of_two_stays_whatever_the_order_of_their_arms(self, tmp_path):
@@ -257,7 +256,7 @@ class TestPresence:
         with open_session(config=there) as other:
             with Presence(["arm"], "service", config=here):
                 pass
-            assert not is_alive(other, Keys("arm").alive("service"))
+            wait_until(lambda: not is_alive(other, Keys("arm").alive("service")))
             with Presence(["arm"], "service", config=here) as again:  # whose address is free again
                 again.session()
                 wait_until(lambda: is_alive(other, Keys("arm").alive("service")))
@@ -293,11 +292,12 @@ class TestRunning:
                 "--zenoh-config", there,
             )  # fmt: skip
             assert done.returncode == 0, done.stderr
-            wait_until(lambda: got[-1][0].sequence == 100)
+            # What is published is best effort: a busy machine may lose some.
+            wait_until(lambda: got and got[-1][0].sequence > 50)
             subscriber.undeclare()
-        # What is published is best effort: a busy machine may lose some.
         sequences = np.array([about.sequence for about, _ in got])
         stamps = np.array([about.stamp_ns for about, _ in got])
         assert (np.diff(sequences) > 0).all()
         np.testing.assert_array_equal(np.diff(stamps), 10_000_000 * np.diff(sequences))
-        assert got[-1][1] - began >= 1_000_000_000  # no state before its time
+        heard = np.array([arrived for _, arrived in got])
+        assert (heard - began >= 10_000_000 * sequences).all()  # no state before its time

@@ -21,10 +21,13 @@ UR10E = DATA / "ur10e"
 BANDWIDTH = 8.0  # [Hz], of the published baselines
 BY_GAINS = (2.7, 3.3)  # [kg] that current gains, good to 10 %, make of the load of 2.805 kg
 
-pytestmark = pytest.mark.skipif(
-    not UR10E.is_dir(),
-    reason=f"no real recordings in {DATA}; name their folder in LIMO_DATA",
-)
+pytestmark = [
+    pytest.mark.slow("real recordings, minutes long, which few have"),
+    pytest.mark.skipif(
+        not UR10E.is_dir(),
+        reason=f"no real recordings in {DATA}; name their folder in LIMO_DATA",
+    ),
+]
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,13 @@ BANDWIDTH = 8.0  # [Hz], of the published baselines
 REGRESSION = 1.05  # of the errors once reached; not a claim to be as good as a baseline
 EXAMPLE_ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
 
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(),
-    reason=f"no real recordings in {DATA}; name their folder in LIMO_DATA",
-)
+pytestmark = [
+    pytest.mark.slow("real recordings, minutes long, which few have"),
+    pytest.mark.skipif(
+        not DATA.is_dir(),
+        reason=f"no real recordings in {DATA}; name their folder in LIMO_DATA",
+    ),
+]
 
 
 def load(name):

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sessions import free_port
+from ports import free_port
 
 from limo_driver.messages import Attachment, decode_torque_estimate
 from limo_driver.streaming import JointStatePublisher, Keys

@@ -28,6 +28,7 @@ def run(*arguments: object):
     return CliRunner().invoke(command, [str(a) for a in arguments], env=environment)
 
 
+@pytest.mark.slow("asks a real service process a dozen times, as a user does")
 def test_versions_of_a_service_are_listed_loaded_promoted_and_rolled_back(
     store: ModelStore, network: Network, tmp_path: Path
 ) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import subprocess
-import time
 from collections import defaultdict
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from processes import ARM, PATIENCE, RATE, Answers, driven, limo, served, wait_for
 
 from estimators.model_folder import load_model
@@ -17,7 +17,7 @@ from limo_driver.mcap_log import log_files, read_mcap
 from limo_driver.messages import decode_joint_state, decode_torque_estimate
 from limo_driver.model_client import ModelClient
 from limo_driver.recording import Recording
-from limo_driver.streaming import Keys, open_session
+from limo_driver.streaming import Keys, is_alive, open_session
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from processes import Network
 
     from estimators.service.store import ModelStore
+
+pytestmark = pytest.mark.slow("real processes, which start, serve and are killed")
 
 DELAY_NS = 100_000_000
 LOST = 1.0  # [s] of data that may be gone after a kill
@@ -96,7 +98,7 @@ def test_a_killed_service_leaves_a_log_and_comes_back_with_the_champion(
             answers.later(200)
             service.kill()
             service.wait(PATIENCE)
-        time.sleep(0.5)
+        wait_for(lambda: not is_alive(session, Keys(ARM).alive("service")))
         kept = Kept(tmp_path / "logs")
         assert max(answers.stamps) - max(kept.answers) <= 1e9 * LOST
         assert store.verify(store.aliases.champion or 0) <= 1e-6
@@ -143,7 +145,7 @@ def test_a_killed_driver_leaves_its_recording_and_the_service_follows_the_next_o
             last = max(answers.sequences)
             recording = Recording.load(tmp_path / "1.parquet.partial")
             assert recording.time[-1] >= last / 1000.0 - LOST
-            time.sleep(0.5)
+            wait_for(lambda: not is_alive(session, Keys(ARM).alive("driver")))
             answers.sequences.clear()
             with running(network, tmp_path / "motion.traj.parquet", tmp_path / "2.parquet"):
                 answers.later(50)

@@ -139,7 +139,7 @@ def words(drives, node, index, count):
     return [drives.read(node, index, k) for k in range(count)]
 
 
-def wait_until(found, timeout=10.0):
+def wait_until(found, timeout=120.0):
     """Wait for something to become true."""
     ends = time.monotonic() + timeout
     while not found():

@@ -2,8 +2,8 @@
 
 import can
 import pytest
-from arms import free_port
 from bus_master import GROUP, Master
+from ports import free_port
 
 from backends.can.config import ArmConfig
 from backends.can.drives.scenario import Scenario
@@ -17,7 +17,7 @@ JOINTS = """
 
 @pytest.fixture
 def port_number():
-    """A UDP port that nobody uses: multicast frames cross groups on the same port."""
+    """A port of its own: multicast frames cross groups on the same port."""
     return free_port()
 
 

@@ -2,7 +2,6 @@
 
 import canopen
 import pytest
-from arms import free_port
 from bus_master import GROUP, wait_until
 from canopen.objectdictionary import (
     INTEGER8,
@@ -18,6 +17,7 @@ from canopen.objectdictionary import (
 )
 from canopen.profiles.p402 import BaseNode402
 from canopen.sdo import SdoAbortedError
+from ports import free_port
 
 from backends.can.drives import SimulatedDrives
 
