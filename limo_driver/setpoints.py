@@ -124,7 +124,7 @@ def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray
     """
     for j in range(position.size):
         q, v = position[j], velocity[j]
-        leaving = q > bounds[1, j] if v > 0 else q < bounds[0, j]
+        leaving = (v > 0 and q > bounds[1, j]) or (v < 0 and q < bounds[0, j])
         if leaving or abs(v) > bounds[2, j]:
             return j + 1
     return 0
@@ -230,7 +230,7 @@ def _catch_up(
         hit |= _VELOCITY
     if reached != within or abs(wanted - direct) > change:
         hit |= _ACCELERATION
-    return reached, hit
+    return reached, hit or _ACCELERATION  # it brakes for the target, and nothing else was met
 
 
 @compiled(inline="always")
