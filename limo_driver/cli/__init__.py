@@ -16,6 +16,7 @@ from typing import Annotated
 
 import typer
 
+from limo_driver.compilation_line import compilation_line
 from limo_driver.errors import LimoError
 
 USAGE_ERROR = 2
@@ -69,9 +70,12 @@ def _add_commands() -> None:
 
 def main() -> None:
     """Run the command line; bad input ends with one clear line and exit status 2."""
+    # A program that reads figures from stdout need not read about compilation.
+    silent = "--json" in sys.argv and not sys.stderr.isatty()
     try:
         _add_commands()
-        app()
+        with compilation_line(silent=silent):
+            app()
     except LimoError as error:
         sys.stderr.write(f"limo: {error}\n")
         sys.exit(USAGE_ERROR)
