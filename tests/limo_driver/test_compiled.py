@@ -111,6 +111,21 @@ def test_a_change_of_the_sources_is_seen_whatever_their_times(folder, change):
     assert ask(folder) == (8.0, True)
 
 
+def test_processes_find_the_same_names_in_whatever_order():
+    """Sets, such as options of fast arithmetic, have another order in each process."""
+    code = (
+        "from estimators.joint_physics.column_scan import scan\n"
+        "from backends.mujoco_sim.engine import _advance\n"
+        "from limo_driver.reached_sources import digest\n"
+        "print(digest(scan), digest(_advance))"
+    )
+    found = {
+        process(Path(), code, PYTHONHASHSEED=seed).communicate()[0] for seed in ("1", "2", "3")
+    }
+    assert len(found) == 1
+    assert len(found.pop().split()) == 2
+
+
 def test_versions_that_share_a_cache_leave_each_other_alone(folder):
     ask(folder)
     write(folder, factor=4.0)
