@@ -168,7 +168,7 @@ class Features:
             np.ascontiguousarray(motion.position),
             np.ascontiguousarray(motion.velocity),
             np.ascontiguousarray(motion.acceleration),
-            rigid_body_torque,
+            np.ascontiguousarray(rigid_body_torque),
             deflection,
             self._constants,
             self._places,
@@ -218,7 +218,9 @@ def _deflection(model: RobotModel, motion: Motion, angle: FloatArray) -> FloatAr
     return model.inverse_dynamics(motion.position - angle, v, a) - straight
 
 
-@compiled(nogil=True)
+@compiled(
+    reads=("position", "velocity", "acceleration", "rigid_body_torque", "deflection"), nogil=True
+)
 def _inputs(
     memory: FloatArray,
     position: FloatArray,

@@ -188,7 +188,7 @@ class HybridModel(ResidualModel[FittedNetwork]):
         return estimate, HybridState(bodies, history, network)
 
 
-@compiled(nogil=True)
+@compiled(reads=("y", "slope", "offset", "beyond", "error", "unknown"), nogil=True)
 def _torque(
     y: FloatArray,
     slope: FloatArray,

@@ -70,7 +70,7 @@ class InputScaling(Scaling):
         return inputs
 
 
-@compiled(nogil=True)
+@compiled(reads=("table", "columns"), nogil=True)
 def normalise_inputs(
     inputs: FloatArray, table: FloatArray, columns: NDArray[np.int64]
 ) -> FloatArray:

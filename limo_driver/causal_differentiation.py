@@ -185,7 +185,7 @@ def _taps(rate: float, bandwidth: float, samples: int) -> FloatArray:
     return np.array(taps)
 
 
-@compiled(nogil=True, fastmath={"reassoc", "contract"})
+@compiled(reads=("time", "position", "taps"), nogil=True, fastmath={"reassoc", "contract"})
 def _scan(
     line: FloatArray,
     last: float,

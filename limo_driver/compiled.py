@@ -47,7 +47,7 @@ def compiled(
 
     Args:
         reads: Parameters whose arrays may be read-only or not. Both are types of their own to
-            numba; with these, one is compiled, which takes either, and no other type comes in.
+            numba; for these, one is compiled, which takes either.
         options: Of `numba.njit`, for example `nogil` and `fastmath`.
     """
 
@@ -64,20 +64,20 @@ def compiled(
 
 
 def _take_read_only(dispatcher: Dispatcher, reads: tuple[str, ...]) -> None:
-    """Let a function have one signature, in which the arrays that it reads are read-only."""
+    """Have a function compiled for read-only arrays alone where it only reads them."""
     names = list(dispatcher.py_func.__code__.co_varnames)
     places = {names.index(name) for name in reads}
     compile_as_asked = dispatcher.compile
 
     def compile_one(sig: Any) -> Any:  # noqa: ANN401
-        args, _ = sigutils.normalize_signature(sig)
-        entry = compile_as_asked(
-            tuple(
-                arg.copy(readonly=True) if k in places and arg.mutable else arg
-                for k, arg in enumerate(args)
-            )
+        asked, _ = sigutils.normalize_signature(sig)
+        taken = tuple(
+            each.copy(readonly=True) if k in places and each.mutable else each
+            for k, each in enumerate(asked)
         )
-        dispatcher.disable_compile()  # else numba looks for the exact type, in vain, at every call
+        entry = compile_as_asked(taken)
+        if taken != asked:  # found at once from now on, as if it had been compiled for these
+            dispatcher._insert([each._code for each in asked], entry, False)
         return entry
 
     dispatcher.compile = compile_one

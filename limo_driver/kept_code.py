@@ -108,7 +108,8 @@ def _folders(source: str) -> tuple[Path, ...]:
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         return (Path(chosen).absolute() / "limo",)
     beside = Path(source).absolute().parent / "__pycache__"
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
+    # Path.expanduser raises for a user without a home
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     return (beside, Path(home) / "limo") if Path(home).is_absolute() else (beside,)
 
 

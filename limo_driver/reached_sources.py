@@ -24,8 +24,8 @@ _COMPILER: Final = (numba.__version__, llvmlite.__version__, sys.version)
 
 
 def digest(dispatcher: Dispatcher) -> str:
-    """Return what changes whenever the machine code of a function could."""
-    described = [_described(each) for each in (dispatcher, *reached(dispatcher))]
+    """Return what changes whenever the machine code of a function could, and only then."""
+    described = [_described(dispatcher), *sorted(map(_described, reached(dispatcher)))]
     return hashlib.blake2b(repr((_COMPILER, described)).encode(), digest_size=8).hexdigest()
 
 
@@ -44,7 +44,7 @@ def _described(dispatcher: Dispatcher) -> tuple[object, ...]:
     """Return a function's options, its file, and the values of what it uses."""
     function = dispatcher.py_func
     used = sorted((name, _value(value)) for name, value in _used(function))
-    options = sorted((name, str(value)) for name, value in dispatcher.targetoptions.items())
+    options = sorted((name, _value(value)) for name, value in dispatcher.targetoptions.items())
     source = _content(function.__code__.co_filename) or function.__code__.co_code
     return function.__module__, function.__qualname__, options, source, used
 
@@ -52,12 +52,14 @@ def _described(dispatcher: Dispatcher) -> tuple[object, ...]:
 def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
     """Yield what a function finds by name outside of itself, also in modules that it names."""
     names = {name for code in _codes(function.__code__) for name in code.co_names}
-    for name in names & function.__globals__.keys():
+    for name in sorted(names & function.__globals__.keys()):
         value = function.__globals__[name]
         yield name, value
         if isinstance(value, ModuleType) and not value.__name__.startswith(("numpy", "math")):
             members = vars(value)
-            yield from ((f"{name}.{member}", members[member]) for member in names & members.keys())
+            yield from (
+                (f"{name}.{member}", members[member]) for member in sorted(names & members.keys())
+            )
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         yield name, cell.cell_contents
 
@@ -75,6 +77,8 @@ def _value(value: Any) -> str:  # noqa: ANN401
         return repr(value)
     if isinstance(value, (tuple, list)):
         return repr([_value(each) for each in value])
+    if isinstance(value, (set, frozenset)):
+        return repr(sorted(map(_value, value)))
     if isinstance(value, np.ndarray):
         return repr((value.dtype.str, value.shape, value.tobytes()))
     if isinstance(value, type):

@@ -44,7 +44,7 @@ class VelocityFilter:
         self._time, self._position = time, position
 
 
-@compiled()
+@compiled(reads=("velocity", "position", "before"))
 def _filter(
     velocity: FloatArray, position: FloatArray, before: FloatArray, step: float, after: FloatArray
 ) -> None:

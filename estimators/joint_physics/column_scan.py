@@ -29,7 +29,7 @@ MEMORIES: Final = 3  # these
 _DIFFERENCE: Final = 1e-4  # [rad], of the central differences of the load
 
 
-@compiled(nogil=True)
+@compiled(reads=("position", "velocity", "acceleration", "torque", "base"), nogil=True)
 def scan(
     memory: FloatArray,
     position: FloatArray,

@@ -98,7 +98,7 @@ def _simulated(simulation: Simulation, n: int) -> FloatArray:
     return heights
 
 
-@compiled(nogil=True)
+@compiled(reads=("columns", "about", "heights", "moments"), nogil=True)
 def _variance(
     columns: FloatArray,
     about: FloatArray,

@@ -49,7 +49,11 @@ class Prediction:
         return torque, leverage
 
 
-@compiled(nogil=True, fastmath={"reassoc", "contract"})  # sums in several lanes
+@compiled(
+    reads=("columns", "kept", "sizes", "weights", "roots"),
+    nogil=True,
+    fastmath={"reassoc", "contract"},
+)  # sums in several lanes
 def _predict(
     columns: FloatArray,
     kept: NDArray[np.int64],

@@ -137,7 +137,7 @@ def fill_regressor(
 _Vector: TypeAlias = tuple[float, float, float]
 
 
-@compiled(nogil=True, fastmath={"contract", "nsz"})
+@compiled(reads=("x",), nogil=True, fastmath={"contract", "nsz"})
 def vector(x: FloatArray) -> _Vector:
     """Return the three numbers of x."""
     return x[0], x[1], x[2]

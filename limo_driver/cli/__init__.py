@@ -23,11 +23,15 @@ def main() -> None:
     """
     with Stopping(INTERRUPTED):
         from limo_driver.command_line import add_commands, app
+        from limo_driver.compilation_line import compilation_line
         from limo_driver.errors import LimoError, ServiceNotReadyError
 
+        # A program that reads figures from stdout need not read about compilation.
+        silent = "--json" in sys.argv and not sys.stderr.isatty()
         try:
             add_commands()
-            app()
+            with compilation_line(silent=silent):
+                app()
         except LimoError as error:
             sys.stderr.write(f"limo: {error}\n")
             sys.exit(NOT_READY if isinstance(error, ServiceNotReadyError) else USAGE_ERROR)

@@ -165,7 +165,7 @@ class TemperatureDependentFriction(DryFriction):
             return super().advance(state, motion)
         after = state.copy()
         heat = np.tanh(np.abs(motion.velocity) / _WARMING)
-        warmth = _warm(after, motion.time, heat, self.time_constant or 1.0)
+        warmth = _warm(after, motion.time, np.ascontiguousarray(heat), self.time_constant or 1.0)
         height = (self.excess or 0.0) * (1.0 - warmth)
         return height * np.tanh(motion.velocity / self.v_eps), after
 
@@ -184,7 +184,7 @@ class TemperatureDependentFriction(DryFriction):
         return (self.per_kelvin or 0.0) * (temperature - reference)
 
 
-@compiled()
+@compiled(reads=("time", "heat"))
 def _warm(state: FloatArray, time: FloatArray, heat: FloatArray, constant: float) -> FloatArray:
     """Advance (warmth, last time) in place towards `heat` (T,); return the warmths (T,)."""
     warmth = np.empty(time.size)

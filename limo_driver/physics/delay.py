@@ -42,14 +42,14 @@ class TimeDelay(SensorEffect):
         torques = np.concatenate([old_torques, torque])
         late: FloatArray = np.interp(sensed.time - self.delay, times, torques)
         last = state[:_LAST] if state.size else np.array([sensed.time[0], late[0], late[0]])
-        output = _lagged(last, sensed.time, late, self.lag)
+        output = _lagged(np.ascontiguousarray(last), sensed.time, late, self.lag)
         # One sample before the delayed instant, so that the next can be interpolated.
         kept = max(int(np.searchsorted(times, times[-1] - self.delay, side="right")) - 1, 0)
         after = [[sensed.time[-1], late[-1], output[-1]], times[kept:], torques[kept:]]
         return output - torque, np.concatenate(after)
 
 
-@compiled()
+@compiled(reads=("time", "value"))
 def _lagged(last: FloatArray, time: FloatArray, value: FloatArray, lag: float) -> FloatArray:
     """Return the first-order lag of a value that is linear between samples, (T,)."""
     t, x, y = last

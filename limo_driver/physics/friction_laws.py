@@ -39,7 +39,7 @@ def friction_torque(law: int, p0: float, p1: float, p2: float, p3: float, veloci
     return p0 * fade * math.tanh(velocity / p3)
 
 
-@compiled(nogil=True)
+@compiled(reads=("parameters", "velocity"), nogil=True)
 def friction_torques(law: int, parameters: FloatArray, velocity: FloatArray) -> FloatArray:
     """Return the torque of one law at many velocities, (N,) [N m]; parameters (PARAMETERS,)."""
     p0, p1, p2, p3 = parameters
@@ -49,7 +49,7 @@ def friction_torques(law: int, parameters: FloatArray, velocity: FloatArray) -> 
     return torque
 
 
-@compiled(nogil=True)
+@compiled(reads=("velocity", "joint", "law", "parameters"), nogil=True)
 def add_frictions(
     torque: FloatArray,
     velocity: FloatArray,

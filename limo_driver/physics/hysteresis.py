@@ -164,7 +164,9 @@ class PreslidingHysteresis(TorqueEffect):
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Follow T positions; the state is (deflections, torque or relays …, last position)."""
         law, after = LAWS[self.law], state.copy()
-        path = hysteresis_laws.path_of(after, motion.position, motion.velocity)
+        path = hysteresis_laws.path_of(
+            after, np.ascontiguousarray(motion.position), np.ascontiguousarray(motion.velocity)
+        )
         values = [getattr(self, name) for name in law.parameters]
         given = [np.array(v) if isinstance(v, tuple) else float(v) for v in values]
         return law.follow(after, path, *given), after

@@ -26,7 +26,7 @@ _SHORT_STEP = 0.05  # [presliding distances] of one Runge-Kutta step, for expone
 _FAR = 25.0  # [presliding distances] after which any exponent slides, to 1e-10
 
 
-@compiled(nogil=True)
+@compiled(reads=("position", "velocity"), nogil=True)
 def path_of(memory: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
     """Return the path from the last position in `memory` on, (3, T), and leave its end there."""
     path = np.empty((3, position.size))
@@ -37,7 +37,7 @@ def path_of(memory: FloatArray, position: FloatArray, velocity: FloatArray) -> F
     return path
 
 
-@compiled(nogil=True)
+@compiled(reads=("path", "stiffness", "width"), nogil=True)
 def maxwell_slip(
     memory: FloatArray, path: FloatArray, stiffness: FloatArray, width: FloatArray
 ) -> FloatArray:
@@ -50,7 +50,7 @@ def maxwell_slip(
     return torque
 
 
-@compiled(nogil=True)
+@compiled(reads=("position", "velocity", "joint", "ends", "stiffness", "width"), nogil=True)
 def add_maxwell_slips(
     torque: FloatArray,
     position: FloatArray,
@@ -77,7 +77,11 @@ def add_maxwell_slips(
     for e in range(joint.size):
         j, end = joint[e], ends[e]
         own = memory[start + e : end + e + 1]  # each effect has its last position behind
-        path = path_of(own, position[:, j], velocity[:, j])
+        path = np.empty((3, position.shape[0]))
+        for t in range(position.shape[0]):  # as `path_of`, for columns, which are another type
+            path[POSITION, t], path[VELOCITY, t] = position[t, j], velocity[t, j]
+            path[STEP, t] = 0.0 if np.isnan(own[-1]) else position[t, j] - own[-1]
+            own[-1] = position[t, j]
         added = maxwell_slip(own, path, stiffness[start:end], width[start:end])
         for t in range(added.size):  # torque[:, j] += ... would compile the message of its error
             torque[t, j] += added[t]

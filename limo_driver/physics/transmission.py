@@ -78,7 +78,7 @@ class Backlash(MotionEffect):
         return _float(after, motion.time, ahead, 0.5 * self.gap), after
 
 
-@compiled(nogil=True)
+@compiled(reads=("time", "ahead"), nogil=True)
 def _float(state: FloatArray, time: FloatArray, ahead: FloatArray, flank: float) -> FloatArray:
     """Advance (displacement, its speed, last time) in place; return displacements (T,) [rad].
 
