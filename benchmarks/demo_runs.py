@@ -1,6 +1,6 @@
 """`make demo` as a stranger types it, over and over: clean clone, empty cache, quiet and busy.
 
-    python benchmarks/demo_runs.py                          # five quiet, five beside four busy loops
+    python benchmarks/demo_runs.py                      # five quiet, five beside four busy loops
     python benchmarks/demo_runs.py --quiet 1 --busy 0
 
 Each run clones the last commit of this repository into an empty folder, without a `.venv` and with
@@ -98,10 +98,9 @@ def lacking(page: Path) -> tuple[str, ...]:
         told.append("pictures are missing")
     if "Contact was told on joints [" not in text or "told on joints []" in text:
         told.append("the push was not told")
-    for effect in ("payload", "drag"):
-        if effect not in text.partition("Found:")[2].partition("</ul>")[0]:
-            told.append(f"the diagnosis does not name the {effect}")
-    return tuple(told)
+    found = text.partition("Found:")[2].partition("</ul>")[0]
+    unnamed = [effect for effect in ("payload", "drag") if effect not in found]
+    return (*told, *(f"the diagnosis does not name the {effect}" for effect in unnamed))
 
 
 def pip_cache() -> str:
