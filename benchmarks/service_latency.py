@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from service_processes import (
+    ARM,
     RATE,
     Answers,
     Driver,
@@ -26,10 +27,12 @@ from service_processes import (
     describe_machine,
     running,
     serve,
+    wait_for,
 )
 from zenoh.handlers import Callback
 
 from limo_driver.messages import Attachment
+from limo_driver.readiness import wait_until_serving
 from limo_driver.streaming import declare_stream, open_session
 
 if TYPE_CHECKING:
@@ -37,7 +40,8 @@ if TYPE_CHECKING:
 
 BARS = (0.6, 1.5, 2.0)  # p50 [ms], p99 [ms], ratio to the echo
 ECHO_IN, ECHO_OUT = "limo/bench/echo/in", "limo/bench/echo/out"
-LEAD = 20.0  # [s] in which everything starts and is compiled
+START = 180.0  # [s] for service and echo to be there, at most
+LEAD = 20.0  # [s] that do not count: until the stream has settled
 
 
 def main() -> None:
@@ -70,6 +74,8 @@ def measure(session: zenoh.Session, motion: Motion, minutes: float) -> None:
         sent.append(time.perf_counter())
         publisher.put(payload, attachment=Attachment(k, 0).encode())
 
+    wait_until_serving(session, ARM, until="waiting", timeout=START)
+    wait_for(lambda: bool(publisher.matching_status.matching), START, "echo")
     with Driver(session, motion, between=send) as driver:
         time.sleep(LEAD + 60.0 * minutes)
     time.sleep(1.0)

@@ -1,6 +1,7 @@
 """See the whole way of the data once: plan, run, identify, learn, evaluate, diagnose; `make demo`.
 
-Runs the commands that a user would type, one after the other, and writes OUT/index.html.
+Runs the commands that a user would type, one after the other, and writes OUT/index.html. Where a
+part fails, those that do not need it are run all the same, and the page says which one it was.
 """
 
 from __future__ import annotations
@@ -14,14 +15,21 @@ import shlex
 import subprocess
 import sys
 import time
+from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 import stream_and_push
 
+from limo_driver.errors import LimoError
 from limo_driver.physics import Payload, QuadraticDrag, Simulation
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LAST_LINES = 15  # of a part that fails, which the page and the terminal show
 HERE = Path(os.path.relpath(Path(__file__).parent))
 TRUTH = HERE / "iiwa14_hysteretic.yaml"
 CONCEALED = (
@@ -31,58 +39,91 @@ CONCEALED = (
 
 
 @dataclass(frozen=True)
-class Step:
-    """One command of the demo and what it was for."""
+class Part:
+    """One command of the demo, what it is for, and which parts it goes on from."""
 
+    name: str
     purpose: str
-    command: str
+    command: str  # of limo, or of an example
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a part went."""
+
+    part: Part
     seconds: float
+    failure: str = ""  # its last lines, or why it was left out; empty where it went well
 
 
-def commands(out: Path, scaffolds: int) -> list[tuple[str, str]]:
-    """Return the purpose and the text of each command, in order."""
+def parts(out: Path, scaffolds: int) -> list[Part]:
+    """Return what is run, in order."""
+    motion, other = f"{out}/train.traj.parquet", f"{out}/test.traj.parquet"
     return [
-        (
+        Part(
+            "plan",
             "Plan locally isotropic motion: small reversals around poses all over the workspace",
-            f"plan --robot iiwa14 --scaffolds {scaffolds} --seed 1 --out {out}/train.traj.parquet "
+            f"limo plan --robot iiwa14 --scaffolds {scaffolds} --seed 1 --out {motion} "
             f"--picture {out}/plan.png",
         ),
-        (
+        Part(
+            "plan other motion",
             "Plan a second motion, which nothing will be fitted to",
-            f"plan --robot iiwa14 --scaffolds 4 --seed 2 --out {out}/test.traj.parquet",
+            f"limo plan --robot iiwa14 --scaffolds 4 --seed 2 --out {other}",
         ),
-        (
+        Part(
+            "run",
             "Run the first on an iiwa 14 with friction, hysteresis and elastic joints, and record",
-            f"run --backend mujoco --trajectory {out}/train.traj.parquet --sim {TRUTH} "
+            f"limo run --backend mujoco --trajectory {motion} --sim {TRUTH} "
             f"--record {out}/train.parquet",
+            ("plan",),
         ),
-        (
+        Part(
+            "run other motion",
             "Run the second, with other sensor noise",
-            f"run --backend mujoco --trajectory {out}/test.traj.parquet --sim {TRUTH} "
+            f"limo run --backend mujoco --trajectory {other} --sim {TRUTH} "
             f"--record {out}/test.parquet --seed 2",
+            ("plan other motion",),
         ),
-        (
+        Part(
+            "identify",
             "Identify a rigid body with Coulomb and viscous friction from the first recording",
-            f"identify {out}/train.parquet --robot iiwa14 --out {out}/sim.yaml",
+            f"limo identify {out}/train.parquet --robot iiwa14 --out {out}/sim.yaml",
+            ("run",),
         ),
-        (
+        Part(
+            "train",
             "Learn what the rigid body leaves unexplained, and how sure that is",
-            f"train {out}/train.parquet --sim {out}/sim.yaml --model joint-physics "
+            f"limo train {out}/train.parquet --sim {out}/sim.yaml --model joint-physics "
             f"--bandwidth 20 --out {out}/model",
+            ("identify",),
         ),
-        (
+        Part(
+            "evaluate",
             "Evaluate the rigid body and what was learned on the second motion",
-            f"evaluate {out}/test.parquet --model {out}/model --sim {out}/sim.yaml "
+            f"limo evaluate {out}/test.parquet --model {out}/model --sim {out}/sim.yaml "
             f"--out {out}/evaluation",
+            ("train", "run other motion"),
         ),
-        (
+        Part(
+            "run with something concealed",
             "Run the second motion on an arm in which a payload and a drag are concealed",
-            f"run --backend mujoco --trajectory {out}/test.traj.parquet --sim {out}/concealed.yaml "
+            f"limo run --backend mujoco --trajectory {other} --sim {out}/concealed.yaml "
             f"--record {out}/concealed.parquet --seed 3",
+            ("plan other motion",),
         ),
-        (
+        Part(
+            "diagnose",
             "Diagnose that recording with the simulation that knows of neither",
-            f"diagnose {out}/concealed.parquet --sim {TRUTH} --out {out}/diagnosis",
+            f"limo diagnose {out}/concealed.parquet --sim {TRUTH} --out {out}/diagnosis",
+            ("run with something concealed",),
+        ),
+        Part(
+            "stream",
+            "Stream the second motion to a service of that model, and push the arm meanwhile",
+            f"python {HERE}/stream_and_push.py --model {out}/model --motion {other} --out {out}",
+            ("train", "plan other motion"),
         ),
     ]
 
@@ -93,13 +134,38 @@ def conceal(path: Path) -> None:
     replace(known, effects=(*known.effects, *CONCEALED)).save(path)
 
 
-def run(purpose: str, command: str) -> Step:
-    """Run one limo command in a process of its own, as a shell would; stop where it fails."""
-    print(f"\n# {purpose}\n$ limo {command}", flush=True)
-    start = time.perf_counter()
-    main_of_limo = "from limo_driver.cli import main; main()"
-    subprocess.run([sys.executable, "-c", main_of_limo, *shlex.split(command)], check=True)
-    return Step(purpose, f"limo {command}", time.perf_counter() - start)
+def run_all(wanted: list[Part]) -> list[Outcome]:
+    """Run one part after the other; where one fails, go on with what does not need it."""
+    outcomes: dict[str, Outcome] = {}
+    for part in wanted:
+        lost = [name for name in part.needs if outcomes[name].failure]
+        if lost:
+            outcomes[part.name] = Outcome(part, 0.0, f"left out: it needs {' and '.join(lost)}")
+        else:
+            outcomes[part.name] = run(part)
+    return list(outcomes.values())
+
+
+def run(part: Part) -> Outcome:
+    """Run a part in a process of its own, as a shell would."""
+    print(f"\n# {part.purpose}\n$ {part.command}", flush=True)
+    program, *words = shlex.split(part.command)
+    main_of_limo = ["-c", "from limo_driver.cli import main; main()"]
+    start, said = time.perf_counter(), deque[str](maxlen=LAST_LINES)
+    with subprocess.Popen(
+        [sys.executable, *(main_of_limo if program == "limo" else []), *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+    ) as process:
+        for line in process.stderr or ():
+            sys.stderr.write(line)
+            said.append(line)
+    seconds = time.perf_counter() - start
+    if process.returncode == 0:
+        return Outcome(part, seconds)
+    last = "".join(said).strip() or "it said nothing"
+    return Outcome(part, seconds, f"exit status {process.returncode}\n{last}")
 
 
 def picture(path: Path, caption: str) -> str:
@@ -139,10 +205,8 @@ def table(evaluation: dict) -> str:
 
 
 def live(out: Path) -> str:
-    """Stream the second motion to a service while the arm is pushed; return the figure as HTML."""
-    found = stream_and_push.stream(out / "model", out / "test.traj.parquet", out)
-    print(f"\n{stream_and_push.summary(found)}")
-    stream_and_push.picture(found, out / "live.png")
+    """Return the figure of the stream as HTML."""
+    found = stream_and_push.Live.read(out / "live")
     began, ended = stream_and_push.PUSH.windows[0]
     told = sorted({event.facts["joint"] for _, event in stream_and_push.contacts(found)})
     return picture(
@@ -154,8 +218,9 @@ def live(out: Path) -> str:
     )
 
 
-def diagnosis(verdict: dict) -> str:
+def diagnosis(out: Path) -> str:
     """Return what was concealed and what was found as an HTML list."""
+    verdict = json.loads((out / "diagnosis" / "verdict.json").read_text())
     concealed = ", ".join(effect.name.replace("_", " ") for effect in CONCEALED)
     found = [
         f"<li>{html.escape(item['effect'].replace('_', ' '))}, joint "
@@ -170,63 +235,133 @@ def diagnosis(verdict: dict) -> str:
     )
 
 
-def page(steps: list[Step], streamed: str, out: Path) -> str:
-    """Return the demo's page."""
-    evaluation = json.loads((out / "evaluation" / "evaluation.json").read_text())
-    bandwidth = evaluation["bandwidth"]
+def failures(outcomes: list[Outcome]) -> str:
+    """Return which parts failed, and their last lines, as HTML; empty where all went well."""
+    failed = [
+        f"<li>{html.escape(one.part.purpose)}<pre>$ {html.escape(one.part.command)}\n"
+        f"{html.escape(one.failure)}</pre></li>"
+        for one in outcomes
+        if one.failure
+    ]
+    if not failed:
+        return ""
+    return (
+        f'<section class="failed"><h2>{len(failed)} of {len(outcomes)} parts failed</h2>'
+        f"<ol>{''.join(failed)}</ol></section>"
+    )
+
+
+def note(evaluation: dict) -> str:
+    """Return what the columns of the table are, as HTML."""
+    return (
+        '<p class="note">Rigid body: identified, with Coulomb and viscous friction. Measured '
+        "torque and motion went through the same zero-phase low-pass of "
+        f"{evaluation['bandwidth']:g} Hz. Noise floor: what the torque sensor's noise leaves after "
+        "that filter; no model can be better. Joint physics: hysteresis, friction and elasticity "
+        "of each joint, fitted in closed form; it says how sure it is, and 95 % of its errors "
+        "should lie within the interval that it gives.</p>"
+    )
+
+
+def evaluation_of(out: Path) -> dict:
+    """Return what `limo evaluate` found."""
+    return json.loads((out / "evaluation" / "evaluation.json").read_text())
+
+
+def headline(out: Path) -> str:
+    """Return the result in one line."""
+    evaluation = evaluation_of(out)
     rigid, learned = evaluation["mean_mse_rigid_body"] ** 0.5, evaluation["mean_mse_hybrid"] ** 0.5
-    return Template((HERE / "demo.html").read_text()).substitute(
-        headline=f"Torque error: {rigid:.2f} N m with a rigid body, {learned:.2f} N m with what "
-        "drives do",
-        lead="Root mean square over seven joints of a simulated KUKA iiwa 14 whose joints have "
-        "friction, hysteresis and elasticity, while it creeps and reverses.",
-        table=table(evaluation),
-        note="Rigid body: identified, with Coulomb and viscous friction. Measured torque and "
-        f"motion went through the same zero-phase low-pass of {bandwidth:g} Hz. Noise floor: what "
-        "the torque sensor's noise leaves after that filter; no model can be better. Joint "
-        "physics: hysteresis, friction and elasticity of each joint, fitted in closed form; it "
-        "says how sure it is, and 95 % of its errors should lie within the interval that it gives.",
-        loops=picture(
+    return f"Torque error: {rigid:.2f} N m with a rigid body, {learned:.2f} N m with what drives do"
+
+
+SECTIONS: dict[str, tuple[str, Callable[[Path], str]]] = {  # the part that each shows, and how
+    "headline": ("evaluate", headline),
+    "table": ("evaluate", lambda out: table(evaluation_of(out)) + note(evaluation_of(out))),
+    "loops": (
+        "evaluate",
+        lambda out: picture(
             out / "evaluation" / "loops.png",
             "Friction torque over position while the joints reverse: measured, rigid body with "
             "Coulomb friction, and joint physics.",
         ),
-        torques=picture(
+    ),
+    "torques": (
+        "evaluate",
+        lambda out: picture(
             out / "evaluation" / "torque.png", "Joint torque over time in the same stretch."
         ),
-        plan=picture(
+    ),
+    "plan": (
+        "plan",
+        lambda out: picture(
             out / "plan.png",
             "Locally isotropic motion: reaching from pose to pose, exploring each with small "
             "random sinusoids on every joint.",
         ),
-        live=streamed,
-        diagnosis=diagnosis(json.loads((out / "diagnosis" / "verdict.json").read_text())),
+    ),
+    "live": ("stream", live),
+    "diagnosis": ("diagnose", diagnosis),
+}
+
+
+def sections(outcomes: list[Outcome], out: Path) -> tuple[dict[str, str], list[Outcome]]:
+    """Return the sections of the page, and the outcomes with those that cannot be shown failed."""
+    known = {one.part.name: one for one in outcomes}
+    shown = {}
+    for name, (part, show) in SECTIONS.items():
+        if not known[part].failure:
+            try:
+                shown[name] = show(out)
+            except (OSError, LookupError, ValueError, LimoError) as error:
+                failure = f"what it left cannot be shown: {error!r}"
+                known[part] = replace(known[part], failure=failure)
+        if known[part].failure:
+            shown[name] = '<span class="failed">failed, see above</span>'
+    return shown, list(known.values())
+
+
+def page(shown: dict[str, str], outcomes: list[Outcome]) -> str:
+    """Return the demo's page."""
+    return Template((HERE / "demo.html").read_text()).substitute(
+        shown,
+        failures=failures(outcomes),
+        lead="Root mean square over seven joints of a simulated KUKA iiwa 14 whose joints have "
+        "friction, hysteresis and elasticity, while it creeps and reverses.",
         commands="\n".join(
-            f"<li>{html.escape(s.purpose)} <span>({s.seconds:.0f} s)</span>"
-            f"<pre>{html.escape(s.command)}</pre></li>"
-            for s in steps
+            f"<li>{html.escape(one.part.purpose)} "
+            f"<span>({'failed' if one.failure else f'{one.seconds:.0f} s'})</span>"
+            f"<pre>{html.escape(one.part.command)}</pre></li>"
+            for one in outcomes
         ),
         truth=html.escape(str(TRUTH)),
     )
 
 
 def main() -> None:
-    """Run all commands and write the page."""
+    """Run all parts and write the page; the exit status says whether all went well."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write")
     parser.add_argument("--scaffolds", type=int, default=12, help="poses that training explores")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     conceal(options.out / "concealed.yaml")
-    steps = [run(purpose, command) for purpose, command in commands(options.out, options.scaffolds)]
-    start = time.perf_counter()
-    streamed = live(options.out)
-    commands_of_live = "limo serve ... & limo run --stream ...  # examples/stream_and_push.py"
-    purpose = "Stream the second motion to a service of that model, and push the arm meanwhile"
-    steps.append(Step(purpose, commands_of_live, time.perf_counter() - start))
-    index = options.out / "index.html"
-    index.write_text(page(steps, streamed, options.out))
-    print(f"\n{sum(step.seconds for step in steps):.0f} s in all; open {index}")
+    finish(run_all(parts(options.out, options.scaffolds)), options.out)
+
+
+def finish(outcomes: list[Outcome], out: Path) -> None:
+    """Write the page and say how it went; exit with status 1 where a part failed."""
+    index = out / "index.html"
+    shown, outcomes = sections(outcomes, out)
+    index.write_text(page(shown, outcomes))
+    print(f"\n{sum(one.seconds for one in outcomes):.0f} s in all; open {index}", flush=True)
+    failed = [one for one in outcomes if one.failure]
+    if not failed:
+        return
+    sys.stderr.write(f"\n{len(failed)} of {len(outcomes)} parts failed:\n")
+    for one in failed:
+        sys.stderr.write(f"\n$ {one.part.command}\n{one.failure}\n")
+    sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ class Live:
         answers = [
             decode_torque_estimate(m.payload) for m in messages if m.topic.endswith("/estimate")
         ]
-        told = [json.loads(line) for line in (folder / "service.jsonl").open()]
+        told = [json.loads(line) for line in (folder / "service.jsonl").read_text().splitlines()]
         status = [line["status"] for line in told if "status" in line]
         counted = [one for one in status if one.get("latency", {}).get("count")]
         if not answers or not counted:

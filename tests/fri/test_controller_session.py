@@ -188,6 +188,7 @@ events:
         ("event: []", 1, "the file has no 'event'"),
         ("seed: x", 1, "'x' is no whole number"),
         ("events: 3", 1, "has to be a list"),
+        ("from: here", 1, "from 'here' is unknown; known: start, commanding"),
         ("events:\n  - {at: 1}", 2, "lacks `event:`, one of delay"),
         ("events:\n  - {event: storm, at: 1, for: 1}", 2, "event 'storm' is unknown; known: delay"),
         ("events:\n  - {event: loss, at: 1, fraction: 1}", 2, "loss lacks for"),
@@ -212,3 +213,18 @@ def test_a_mistake_is_told_with_its_line(
 def test_a_scenario_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.yaml: cannot be read"):
         Scenario.load(tmp_path / "none.yaml")
+
+
+def test_times_of_a_scenario_can_count_from_commanding(tmp_path) -> None:
+    path = tmp_path / "scenario.yaml"
+    path.write_text("from: commanding\nevents:\n  - {event: silence, at: 1, for: 1}\n")
+    clock = ScenarioClock(Scenario.load(path))
+    assert not clock.at(1.5).silent
+    clock.begin_commanding(10.0)
+    clock.begin_commanding(11.0)  # it was lost, and came again
+    assert [clock.at(time).silent for time in (10.9, 11.1, 11.9, 12.1)] == [
+        False,
+        True,
+        True,
+        False,
+    ]

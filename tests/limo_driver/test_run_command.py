@@ -115,6 +115,12 @@ def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
         ({"record": "/proc/run.parquet"}, "cannot be written"),
         ({"duration": "0.001"}, "shorter than one sample"),
         ({"record": "nowhere/run.parquet"}, "cannot be written"),
+        ({"wait-for-estimates": "9"}, "waits for what answers --stream; give both"),
+        *(
+            ({"wait-for-estimates": f"{given}", "stream": None}, f"is {given} s, expected above 0")
+            for given in ("0", "-1", "nan")
+        ),
+        ({"wait-for-estimates": "9", "stream": None, "name": "a/b"}, "the arm's name is 'a/b'"),
     ],
 )
 def test_bad_input_ends_with_one_line(tmp_path, trajectory, monkeypatch, capsys, change, message):
@@ -150,7 +156,11 @@ def test_trajectory_planned_for_another_robot_is_refused(tmp_path, trajectory, m
 
 def run_here(monkeypatch, options):
     """Run the command in this process and return its exit status."""
-    arguments = (str(item) for name, value in options.items() for item in (f"--{name}", value))
+    arguments = (
+        str(item)
+        for name, value in options.items()
+        for item in (f"--{name}", *(() if value is None else (value,)))
+    )
     monkeypatch.setattr(sys, "argv", ["limo", "run", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()

@@ -186,3 +186,22 @@ def test_goes_on_between_malformed_messages_of_a_real_session(two_sessions):
     assert what.malformed == 300
     for subscriber in subscribers:
         subscriber.undeclare()
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (("--until", "ready"), "a service is never 'ready', expected loading, compiling, waiting"),
+        (("--until", "serving", "--timeout", "0"), "--timeout is 0 s, expected above 0"),
+        (("--until", "serving", "--timeout", "-1"), "--timeout is -1 s, expected above 0"),
+        (("--until", "serving", "--timeout", "nan"), "--timeout is nan s, expected above 0"),
+        (("--until", "serving", "--duration", "1"), "--duration is for watching"),
+        (("--timeout", "1"), "--timeout is for --until"),
+        (("--until", "serving", "--arm", "a/b"), "the arm's name is 'a/b'"),
+    ],
+)
+def test_what_cannot_be_waited_for_is_told_in_one_line(limo, given, told):
+    ended = limo("watch", *given)
+    assert ended.returncode == 2
+    assert told in ended.stderr
+    assert ended.stderr.count("\n") == 1

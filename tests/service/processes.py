@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from ports import free_port
@@ -110,9 +110,12 @@ def limo(*arguments: object) -> list[str]:
 
 
 @contextmanager
-def served(network: Network, *arguments: object) -> Generator[subprocess.Popen[bytes]]:
+def served(
+    network: Network, *arguments: object, **options: Any
+) -> Generator[subprocess.Popen[Any]]:
     """Run `limo serve` in a process of its own, and end it however it stands."""
-    process = subprocess.Popen(limo("serve", *arguments, "--zenoh-config", network.there))
+    command = limo("serve", *arguments, "--zenoh-config", network.there)
+    process = subprocess.Popen(command, **options)
     try:
         yield process
     finally:

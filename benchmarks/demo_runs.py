@@ -1,0 +1,146 @@
+"""`make demo` as a stranger types it, over and over: clean clone, empty cache, quiet and busy.
+
+    python benchmarks/demo_runs.py                      # five quiet, five beside four busy loops
+    python benchmarks/demo_runs.py --quiet 1 --busy 0
+
+Each run clones the last commit of this repository into an empty folder, without a `.venv` and with
+nothing compiled, and calls `make demo` there, which installs first. What pip has downloaded before
+may be used. Loops are Python processes that count; they are begun before a run and ended after it.
+The table has the time of installation and of the demo, whether its page has all that it should, and
+which parts failed. Ten runs take about an hour on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+ROOT = Path(__file__).resolve().parents[1]
+BAR = 360.0  # [s] of a quiet run with its installation
+PICTURES = 4  # of the page: loops, torque, plan, live
+LAST_LINES = 25  # of a run that fails
+_COUNTING = "while True: pass"
+# set by whoever runs this, they would lead out of the clone, or to what was compiled elsewhere
+_NOT_HANDED_ON = ("PYTHONPATH", "VIRTUAL_ENV", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One `make demo`."""
+
+    loops: int  # beside it
+    install: float  # [s]
+    demo: float  # [s]
+    failures: tuple[str, ...]  # what the page or the process lacks; none where it passed
+
+
+@contextmanager
+def busy(loops: int) -> Generator[None]:
+    """Keep so many processes busy until the block ends."""
+    processes = [subprocess.Popen([sys.executable, "-c", _COUNTING]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.wait()
+
+
+def run(loops: int, folder: Path) -> Run:
+    """Clone into a folder, and run the demo there."""
+    clone = folder / "limo"
+    subprocess.run(["git", "clone", "--quiet", f"file://{ROOT}", str(clone)], check=True)
+    environment = {k: v for k, v in os.environ.items() if k not in _NOT_HANDED_ON}
+    environment["XDG_CACHE_HOME"] = str(
+        folder / "cache"
+    )  # of matplotlib and whoever else keeps one
+    environment["PIP_CACHE_DIR"] = pip_cache()
+    with busy(loops):
+        log = folder / "make.log"
+        install, installed = make(".venv/.installed", clone, environment, log)
+        demo, made = make("demo", clone, environment, log) if installed else (0.0, False)
+    missing = () if made else (f"make ended badly:\n{tail(log)}",)
+    return Run(loops, install, demo, (*missing, *lacking(clone / "out" / "demo" / "index.html")))
+
+
+def make(target: str, clone: Path, environment: dict[str, str], log: Path) -> tuple[float, bool]:
+    """Make a target; return how long it took [s] and whether that went well."""
+    began = time.monotonic()
+    with log.open("a") as said:
+        ended = subprocess.run(
+            ["make", target],
+            cwd=clone, env=environment, stdout=said, stderr=subprocess.STDOUT, check=False,
+        )  # fmt: skip
+    return time.monotonic() - began, ended.returncode == 0
+
+
+def lacking(page: Path) -> tuple[str, ...]:
+    """Return what the demo's page should have and has not."""
+    if not page.exists():
+        return ("no page",)
+    text = page.read_text()
+    told = [f"part failed: {name}" for name in re.findall(r"<li>([^<]*)<pre>\$ ", text)]
+    if len(re.findall("<img ", text)) < PICTURES:
+        told.append("pictures are missing")
+    if "Contact was told on joints [" not in text or "told on joints []" in text:
+        told.append("the push was not told")
+    found = text.partition("Found:")[2].partition("</ul>")[0]
+    unnamed = [effect for effect in ("payload", "drag") if effect not in found]
+    return (*told, *(f"the diagnosis does not name the {effect}" for effect in unnamed))
+
+
+def pip_cache() -> str:
+    """Return where pip keeps what it has downloaded."""
+    command = [sys.executable, "-m", "pip", "cache", "dir"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def tail(log: Path) -> str:
+    """Return the last lines of a log."""
+    return "\n".join(log.read_text(errors="replace").splitlines()[-LAST_LINES:])
+
+
+def main() -> None:
+    """Run them all and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quiet", type=int, default=5, help="runs without busy loops")
+    parser.add_argument("--busy", type=int, default=5, help="runs beside busy loops")
+    parser.add_argument("--loops", type=int, default=4, help="busy loops beside each of those")
+    parser.add_argument("--keep", action="store_true", help="keep the folders of failed runs")
+    given = parser.parse_args()
+    loads = " ".join(f"{load:.1f}" for load in os.getloadavg())
+    print(f"{os.cpu_count()} CPUs, load before {loads}; bar {BAR:g} s without busy loops")
+    print("run  busy loops  install [s]  demo [s]  passed  what failed", flush=True)
+    runs: list[Run] = []
+    for loops in [0] * given.quiet + [given.loops] * given.busy:
+        folder = Path(tempfile.mkdtemp(prefix="limo-demo-"))
+        runs.append(one := run(loops, folder))
+        verdict = "no" if one.failures else "yes"
+        print(f"{len(runs):3d}  {loops:10d}  {one.install:11.0f}  {one.demo:8.0f}  {verdict:6}  "
+              f"{'; '.join(one.failures) or '-'}", flush=True)  # fmt: skip
+        if one.failures and given.keep:
+            print(f"     kept in {folder}")
+        else:
+            shutil.rmtree(folder)
+    slow = [one for one in runs if not one.loops and one.install + one.demo > BAR]
+    failed = sum(bool(one.failures) for one in runs)
+    print(f"{len(runs) - failed} of {len(runs)} passed; {len(slow)} quiet ones above {BAR:g} s")
+    sys.exit(bool(failed or slow))
+
+
+if __name__ == "__main__":
+    main()

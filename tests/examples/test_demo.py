@@ -1,0 +1,97 @@
+"""The demo where parts of it fail: the others run, the page is written, and both say which."""
+
+import json
+from dataclasses import replace
+
+import demo
+import pytest
+import stream_and_push
+
+from limo_driver.errors import LimoError
+
+PIXEL = bytes.fromhex(
+    "89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c4890000000d49444154789c63000100"
+    "000500010d0a2db40000000049454e44ae426082"
+)
+EVALUATION = {
+    "bandwidth": 20.0,
+    "joints": ["<one>"],
+    "rmse_rigid_body": [1.0],
+    "rmse_hybrid": [0.1],
+    "noise_floor": [None],
+    "mse_ratio": [100.0],
+    "coverage_of_95_percent": [0.95],
+    "mean_mse_rigid_body": 1.0,
+    "mean_mse_hybrid": 0.01,
+    "mean_mse_ratio": 100.0,
+}
+
+
+@pytest.fixture
+def out(tmp_path, monkeypatch):
+    """A folder with what the parts leave; the stream's log is left out."""
+    (tmp_path / "evaluation").mkdir()
+    for name in ("plan.png", "live.png", "evaluation/loops.png", "evaluation/torque.png"):
+        (tmp_path / name).write_bytes(PIXEL)
+    (tmp_path / "evaluation" / "evaluation.json").write_text(json.dumps(EVALUATION))
+    (tmp_path / "diagnosis").mkdir()
+    (tmp_path / "diagnosis" / "verdict.json").write_text('{"findings": []}')
+    monkeypatch.setitem(demo.SECTIONS, "live", ("stream", lambda _: "<i>streamed</i>"))
+    return tmp_path
+
+
+def outcomes(out, monkeypatch, *failing):
+    """Run the parts with other commands: those named fail, the others say their version."""
+    monkeypatch.setattr(demo, "LAST_LINES", 2)
+    return demo.run_all([
+        replace(part, command="limo nonsense" if part.name in failing else "limo --version")
+        for part in demo.parts(out, 1)
+    ])  # fmt: skip
+
+
+def test_all_that_went_well_is_on_the_page(out, monkeypatch, capfd):
+    demo.finish(outcomes(out, monkeypatch), out)
+    page = (out / "index.html").read_text()
+    assert "<h1>Torque error: 1.00 N m with a rigid body, 0.10 N m with what drives do</h1>" in page
+    assert "&lt;one&gt;" in page
+    assert "<i>streamed</i>" in page
+    assert "failed, see above" not in page
+    assert "parts failed" not in page
+    assert page.count("<pre>") == 10
+    assert capfd.readouterr().err == ""
+
+
+def test_a_part_that_fails_takes_only_those_with_it_that_need_it(out, monkeypatch, capfd):
+    with pytest.raises(SystemExit, match="1"):
+        demo.finish(outcomes(out, monkeypatch, "identify"), out)
+    page, said = (out / "index.html").read_text(), capfd.readouterr().err
+    for text in (page, said):
+        assert "4 of 10 parts failed" in text
+        assert text.count("exit status 2") == 1
+        assert "No such command" in text
+        assert "left out: it needs identify" in text
+        assert "left out: it needs train" in text
+    assert '<h1><span class="failed">failed, see above</span></h1>' in page
+    assert "streamed" not in page  # of an earlier run
+    assert "Concealed in the arm" in page
+
+
+def test_what_cannot_be_shown_is_a_failure_too(out, monkeypatch, capfd):
+    (out / "plan.png").unlink()
+    (out / "diagnosis" / "verdict.json").write_text("{}")
+    with pytest.raises(SystemExit, match="1"):
+        demo.finish(outcomes(out, monkeypatch), out)
+    said = capfd.readouterr().err
+    assert "2 of 10 parts failed" in said
+    assert "what it left cannot be shown: KeyError('findings')" in said
+    assert "2 of 10 parts failed" in (out / "index.html").read_text()
+
+
+def test_a_stream_without_answers_is_told_with_what_the_service_said(tmp_path):
+    (tmp_path / "service.jsonl").write_text("")
+    with pytest.raises(LimoError, match="no estimates in the log; the service said last: nothing"):
+        stream_and_push.Live.read(tmp_path)
+    line = {"status": {"phase": "compiling", "state": "compiling 3 of 4"}}
+    (tmp_path / "service.jsonl").write_text(f"{json.dumps(line)}\n")
+    with pytest.raises(LimoError, match="the service said last: compiling 3 of 4"):
+        stream_and_push.Live.read(tmp_path)
