@@ -49,8 +49,8 @@ TESTS: Final = {
         "tests/limo_driver/test_setpoints.py",
         "tests/limo_driver/test_safety_limits.py",
     ),
-    "backends/fri/wire_limits.py": ("tests/fri/test_fri_limits.py",),
-    "backends/fri/session.py": ("tests/fri/test_fri_limits.py",),
+    "backends/fri/wire_limits.py": ("tests/fri/test_fri_wire_limits.py",),
+    "backends/fri/session.py": ("tests/fri/test_fri_session.py",),
     "backends/fri/connection.py": ("tests/fri/test_fri_limits.py",),
     "backends/can/drive.py": ("tests/can/test_limits.py",),
     "estimators/service/gate.py": (
