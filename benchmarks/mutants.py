@@ -16,6 +16,7 @@ for a threshold of 0.02 is a factor of 51.
 from __future__ import annotations
 
 import ast
+import multiprocessing
 import os
 import random
 import re
@@ -25,12 +26,11 @@ import sys
 import tempfile
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise, repeat
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, NoReturn
 
 import typer
 import yaml
@@ -44,13 +44,16 @@ BAR: Final = 0.95  # of the mutants of each file, which the tests have to notice
 TIMEOUT: Final = 120.0  # [s] for the tests of one mutant: a loop without an end is noticed, too
 SMALL: Final = 4  # whole numbers up to this are counts, places and bits: changed by one
 TESTS: Final = {
-    "limo_driver/safety.py": ("tests/limo_driver/test_safety_limits.py",),
+    "limo_driver/safety.py": (
+        "tests/limo_driver/test_safety_limits.py",
+        "tests/limo_driver/test_safety_turns.py",
+    ),
     "limo_driver/setpoints.py": (
         "tests/limo_driver/test_setpoints.py",
         "tests/limo_driver/test_safety_limits.py",
     ),
-    "backends/fri/wire_limits.py": ("tests/fri/test_fri_limits.py",),
-    "backends/fri/session.py": ("tests/fri/test_fri_limits.py",),
+    "backends/fri/wire_limits.py": ("tests/fri/test_fri_wire_limits.py",),
+    "backends/fri/session.py": ("tests/fri/test_fri_session.py",),
     "backends/fri/connection.py": ("tests/fri/test_fri_limits.py",),
     "backends/can/drive.py": ("tests/can/test_limits.py",),
     "estimators/service/gate.py": (
@@ -59,6 +62,7 @@ TESTS: Final = {
     ),
     "estimators/service/watchdog.py": ("tests/estimators/test_contact_bounds.py",),
 }
+FORKS: Final = multiprocessing.get_context("forkserver")  # which imports what is no part of this
 COMPARISONS: Final = {
     "<": ("<=", ">"),
     "<=": ("<", ">"),
@@ -212,21 +216,28 @@ def copy_of_tree(folder: Path) -> Path:
     return folder
 
 
-def tests_fail(tree: Path, file: str) -> bool:
+def run_tests(tree: Path, tests: tuple[str, ...], *, changed: bool) -> NoReturn:
+    """Run tests in this process, and end it."""
+    for stream in (1, 2):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    os.chdir(tree)
+    sys.path.insert(0, str(tree))
+    # What was compiled before is told from a change by its time; two changes in a second are not.
+    sys.dont_write_bytecode = changed
+    import pytest
+
+    sys.exit(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--assert=plain", *tests]))
+
+
+def fails(tree: Path, file: str, *, changed: bool = True) -> bool:
     """Run the tests of a file in a copy of the tree."""
-    environment = {
-        **os.environ,
-        "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": str(tree),
-        "PYTHONDONTWRITEBYTECODE": "1",  # a change within one second has the same time stamp
-    }
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *TESTS[file]]
-    with suppress(subprocess.TimeoutExpired):
-        done = subprocess.run(
-            command, cwd=tree, env=environment, capture_output=True, check=False, timeout=TIMEOUT
-        )
-        return done.returncode != 0
-    return True
+    process = FORKS.Process(target=run_tests, args=(tree, TESTS[file]), kwargs={"changed": changed})
+    process.start()
+    process.join(TIMEOUT)
+    if process.is_alive():
+        process.kill()
+        process.join()
+    return process.exitcode != 0
 
 
 def noticed(mutant: Mutant, trees: SimpleQueue[Path]) -> bool:
@@ -236,7 +247,7 @@ def noticed(mutant: Mutant, trees: SimpleQueue[Path]) -> bool:
     source = path.read_text()
     try:
         path.write_text(source[: mutant.start] + mutant.instead + source[mutant.stop :])
-        return tests_fail(tree, mutant.file)
+        return fails(tree, mutant.file)
     finally:
         path.write_text(source)
         trees.put(tree)
@@ -256,25 +267,33 @@ def judge(file: str, mutants: list[Mutant], reasons: dict[str, str], processes: 
     with tempfile.TemporaryDirectory(prefix="mutants-") as temporary:
         trees: SimpleQueue[Path] = SimpleQueue()
         for k in range(processes):
-            trees.put(copy_of_tree(Path(temporary, str(k))))
-        tree = trees.get()
-        if tests_fail(tree, file):
-            raise SystemExit(f"the tests of {file} fail without any change")
-        trees.put(tree)
+            tree = copy_of_tree(Path(temporary, str(k)))
+            if fails(tree, file, changed=False):
+                raise SystemExit(f"the tests of {file} fail without any change")
+            trees.put(tree)
+        told, wrong = [], False
         with ThreadPoolExecutor(processes) as pool:
-            told = list(pool.map(noticed, mutants, repeat(trees)))
-    wrong = False
-    for mutant, dead in zip(mutants, told, strict=True):
-        reason = reasons.get(mutant.name)
-        if not dead:
-            print(f"{file}:{mutant.number}: {mutant.name}, survived: {reason or 'NOT EXPLAINED'}")
-        elif reason is not None:
-            wrong = True
-            print(f"{file}:{mutant.number}: {mutant.name}, was noticed, though listed: {reason}")
+            for mutant, dead in zip(
+                mutants, pool.map(noticed, mutants, repeat(trees)), strict=True
+            ):
+                told.append(dead)
+                wrong |= dead and mutant.name in reasons
+                if said := _said(reasons.get(mutant.name), dead=dead):
+                    print(f"{file}:{mutant.number}: {mutant.name}, {said}", flush=True)
     killed, total = sum(told), len(told)
     share = killed / max(total, 1)
-    print(f"{file}: {killed} of {total} noticed, {100 * share:.1f} % (bar {100 * BAR:.0f} %)")
+    print(
+        f"{file}: {killed} of {total} noticed, {100 * share:.1f} % (bar {100 * BAR:.0f} %)",
+        flush=True,
+    )
     return share >= BAR and not wrong
+
+
+def _said(reason: str | None, *, dead: bool) -> str:
+    """Say what is to be known of a mutant; nothing of one that was noticed and had to be."""
+    if dead:
+        return "" if reason is None else f"was noticed, though listed: {reason}"
+    return f"survived: {reason or 'NOT EXPLAINED'}"
 
 
 def main(
@@ -286,6 +305,8 @@ def main(
     processes: Annotated[int, typer.Option(help="Tests that run at once.")] = 2,
 ) -> None:
     """Print survivors and, for each file, how many mutants the tests notice beside the bar."""
+    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    FORKS.set_forkserver_preload(["hypothesis", "numba", "pinocchio", "pytest", "scipy.stats"])
     fine = True
     for name in (name for name in TESTS if file in name):
         mutants = Finder(name, (ROOT / name).read_text(), factor).found

@@ -1,0 +1,318 @@
+"""Turns of the safety contract: paths, holds, stand-ins, modes, leads, and what is remembered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contracts import (
+    COMMANDS,
+    LIMITS,
+    LONG,
+    PERIOD,
+    POSE,
+    SPEC,
+    assert_kept,
+    moved,
+    only,
+    opened,
+    pushed,
+    reason,
+    sprung,
+    started,
+    state,
+    wrenched,
+)
+
+from limo_driver.errors import JointLimitError
+from limo_driver.safety import SafetyContract, warm_up
+
+each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
+
+
+class TestPaths:
+    def test_are_admitted_as_their_rows_would_be(self):
+        targets = POSE + np.linspace(0.0, 0.3, 30)[:, None] * [1.0, -1.0, 0.5]
+        one, other = opened(), opened()
+        rows = []
+        for cycle, target in enumerate(targets):
+            one.observe(state(cycle))
+            rows.append(one.admit(moved(target)))
+        other.observe(state())
+        path, met = other.admit_path(targets)
+        assert np.array_equal(path, [row.position for row in rows])
+        assert set(met) == set().union(*(row.limited_by for row in rows))
+        for contract in (one, other):  # of the last cycle
+            contract.observe(state(30))
+        assert np.array_equal(one.setpoint, other.setpoint)
+        after = [contract.admit(moved(targets[-1])) for contract in (one, other)]
+        assert np.array_equal(after[0].position, after[1].position)
+
+    @pytest.mark.parametrize("T", [1, 2, 17])
+    def test_are_valid_from_their_last_row(self, T):
+        for late, held in ((-1, False), (0, False), (1, True)):
+            contract = opened()
+            contract.admit_path(np.tile(POSE, (T, 1)))  # each for 0.1 s, 12.8 cycles
+            contract.observe(state(T - 1 + 12 + late))
+            assert contract.holding == held
+
+    @pytest.mark.parametrize("row", [0, 3, 5])
+    def test_that_cannot_be_read_are_refused_whole(self, row):
+        targets = np.tile(POSE, (6, 1))
+        targets[row, 1] = np.nan
+        contract = opened()
+        with pytest.raises(JointLimitError, match="joint 2: position nan"):
+            contract.admit_path(targets)
+        assert contract.at_rest
+
+    def test_start_near_the_measured_pose(self):
+        with pytest.raises(JointLimitError, match="first position"):
+            opened().admit_path(np.tile(POSE, (6, 1)) + 0.021)
+
+    def test_are_the_callers(self):
+        contract = opened()
+        path, _ = contract.admit_path(np.tile(POSE, (4, 1)))
+        path[:] = 7.0
+        contract.observe(state(4))
+        assert np.array_equal(contract.setpoint, POSE)
+
+
+class TestHolding:
+    def test_begins_idle_and_at_rest(self):
+        contract = opened()
+        assert (contract.holding, contract.at_rest, contract.standing) == (False, True, True)
+        assert contract.stand_in() is None
+        assert np.array_equal(contract.setpoint, POSE)
+
+    def test_goes_on_until_told_and_keeps_its_first_reason(self):
+        contract = started(moved())
+        contract.hold("a light curtain")
+        contract.hold("something else")
+        assert "a light curtain" in reason(contract)
+        assert (contract.at_rest, contract.standing) == (False, True)
+        contract.resume()
+        assert contract.at_rest
+        contract.resume()
+        contract.admit(moved())
+        assert not contract.holding
+        contract.resume()  # which is nothing to an arm that follows commands
+        assert not contract.at_rest
+
+    def test_keeps_the_pose(self):
+        contract = started(moved())
+        contract.hold("asked")
+        for cycle in range(1, 5):
+            contract.observe(state(cycle))
+            assert np.array_equal(contract.stand_in().position, POSE)
+
+    def speed_up(self, cycles=12):
+        """Return a contract in motion, in a cycle without a command yet, and what was sent."""
+        contract, sent = opened(), [POSE, POSE]
+        for cycle in range(cycles):
+            contract.observe(state(cycle, sent[-1]))
+            sent.append(contract.admit(moved(POSE if not cycle else POSE + 0.3)).position)
+        contract.observe(state(cycles, sent[-1]))
+        return contract, sent
+
+    @pytest.mark.parametrize("resumed", [False, True])
+    def test_brakes_within_the_limits_and_as_fast_as_they_allow(self, resumed):
+        contract, sent = self.speed_up()
+        fastest = (sent[-1] - sent[-2]) / PERIOD
+        contract.hold("asked")
+        cycles = 0
+        while not contract.standing:
+            if resumed and cycles == 3:
+                contract.resume()
+            sent.append(contract.stand_in().position)
+            cycles += 1
+            contract.observe(state(12 + cycles, sent[-1]))
+        assert_kept(np.array([*sent, sent[-1], sent[-1]]))
+        assert cycles == np.ceil((fastest / (LIMITS.acceleration * PERIOD)).max() - 1e-9)
+        assert (contract.stand_in() is None) == resumed
+
+    def test_begins_braking_after_what_was_sent_already(self):
+        contract, sent = self.speed_up()
+        sent.append(contract.admit(moved(POSE + 0.3)).position)
+        contract.hold("asked")
+        contract.observe(state(13, sent[-1]))
+        sent.append(contract.stand_in().position)
+        assert_kept(np.array(sent))
+
+    def test_while_braking_a_stream_goes_on_from_the_set_point(self):
+        contract, sent = self.speed_up()
+        contract.hold("asked")
+        contract.resume()
+        for cycle in range(13, 60):
+            sent.append(contract.admit(moved(sent[12])).position)
+            contract.observe(state(cycle, sent[-1]))
+        assert_kept(np.array(sent))
+        assert np.array_equal(sent[-1], sent[12])
+
+    def test_after_braking_a_stream_starts_from_the_measured_pose(self):
+        contract, _ = self.speed_up()
+        contract.hold("asked")
+        for cycle in range(13, 80):
+            contract.stand_in()
+            contract.observe(state(cycle, POSE + 0.01))
+        contract.resume()
+        assert np.abs(contract.setpoint - POSE - 0.01).max() > 1e-3
+        sent = contract.admit(moved(POSE + 0.01))
+        assert np.array_equal(sent.position, POSE + 0.01)
+        assert sent.limited_by == ()
+
+    @pytest.mark.parametrize("kind", ["torque", "impedance", "wrench"])
+    def test_of_a_compliant_arm_begins_where_it_is(self, kind):
+        contract = started(COMMANDS[kind](valid_for=LONG))
+        where, speed = POSE + 0.2, np.array([0.5, -1.0, 0.25])
+        contract.observe(state(1, where, speed))
+        contract.hold("asked")
+        slower = speed - np.sign(speed) * LIMITS.acceleration * PERIOD
+        assert contract.setpoint == pytest.approx(where, abs=1e-15)
+        assert contract.stand_in().position == pytest.approx(where + slower * PERIOD, abs=1e-15)
+
+    @each_way
+    def test_of_a_compliant_arm_follows_no_more_than_its_velocity_limit(self, sign):
+        contract = started(pushed(valid_for=LONG))
+        contract.observe(state(1, velocity=sign * 3 * LIMITS.velocity))
+        slower = sign * (LIMITS.velocity - LIMITS.acceleration * PERIOD)
+        assert contract.stand_in().position == pytest.approx(POSE + slower * PERIOD, abs=1e-15)
+
+    def test_of_a_compliant_arm_that_was_not_measured_begins_where_it_will_be(self):
+        contract = started(pushed(valid_for=LONG))
+        speed = np.array([0.5, -1.0, 0.25])
+        contract.observe(state(1, velocity=speed))
+        for _ in range(5):
+            contract.observe(state(1, velocity=speed, stale=True))
+        contract.hold("asked")
+        assert contract.setpoint == pytest.approx(POSE + 5 * PERIOD * speed, abs=1e-15)
+
+    def test_of_a_compliant_arm_forgets_what_was_to_come(self):
+        contract = started(sprung(valid_for=LONG))
+        contract.observe(state(1, POSE + 0.2))
+        contract.admit(sprung(POSE + 0.1))
+        contract.hold("asked")
+        contract.observe(state(2, POSE + 0.2))
+        assert np.array_equal(contract.setpoint, POSE + 0.2)
+
+    def test_without_a_measurement_sends_nothing(self):
+        contract = SafetyContract(SPEC)
+        contract.hold("asked")
+        assert contract.stand_in() is None
+        assert contract.holding
+
+
+class TestStandIn:
+    def test_goes_on_with_the_last_command(self):
+        """What was limited goes on towards what was commanded."""
+        contract, sent = started(moved()), [POSE]
+        contract.observe(state(1))
+        sent.append(contract.admit(moved(POSE + 0.02)).position)
+        for cycle in range(2, 8):
+            contract.observe(state(cycle, sent[-1]))
+            sent.append(contract.stand_in().position)
+        assert_kept(np.array([POSE, POSE, *sent]))
+        assert (np.diff(sent, axis=0) > 0).all()
+
+    def test_repeats_torques(self):
+        contract = started(pushed([1.0, 0.0, 0.0]))
+        contract.observe(state(1))
+        assert np.array_equal(contract.stand_in().torque, [1.0, 0.0, 0.0])
+
+    def test_is_nothing_for_an_arm_that_nobody_commanded(self):
+        assert opened().stand_in() is None
+
+
+class TestChangingTheMode:
+    def test_starts_from_the_measured_pose_and_motion(self):
+        contract = started(pushed(valid_for=LONG))
+        where, speed = POSE + 0.2, np.array([0.5, -1.0, 0.25])
+        contract.observe(state(1, where, speed))
+        with pytest.raises(JointLimitError, match="first position"):
+            contract.admit(moved())
+        sent = contract.admit(moved(where))
+        assert sent.position == pytest.approx(
+            where + (speed - np.sign(speed) * LIMITS.acceleration * PERIOD) * PERIOD, abs=1e-15
+        )
+
+    def test_starts_torques_from_zero(self):
+        contract = started(pushed(only(0, 7.0), valid_for=LONG))
+        contract.observe(state(1))
+        sent = contract.admit(sprung(torque=only(0, 9.0)))
+        assert sent.torque[0] == pytest.approx(1000.0 * PERIOD)
+
+    def test_starts_wrenches_from_zero(self):
+        contract = started(wrenched(np.full(6, 4.0)))
+        contract.observe(state(1))
+        contract.admit(moved())
+        contract.observe(state(2))
+        assert contract.admit(wrenched(np.full(6, 9.0))).wrench == pytest.approx(np.full(6, 5.0))
+
+    def test_after_a_hold_starts_torques_and_wrenches_from_zero(self):
+        contract = opened()
+        contract.lead(POSE)
+        for command in (wrenched(np.full(6, 4.0)), pushed(only(0, 7.0))):
+            contract.admit(command)
+            contract.observe(state(1))
+            contract.hold("asked")
+            contract.resume()
+        assert contract.admit(wrenched(np.full(6, 9.0))).wrench == pytest.approx(np.full(6, 5.0))
+        contract.observe(state(2))
+        contract.hold("asked")
+        contract.resume()
+        assert contract.admit(pushed(only(0, 9.0))).torque[0] == pytest.approx(7.8125)
+
+
+class TestLead:
+    def test_begins_streams_where_another_one_has_the_arm(self):
+        contract = SafetyContract(SPEC)
+        contract.lead(POSE + 0.01)
+        contract.observe(state())
+        assert np.array_equal(contract.setpoint, POSE + 0.01)
+        contract.observe(state(1))
+        assert np.array_equal(contract.setpoint, POSE + 0.01)
+        assert np.array_equal(contract.admit(moved(POSE + 0.01)).position, POSE + 0.01)
+
+    def test_rests(self):
+        contract, _ = TestHolding().speed_up()
+        contract.admit(moved(POSE + 0.3))
+        contract.hold("asked")
+        contract.lead(POSE)
+        contract.observe(state(13))
+        assert contract.standing
+        assert np.array_equal(contract.setpoint, POSE)
+
+    def test_is_not_needed(self):
+        contract = SafetyContract(SPEC)
+        contract.observe(state(position=POSE + 0.3))
+        assert np.array_equal(contract.setpoint, POSE + 0.3)
+
+
+class TestMemory:
+    def test_of_a_set_point_that_could_not_be_sent_is_forgotten(self):
+        contract = started(moved())
+        contract.observe(state(1))
+        first = contract.admit(moved(POSE + 0.01)).position
+        contract.withhold()
+        contract.observe(state(2))
+        assert np.array_equal(contract.setpoint, POSE)
+        assert np.array_equal(contract.admit(moved(POSE + 0.01)).position, first)
+
+    def test_can_be_saved_and_restored(self):
+        contract = started(moved())
+        saved = contract.save()
+        contract.hold("asked")
+        contract.restore(saved)
+        assert not contract.holding
+        contract.hold("asked")
+        contract.restore(saved)  # what was saved is no part of what goes on
+        assert not contract.holding
+
+    def test_restores_only_what_was_saved(self):
+        with pytest.raises(TypeError, match="expected what save"):
+            opened().restore({})
+
+
+def test_warming_up_needs_no_arm():
+    warm_up(SPEC)
+    warm_up(replace(SPEC, wrench_limits=None))
