@@ -19,21 +19,21 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from frozen_cases import CASES, FROZEN, STAGES, Case, values_of
+from frozen_cases import CASES, FROZEN, STAGES, values_of
 from frozen_values import SAME_MACHINE, Difference, differences, fingerprint
 
 _PLAIN_LIST = re.compile(r'\[\s+((?:[^][{}"]|"[^"\n]*")*?)\s+\]')
 
 
-def computed(case: Case) -> dict[str, Any]:
+def computed(name: str) -> dict[str, Any]:
     """Return the values of all stages of a case; the later ones start from what is identified."""
+    first, *later = STAGES
     with TemporaryDirectory() as made:
         folder = Path(made)
-        case.prepare(folder, None)
-        identified = values_of(case, "identify", folder)
-        case.prepare(folder, identified["sim"])
-        later = (stage for stage in STAGES if stage != "identify")
-        return {"identify": identified} | {s: values_of(case, s, folder) for s in later}
+        CASES[name].prepare(folder, None)
+        values = values_of(name, [first], folder)
+        CASES[name].prepare(folder, values[first]["sim"])
+        return values | values_of(name, later, folder)
 
 
 def as_text(content: dict[str, Any]) -> str:
@@ -54,10 +54,10 @@ def with_texts(frozen: Any, changes: list[Difference]) -> Any:
 
 def freeze(name: str, into: Path, *, texts: bool) -> str:
     """Write what is frozen of a case, and return what to say about it."""
-    path, case = into / f"{name}.json", CASES[name]
-    if case.absent:
-        return f"{name}: left as it is; no {', '.join(map(str, case.absent))}"
-    content = {"fingerprint": fingerprint(), "stages": computed(case)}
+    path, absent = into / f"{name}.json", CASES[name].absent
+    if absent:
+        return f"{name}: left as it is; no {', '.join(map(str, absent))}"
+    content = {"fingerprint": fingerprint(), "stages": computed(name)}
     if texts:
         content_now, content = content, json.loads(path.read_text(encoding="utf-8"))
         changes = differences(content["stages"], content_now["stages"], SAME_MACHINE)

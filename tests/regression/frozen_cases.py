@@ -12,6 +12,7 @@ import io
 import json
 import os
 import shutil
+import subprocess
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
@@ -23,13 +24,14 @@ import pinocchio
 import pyarrow.parquet as pq
 import yaml
 from frozen_values import OTHER_MACHINE, summary
+from numba.core.event import RecordingListener, install_listener
 from safetensors.numpy import load_file
 from threadpoolctl import threadpool_limits
 
 from limo_driver.cli import main
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
 DATA = Path(__file__).parent / "data"
 FROZEN = Path(__file__).parent / "frozen"
@@ -40,6 +42,7 @@ DELAY = 0.1  # [s], of the prediction from the past alone
 # what files and packages are at the time, which is not what was computed
 LEFT_OUT = ("sha256", "packages")
 
+_VALUES = "values.json"
 TERMINAL = {"COLUMNS": "200", "NO_COLOR": "1"}
 
 
@@ -273,21 +276,41 @@ STAGES: Mapping[str, Callable[[Case], dict[str, Any]]] = {
 }
 
 
-def values_of(case: Case, stage: str, folder: Path) -> dict[str, Any]:
-    """Return what the commands of a stage make, as JSON would hold it.
+def values_of(name: str, stages: Sequence[str], folder: Path) -> dict[str, Any]:
+    """Return what the commands of some stages make, by stage, as JSON would hold it.
 
-    BLAS and OpenMP keep to one thread, since the number of threads decides the order of sums.
+    They run in a process of their own, and once more in another if numba compiled anything there:
+    a process that compiles a function computes with other last digits than all later ones, which
+    load it from the cache. BLAS and OpenMP keep to one thread, since the number of threads decides
+    the order of sums.
 
     Args:
-        case: Whose files `prepare` has put into the folder.
-        stage: One of `STAGES`.
+        name: Of a case, whose files `prepare` has put into the folder.
+        stages: Of `STAGES`.
         folder: To run in.
     """
-    with chdir(folder), threadpool_limits(1):
-        made = json.dumps(STAGES[stage](case))
-    return json.loads(
-        made.replace(f"{folder.resolve()}/", "")
-    )  # where a robot's whole path is kept
+    for _ in ("compiling, perhaps", "computing"):
+        command = (sys.executable, __file__, name, str(folder), *stages)
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        if done.returncode:
+            raise CommandFailedError(command, done.returncode, done.stderr.strip())
+        made = json.loads((folder / _VALUES).read_text(encoding="utf-8"))
+        if not made["compiled"]:
+            break
+    return made["stages"]
+
+
+def _compute(name: str, place: str, *stages: str) -> None:
+    """Write values of stages, and the functions that were compiled for the cache on the way."""
+    listener = RecordingListener()
+    folder = Path(place).resolve()
+    with install_listener("numba:compile", listener), chdir(folder), threadpool_limits(1):
+        values = {stage: STAGES[stage](CASES[name]) for stage in stages}
+    dispatchers = [event.data["dispatcher"] for _, event in listener.buffer if event.is_start]
+    compiled = sorted({str(each) for each in dispatchers if each.stats.cache_path is not None})
+    text = json.dumps({"compiled": compiled, "stages": values}, indent=1)
+    text = text.replace(f"{folder}/", "")  # a model keeps the whole path of its robot
+    (folder / _VALUES).write_text(text, encoding="utf-8")
 
 
 def _yaml(path: str) -> Any:
@@ -307,3 +330,7 @@ def _computed(values: Any) -> Any:
     if isinstance(values, dict):
         return {key: _computed(item) for key, item in values.items() if key not in LEFT_OUT}
     return [_computed(item) for item in values] if isinstance(values, list) else values
+
+
+if __name__ == "__main__":
+    _compute(*sys.argv[1:])

@@ -24,27 +24,23 @@ pytestmark = pytest.mark.slow(why="all commands on six recordings: two minutes")
 
 
 @pytest.fixture(scope="module", params=CASES)
-def frozen(request, tmp_path_factory):
-    """Prepare one case, and read what is frozen of it."""
-    case = CASES[request.param]
-    if case.absent:
-        pytest.skip(f"no {case.absent[0]}; name the folder of real recordings in LIMO_DATA")
-    content = json.loads((FROZEN / f"{request.param}.json").read_text(encoding="utf-8"))
-    folder = tmp_path_factory.mktemp(request.param)
-    case.prepare(folder, content["stages"]["identify"]["sim"])
-    return case, content, folder
+def case(request, tmp_path_factory):
+    """Compute one case, and read what is frozen of it."""
+    name, made = request.param, CASES[request.param]
+    if made.absent:
+        pytest.skip(f"no {made.absent[0]}; name the folder of real recordings in LIMO_DATA")
+    frozen = json.loads((FROZEN / f"{name}.json").read_text(encoding="utf-8"))
+    folder = tmp_path_factory.mktemp(name)
+    made.prepare(folder, frozen["stages"]["identify"]["sim"])
+    return made, frozen, values_of(name, tuple(STAGES), folder)
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_what_the_commands_make_is_what_was_frozen(frozen, stage):
-    case, content, folder = frozen
-    same = content["fingerprint"] == fingerprint()
-    found = differences(
-        content["stages"][stage],
-        values_of(case, stage, folder),
-        SAME_MACHINE if same else case.tolerance_elsewhere(stage),
-        figures_in_texts=same,
-    )
+def test_what_the_commands_make_is_what_was_frozen(case, stage):
+    made, frozen, values = case
+    same = frozen["fingerprint"] == fingerprint()
+    tolerance = SAME_MACHINE if same else made.tolerance_elsewhere(stage)
+    found = differences(frozen["stages"][stage], values[stage], tolerance, figures_in_texts=same)
     worst = sorted(found, key=lambda item: -item.size)[:SHOWN]
     told = "\n".join(map(str, worst))
     assert not found, f"{len(found)} values differ, the most by:\n{told}"
