@@ -1,0 +1,89 @@
+"""Freeze what the commands make of six recordings: `python tests/regression/freeze.py`.
+
+    python tests/regression/freeze.py [--texts] [--into FOLDER] [CASE ...]
+
+Writes `frozen/CASE.json` for each case whose files are there. Do so only where numbers are meant
+to change, on a tree without other changes, and say in the commit why they change.
+
+--texts takes over sentences whose words changed and leaves everything else as it is; if anything
+else changed, or a figure in a sentence, it says so and writes nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from frozen_cases import CASES, FROZEN, STAGES, values_of
+from frozen_values import SAME_MACHINE, Difference, differences, fingerprint
+
+_PLAIN_LIST = re.compile(r'\[\s+((?:[^][{}"]|"[^"\n]*")*?)\s+\]')
+
+
+def computed(name: str) -> dict[str, Any]:
+    """Return the values of all stages of a case; the later ones start from what is identified."""
+    first, *later = STAGES
+    with TemporaryDirectory() as made:
+        folder = Path(made)
+        CASES[name].prepare(folder, None)
+        values = values_of(name, [first], folder)
+        CASES[name].prepare(folder, values[first]["sim"])
+        return values | values_of(name, later, folder)
+
+
+def as_text(content: dict[str, Any]) -> str:
+    """Return JSON with every list of plain values in one line, for the size and for reading."""
+    text = json.dumps(content, indent=1)
+    return _PLAIN_LIST.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
+
+
+def with_texts(frozen: Any, changes: list[Difference]) -> Any:
+    """Return frozen values with the new texts in the places of the old ones."""
+    for change in changes:
+        at = frozen
+        for step in change.place[:-1]:
+            at = at[step]
+        at[change.place[-1]] = change.new
+    return frozen
+
+
+def freeze(name: str, into: Path, *, texts: bool) -> str:
+    """Write what is frozen of a case, and return what to say about it."""
+    path, absent = into / f"{name}.json", CASES[name].absent
+    if absent:
+        return f"{name}: left as it is; no {', '.join(map(str, absent))}"
+    content = {"fingerprint": fingerprint(), "stages": computed(name)}
+    if texts:
+        content_now, content = content, json.loads(path.read_text(encoding="utf-8"))
+        changes = differences(content["stages"], content_now["stages"], SAME_MACHINE)
+        others = [change for change in changes if not change.of_text]
+        if others:
+            return "\n".join([f"{name}: left as it is; not of texts:", *map(str, others)])
+        with_texts(content["stages"], changes)
+    path.write_text(as_text(content), encoding="utf-8")
+    return f"{name}: frozen"
+
+
+def main() -> None:
+    """Freeze the cases that are named, or all."""
+    asked = argparse.ArgumentParser(description="Freeze what commands make of six recordings.")
+    asked.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; or all")
+    asked.add_argument("--texts", action="store_true", help="take over changed sentences only")
+    asked.add_argument("--into", type=Path, default=FROZEN, help="folder to write")
+    given = asked.parse_args()
+    unknown = sorted(set(given.cases) - set(CASES))
+    if unknown:
+        asked.error(f"no case is called {', '.join(unknown)}; known: {', '.join(CASES)}")
+    given.into.mkdir(parents=True, exist_ok=True)
+    for name in given.cases or CASES:
+        sys.stdout.write(freeze(name, given.into, texts=given.texts) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,225 @@
+"""Summaries of arrays, comparison of frozen values with new ones, and what machine made them.
+
+Two tolerances, both relative to the scale of a value. The scale of a number is its magnitude; in a
+list of numbers, lists in it included, it is the greatest magnitude of the whole list, for a
+component near zero says nothing about its own accuracy.
+
+`SAME_MACHINE`: where processor, BLAS kernels and packages are those that froze the values. There
+two runs agree to the last bit, and the tolerance only lets code be written in another order of
+sums.
+
+`OTHER_MACHINE`: elsewhere. BLAS picks its kernels by the processor, and numba compiles for it, so
+that sums are taken in another order and products are fused or not. Searches and fits pass such
+differences on, larger; where more than this was seen, a case says so, stage by stage. Texts are
+then compared without the figures in them, which are rounded values, and digests not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+import scipy.linalg  # noqa: F401  # brings a BLAS of its own, which the fingerprint names
+import torch
+from llvmlite.binding import get_host_cpu_name
+from threadpoolctl import threadpool_info
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+SAME_MACHINE = 1e-12  # of the scale
+OTHER_MACHINE = 1e-6  # of the scale
+
+PACKAGES = ("llvmlite", "mujoco", "numba", "numpy", "pin", "scipy", "torch")
+ZERO = 1e-14  # magnitude up to which a number is the rest of a difference
+
+LISTED = 8  # values of an array up to which all of them are listed
+BLOCKS = 4  # of consecutive values, of which the means are listed
+SAMPLES = 8  # values that are listed of a longer array
+
+_FIGURE = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?")
+
+
+def fingerprint() -> dict[str, Any]:
+    """Return what the last digits of a result depend on, beside the code."""
+    kernels = sorted(
+        f"{item['prefix']} {item['version']} {item.get('architecture', '')}".strip()
+        for item in threadpool_info()
+        if item["user_api"] == "blas"
+    )
+    return {
+        "processor": _processor(),
+        "compiled_for": numba.config.CPU_NAME or get_host_cpu_name(),
+        "blas": kernels,
+        "torch": torch.backends.cpu.get_cpu_capability(),
+        "packages": {name: version(name) for name in PACKAGES},
+    }
+
+
+def _processor() -> list[str]:
+    """Return name, family, model and stepping, as the kernel tells them."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return []
+    told = ("model name", "cpu family", "model", "stepping")
+    found = (re.search(rf"^{key}\s*:\s*(.*)$", text, re.MULTILINE) for key in told)
+    return [match[1] for match in found if match]
+
+
+def summary(array: NDArray[Any]) -> dict[str, Any]:
+    """Return the digest of an array, figures over all of its values, and some of them.
+
+    Args:
+        array: Of numbers or truth values, any shape; what is not a number is counted.
+    """
+    flat = np.asarray(array).ravel()
+    held = flat.astype(np.float64)
+    held = held[np.isfinite(held)]
+    told: dict[str, Any] = {
+        "shape": list(np.shape(array)),
+        "dtype": str(flat.dtype),
+        "digest": hashlib.sha256(np.ascontiguousarray(flat).tobytes()).hexdigest(),
+        "finite": held.size,
+    }
+    if held.size <= LISTED:
+        return told | {"values": held.tolist()}
+    return told | {
+        "extremes": [float(held.min()), float(held.max())],
+        "rms": math.sqrt(float(np.mean(held**2))),
+        "means": [float(block.mean()) for block in np.array_split(held, BLOCKS)],
+        "samples": held[np.linspace(0, held.size - 1, SAMPLES).astype(int)].tolist(),
+    }
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One value that is not what was frozen.
+
+    Args:
+        place: Keys and indices that lead to it.
+        frozen: What it was.
+        new: What it is.
+        size: Relative to the scale, for numbers; else infinite.
+    """
+
+    place: tuple[str | int, ...]
+    frozen: Any
+    new: Any
+    size: float = math.inf
+
+    def __str__(self) -> str:
+        where = "/".join(map(str, self.place))
+        by = f" ({self.size:.1e} of its scale)" if math.isfinite(self.size) else ""
+        return f"{where}: was {_short(self.frozen)}, is {_short(self.new)}{by}"
+
+    @property
+    def of_text(self) -> bool:
+        """Return whether only the words of a sentence differ; a name has no space in it."""
+        both = isinstance(self.frozen, str) and isinstance(self.new, str)
+        return (
+            both
+            and " " in self.frozen
+            and _FIGURE.findall(self.frozen) == _FIGURE.findall(self.new)
+        )
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 120 else f"{text[:117]}..."
+
+
+def differences(
+    frozen: Any, new: Any, tolerance: float, *, figures_in_texts: bool = True
+) -> list[Difference]:
+    """Return every value that is not what was frozen, in order.
+
+    Args:
+        frozen: What JSON holds: mappings, lists, texts, numbers, truth values, None.
+        new: The same.
+        tolerance: Of numbers, relative to their scale.
+        figures_in_texts: Whether texts have to agree in their figures, too.
+    """
+    return list(_Comparison(tolerance, figures_in_texts).of(frozen, new, (), None))
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    tolerance: float
+    figures_in_texts: bool
+
+    def of(
+        self, frozen: Any, new: Any, place: tuple[str | int, ...], scale: float | None
+    ) -> Iterator[Difference]:
+        if isinstance(frozen, dict) and isinstance(new, dict):
+            yield from self._of_mappings(frozen, new, place)
+        elif isinstance(frozen, list) and isinstance(new, list):
+            yield from self._of_lists(frozen, new, place, scale)
+        elif isinstance(frozen, float) and _is_number(new):
+            yield from self._of_numbers(frozen, new, place, scale)
+        elif isinstance(frozen, str) and isinstance(new, str) and not self.figures_in_texts:
+            if _FIGURE.sub("#", frozen) != _FIGURE.sub("#", new):
+                yield Difference(place, frozen, new)
+        elif type(frozen) is not type(new) or frozen != new:
+            yield Difference(place, frozen, new)
+
+    def _of_mappings(
+        self, frozen: Mapping[str, Any], new: Mapping[str, Any], place: tuple[str | int, ...]
+    ) -> Iterator[Difference]:
+        if list(frozen) != list(new):
+            yield Difference(place, list(frozen), list(new))
+            return
+        if "digest" in frozen and frozen == new:
+            return
+        for key in frozen:
+            if key != "digest":  # where it differs, figures and samples say by how much
+                yield from self.of(frozen[key], new[key], (*place, key), None)
+
+    def _of_lists(
+        self,
+        frozen: Sequence[Any],
+        new: Sequence[Any],
+        place: tuple[str | int, ...],
+        scale: float | None,
+    ) -> Iterator[Difference]:
+        if len(frozen) != len(new):
+            yield Difference(place, frozen, new)
+            return
+        scale = _scale(frozen) if scale is None else scale
+        for index, (was, now) in enumerate(zip(frozen, new, strict=True)):
+            yield from self.of(was, now, (*place, index), scale)
+
+    def _of_numbers(
+        self, frozen: float, new: float, place: tuple[str | int, ...], scale: float | None
+    ) -> Iterator[Difference]:
+        if frozen == new or (math.isnan(frozen) and math.isnan(new)):
+            return
+        if max(abs(frozen), abs(new)) <= ZERO:
+            return
+        scale = abs(frozen) if scale is None else scale
+        size = abs(new - frozen) / scale if scale and math.isfinite(scale) else math.inf
+        if not size <= self.tolerance:
+            yield Difference(place, frozen, new, size)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _scale(values: Sequence[Any]) -> float:
+    """Return the greatest magnitude of numbers in a list, lists in it included."""
+    sizes = [
+        _scale(item) if isinstance(item, list) else abs(item)
+        for item in values
+        if isinstance(item, list) or (_is_number(item) and math.isfinite(item))
+    ]
+    return max(sizes, default=0.0)
