@@ -169,7 +169,7 @@ class Features:
             np.ascontiguousarray(motion.velocity),
             np.ascontiguousarray(motion.acceleration),
             np.ascontiguousarray(rigid_body_torque),
-            deflection,
+            np.ascontiguousarray(deflection),
             self._constants,
             self._places,
             len(self.stop_widths),

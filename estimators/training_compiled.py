@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 import torch
 from threadpoolctl import ThreadpoolController
 
@@ -13,7 +14,6 @@ from estimators.training_passes import LARGEST_GRADIENT, RowPasses
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
     from numpy.typing import NDArray
     from torch import Tensor
 
@@ -55,6 +55,7 @@ class CompiledRowPasses(RowPasses):
 
     def _mean(self, rows: NDArray[np.int64], loss: Callable[[NDArray[np.int64]], float]) -> float:
         """Return the mean of the loss over all rows in whole batches, and the rest in one."""
+        rows = np.ascontiguousarray(rows)  # others would be compiled for, too
         whole = len(rows) // self.batch * self.batch
         pieces = rows[:whole].reshape(-1, self.batch), rows[whole:].reshape(1, -1)
         total = sum(loss(piece) * piece.size for piece in pieces if piece.size)

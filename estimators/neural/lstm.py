@@ -175,7 +175,7 @@ def _scan(
     return y
 
 
-@compiled(nogil=True)
+@compiled(inline="always")
 def _part(packed: FloatArray, start: int, g: int, rows: int, columns: int) -> FloatArray:
     """Return the matrix of part g of a weight (G, rows, columns) that begins at `start`."""
     first = start + g * rows * columns

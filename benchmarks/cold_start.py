@@ -1,0 +1,189 @@
+"""What each command compiles on a fresh machine, and how long it takes to get going.
+
+    python benchmarks/cold_start.py [run identify ...]
+
+Each command runs in a process of its own, first with an empty cache of machine code and then with
+what the first one left. Beside the time to its first sign of life (the first command to an arm, the
+first estimate's service, the first stage) stands the bar, for two idle cores; the last lines name
+functions that were compiled for more than one signature by all commands together.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from service_processes import ARM, Driver, Motion, configurations
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+COLD = {"run": 8.0, "serve": 15.0, "diagnose": 8.0}  # [s], bars
+WARM = {"run": 2.0, "serve": 2.0, "help": 0.35}
+SIGN = {"run": "first cycle", "serve": "serving", "diagnose": "first stage"}  # else the end
+ROUNDS = 3  # warm; the best counts, the others met other work
+SIM = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
+# Inside the process: note the first sign of life, and at the end what was compiled.
+CHILD = """
+import atexit, json, os, sys, time
+from limo_driver import compilation, cli
+begun, where, noted = float(os.environ["BEGUN"]), os.environ["NOTES"], {}
+def note(*_):
+    noted.setdefault("sign", time.time() - begun)
+def before(owner, name, place=None):
+    own = getattr(owner, name)
+    def noting(*given, **named):
+        if place is None:
+            note()
+            return own(*given, **named)
+        tell = given[place]
+        changed = lambda *stage: (note(), tell(*stage))
+        return own(*given[:place], changed, *given[place + 1:], **named)
+    setattr(owner, name, noting)
+if sys.argv[1] == "run":
+    from limo_driver.robot import Robot
+    before(Robot, "send")
+if sys.argv[1] == "diagnose":
+    from limo_driver.cli import diagnose
+    before(diagnose, "_diagnose", 3)
+def write():
+    last = compilation.current()
+    if last is not None:
+        noted.update(functions=last.done, seconds=last.seconds)
+    with open(where, "w") as file:
+        json.dump(noted, file)
+atexit.register(write)
+cli.main()
+"""
+
+
+@dataclass(frozen=True)
+class Start:
+    """How one process got going."""
+
+    functions: int  # compiled
+    compiling: float  # [s]
+    sign: float  # [s] to its first sign of life
+    end: float  # [s]
+
+
+def commands(folder: Path) -> dict[str, list[str]]:
+    """Return the arguments of each command; each needs what those before it wrote."""
+    motion, recording, sim = folder / "t.parquet", folder / "r.parquet", folder / "sim.yaml"
+    given: dict[str, list[Any]] = {
+        "help": ["--help"],
+        "plan": ["plan", "--scaffolds", 2, "--seed", 3, "--out", motion],
+        "run": [
+            "run", "--backend", "mujoco", "--trajectory", motion, "--sim", SIM,
+            "--record", recording, "--json",
+        ],
+        "identify": ["identify", recording, "--robot", "iiwa14", "--out", sim],
+        "train": [
+            "train", recording, "--sim", sim, "--model", "joint-physics", "--out", folder / "model",
+        ],
+        "serve": ["serve", "--arm", ARM, "--model", folder / "model", "--json", "--duration", 20],
+        "diagnose": ["diagnose", recording, "--sim", sim, "--out", folder / "diagnosis"],
+        "excite": [
+            "excite", "--duration", 10, "--harmonics", 2, "--iterations", 3, "--starts", 2,
+            "--out", folder / "e.parquet",
+        ],
+    }  # fmt: skip
+    return {name: list(map(str, words)) for name, words in given.items()}
+
+
+def started(words: Sequence[str], folder: Path, cache: Path) -> Start:
+    """Run a command and return how it got going; `serve` is stopped once it serves."""
+    notes = folder / "notes.json"
+    notes.unlink(missing_ok=True)
+    begun = time.time()
+    settings = {"BEGUN": str(begun), "NOTES": str(notes), "NUMBA_CACHE_DIR": str(cache)}
+    with ExitStack() as open_:
+        if words[0] == "serve":
+            words = [*words, "--zenoh-config", str(_driven(folder, open_))]
+        child = subprocess.Popen(
+            [sys.executable, "-c", CHILD, *words],
+            env=os.environ | settings,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        serving = 0.0
+        for line in child.stdout or ():
+            if words[0] == "serve" and '"serving"' in line and not serving:
+                serving = time.time() - begun
+                child.terminate()
+        child.wait()
+    noted = json.loads(notes.read_text())
+    end = time.time() - begun
+    sign = serving or noted.get("sign", end)
+    return Start(noted.get("functions", 0), noted.get("seconds", 0.0), sign, end)
+
+
+def _driven(folder: Path, open_: ExitStack) -> Path:
+    """Have an arm publish its states; return the configuration by which it is reached."""
+    import zenoh
+
+    here, there = configurations(folder)
+    session = open_.enter_context(zenoh.open(zenoh.Config.from_file(here)))
+    open_.enter_context(Driver(session, Motion(folder / "model"), rate=100.0))
+    return there
+
+
+def several_signatures(cache: Path) -> dict[str, int]:
+    """Return the functions that were compiled more than once, and how often."""
+    counts = Counter(path.name.rsplit("-", 2)[0] for path in cache.rglob("*.code"))
+    return {name: count for name, count in sorted(counts.items()) if count > 1}
+
+
+def main(
+    only: Annotated[
+        list[str] | None, typer.Argument(help="Commands to show; the others only prepare.")
+    ] = None,
+) -> None:
+    """Print the table."""
+    table = Table(title="seconds; in brackets: the bar")
+    for title in ("command", "compiled", "compiling", "until", "cold", "warm", "cold end", "end"):
+        table.add_column(title, justify="left" if title in {"command", "until"} else "right")
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        for command, words in commands(folder).items():
+            if only and command not in only and command in {"help", "serve", "diagnose", "excite"}:
+                continue
+            cold = started(words, folder, folder / f"cache_{command}")
+            if only and command not in only:
+                continue
+            warm = min(
+                (started(words, folder, folder / f"cache_{command}") for _ in range(ROUNDS)),
+                key=lambda start: start.sign,
+            )
+            table.add_row(
+                command, str(cold.functions), f"{cold.compiling:.1f}", SIGN.get(command, "end"),
+                f"{cold.sign:.1f}{_bar(COLD, command)}", f"{warm.sign:.2f}{_bar(WARM, command)}",
+                f"{cold.end:.1f}", f"{warm.end:.1f}",
+            )  # fmt: skip
+        Console().print(table)
+        shared = folder / "shared"
+        for path in folder.glob("cache_*/limo/*.code"):
+            shared.mkdir(exist_ok=True)
+            path.replace(shared / path.name)
+        print("compiled for more than one signature:", several_signatures(shared) or "none")
+
+
+def _bar(bars: dict[str, float], command: str) -> str:
+    return f" [{bars[command]:g}]".replace("[", r"\[") if command in bars else ""
+
+
+if __name__ == "__main__":
+    typer.run(main)
