@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import limo_driver
 
 ROOT = Path(limo_driver.__file__).parents[1]
@@ -25,6 +27,7 @@ print(json.dumps(signatures()))
 """
 
 
+@pytest.mark.slow("compiles all that seven commands compile")
 def test_commands_compile_each_function_for_one_signature(tmp_path):
     run = ("run", "--trajectory", "t.parquet", "--duration", "6", "--sim", str(SIM), "--json")
     train = ("train", "r.parquet", "--sim", "sim.yaml", "--folds", "1", "--features", "drive")
