@@ -120,7 +120,7 @@ def main() -> None:
     parser.add_argument("--quiet", type=int, default=5, help="runs without busy loops")
     parser.add_argument("--busy", type=int, default=5, help="runs beside busy loops")
     parser.add_argument("--loops", type=int, default=4, help="busy loops beside each of those")
-    parser.add_argument("--keep", action="store_true", help="keep the folders of failed runs")
+    parser.add_argument("--keep", action="store_true", help="keep the folders of all runs")
     given = parser.parse_args()
     loads = " ".join(f"{load:.1f}" for load in os.getloadavg())
     print(f"{os.cpu_count()} CPUs, load before {loads}; bar {BAR:g} s without busy loops")
@@ -132,7 +132,7 @@ def main() -> None:
         verdict = "no" if one.failures else "yes"
         print(f"{len(runs):3d}  {loops:10d}  {one.install:11.0f}  {one.demo:8.0f}  {verdict:6}  "
               f"{'; '.join(one.failures) or '-'}", flush=True)  # fmt: skip
-        if one.failures and given.keep:
+        if given.keep:
             print(f"     kept in {folder}")
         else:
             shutil.rmtree(folder)

@@ -17,12 +17,10 @@ from limo_driver.cli.serve.options import (
     retraining_of,
     stores_of,
 )
-from limo_driver.cli.serve.showing import status_printer, teller
+from limo_driver.cli.serve.showing import Bulletins, status_printer
 from limo_driver.network_options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
-    import zenoh
-
     from estimators.service.arm_server import ArmServer
     from estimators.service.settings import RetrainingSettings
     from limo_driver.mcap_log import McapLog
@@ -157,11 +155,11 @@ def command(
             --connect tcp/127.0.0.1:7447
         limo serve --arm left=models/left --arm right=models/right
     """
-    from estimators.service.bulletin import Bulletin
+    from limo_driver import compilation
     from limo_driver.errors import ConfigError
     from limo_driver.readiness import ServicePhase
     from limo_driver.ros import RosTopic
-    from limo_driver.streaming import Keys, Presence
+    from limo_driver.streaming import Presence
 
     topic = None if ros is None else RosTopic(ros, ros_domain)
     if topic is not None and config is not None:
@@ -175,23 +173,13 @@ def command(
         raise ConfigError(f"--ros is the topic of one arm, and {len(stores)} are to be served")
     limits = log_limits(log_size, log_age, len(stores))
     retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
-    bulletins = {
-        name: Bulletin(Keys(name), teller(name if len(stores) > 1 else None, as_json=as_json))
-        for name in stores
-    }
-
-    def join(session: zenoh.Session) -> None:
-        for bulletin in bulletins.values():
-            bulletin.join(session)
-
-    def enter(phase: ServicePhase, text: str) -> None:
-        for bulletin in bulletins.values():
-            bulletin.enter(phase, text)
-
-    enter(ServicePhase.LOADING, "models and physics are loaded")
+    bulletins = Bulletins(list(stores), as_json=as_json)
+    bulletins.enter(ServicePhase.LOADING, "models and physics are loaded")
     with ExitStack() as open_:
         ends = connect or (), listen or (), config
-        presence = open_.enter_context(Presence(list(stores), "service", *ends, joined=join))
+        presence = open_.enter_context(
+            Presence(list(stores), "service", *ends, joined=bulletins.join)
+        )
         # While links come about, what the first estimates need is imported and loaded; nearly all
         # of that stays, so that looking for garbage in it would only take time.
         gc.disable()
@@ -211,19 +199,18 @@ def command(
             contact_duration=per_joint("--contact-for", contact_for, "s", arms),
         )
         presence.check()  # rather than after the rehearsal
-        enter(
-            ServicePhase.COMPILING,
-            "what the first estimate needs is compiled, or read from the cache",
-        )
-        for models in arms.values():
-            rehearse(models, settings)
+        text = "what the first estimate needs is compiled, or read from the cache"
+        bulletins.enter(ServicePhase.COMPILING, text)
+        with compilation.told(bulletins.tell_compiled):
+            for models in arms.values():
+                rehearse(models, settings)
         session = presence.session()
         servers: list[ArmServer] = []
         for name, models in arms.items():
             kept = None if log is None else McapLog(log, name, limits)
             if kept is not None:
                 open_.callback(_close, kept)
-            servers.append(ArmServer(session, bulletins[name], models, settings, kept, topic))
+            servers.append(ArmServer(session, bulletins.of[name], models, settings, kept, topic))
             open_.callback(servers[-1].close)
             if retraining is not None:
                 _keep(servers[-1], log, retraining)

@@ -8,9 +8,52 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    import zenoh
+
+    from limo_driver.compilation import Compilation
     from limo_driver.messages import Event
+    from limo_driver.readiness import ServicePhase
+
+
+class Bulletins:
+    """What a service tells of all its arms, from before it is on the network.
+
+    Args:
+        arms: Their names.
+        as_json: Print events as JSON.
+    """
+
+    def __init__(self, arms: Sequence[str], *, as_json: bool) -> None:
+        from estimators.service.bulletin import Bulletin
+        from limo_driver.streaming import Keys
+
+        several = len(arms) > 1
+        self.of = {
+            arm: Bulletin(Keys(arm), teller(arm if several else None, as_json=as_json))
+            for arm in arms
+        }
+        self._state = ""
+
+    def join(self, session: zenoh.Session) -> None:
+        """Publish from now on, and what was told before."""
+        for bulletin in self.of.values():
+            bulletin.join(session)
+
+    def enter(self, phase: ServicePhase, text: str, state: str = "") -> None:
+        """Tell how far the service of every arm is."""
+        self._state = state
+        for bulletin in self.of.values():
+            bulletin.enter(phase, text, state=state)
+
+    def tell_compiled(self, how_far: Compilation) -> None:
+        """Let the status say how much is compiled."""
+        from limo_driver.readiness import ServicePhase
+
+        state = f"compiling, {how_far.done} of at most {how_far.most} functions done"
+        if state != self._state:
+            self.enter(ServicePhase.COMPILING, "more is compiled", state)
 
 
 def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
