@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from backends.fri.wire_limits import WireLimits, numbers
 from limo_driver.types import JointLimits, RobotSpec, WrenchLimits
 
-some = settings(derandomize=True, deadline=None, max_examples=50)
+some = settings(max_examples=50)
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 PERIOD = 0.004  # [s]
 LIMITS = JointLimits(

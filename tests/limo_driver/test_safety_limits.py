@@ -35,7 +35,7 @@ from hypothesis import strategies as st
 from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
 from limo_driver.safety import SafetyContract, check_readable
 
-some = settings(derandomize=True, deadline=None, max_examples=40)
+some = settings(max_examples=40)
 each_joint = pytest.mark.parametrize("j", range(3))
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 each_kind = pytest.mark.parametrize("kind", COMMANDS)
