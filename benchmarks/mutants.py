@@ -301,6 +301,9 @@ def main(
     sample: Annotated[int, typer.Option(help="Mutants of each file; 0 for all.")] = 0,
     seed: Annotated[int, typer.Option(help="Of the sample.")] = 1,
     factor: Annotated[float, typer.Option(help="By which numbers are changed.")] = 3.0,
+    part: Annotated[
+        str, typer.Option(help="For example 1/4: every fourth, from the first.")
+    ] = "1/1",
     lines: Annotated[str, typer.Option(help="Only of lines that hold this.")] = "",
     processes: Annotated[int, typer.Option(help="Tests that run at once.")] = 2,
 ) -> None:
@@ -311,7 +314,8 @@ def main(
     for name in (name for name in TESTS if file in name):
         mutants = Finder(name, (ROOT / name).read_text(), factor).found
         reasons = listed(name, mutants)
-        mutants = [mutant for mutant in mutants if lines in mutant.line]
+        first, parts = map(int, part.split("/"))
+        mutants = [mutant for mutant in mutants if lines in mutant.line][first - 1 :: parts]
         if 0 < sample < len(mutants):
             mutants = random.Random(seed).sample(mutants, sample)  # noqa: S311  # no secret
             mutants.sort(key=lambda mutant: mutant.start)

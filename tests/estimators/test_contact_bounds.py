@@ -120,7 +120,7 @@ class TestEnd:
     def test_keeps_the_largest_torque(self, j, sign):
         watchdog, count = leaning(j, sign)
         peak = -sign * 3 * THRESHOLD[j]
-        torques = [sign * 2.5 * THRESHOLD[j], peak, sign * 2.9 * THRESHOLD[j], *[0.0] * 20]
+        torques = [sign * 2.5 * THRESHOLD[j], peak, -peak, sign * 2.9 * THRESHOLD[j], *[0.0] * 20]
         ((_, contact),) = pushed(watchdog, j, torques, first=count)
         assert contact.torque == peak
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from backends.fri import messages
 from backends.fri.session import Order, Session
 
-some = settings(derandomize=True, deadline=None, max_examples=50)
+some = settings(max_examples=50)
 MODULUS = 2**32
 BEGAN = 1_700_000_000 * 10**9  # [ns]
 

@@ -35,7 +35,7 @@ from hypothesis import strategies as st
 from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
 from limo_driver.safety import SafetyContract, check_readable
 
-some = settings(derandomize=True, deadline=None, max_examples=40)
+some = settings(max_examples=40)
 each_joint = pytest.mark.parametrize("j", range(3))
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 each_kind = pytest.mark.parametrize("kind", COMMANDS)
@@ -235,10 +235,10 @@ class TestExpiry:
             assert contract.holding == held
 
     def test_rounding_of_time_is_a_nanosecond(self):
-        for late, held in ((0.5e-9, False), (0.9e-9, False), (1.1e-9, True), (2e-9, True)):
+        for late, held in ((0.5e-9, 0), (0.9e-9, 0), (1e-9, 0), (1.1e-9, 1), (2e-9, 1)):
             contract = started(moved(valid_for=0.125))
             contract.observe(state(1, time=0.125 + late))
-            assert contract.holding == held, late
+            assert contract.holding == bool(held), late
 
     def test_counts_from_the_last_command_and_not_the_first(self):
         contract = started(moved(valid_for=0.0625))

@@ -106,19 +106,20 @@ class TestHolding:
             contract.observe(state(cycle))
             assert np.array_equal(contract.stand_in().position, POSE)
 
-    def speed_up(self, cycles=12):
+    def speed_up(self, cycles=12, way=(0.3, 0.3, 0.3)):
         """Return a contract in motion, in a cycle without a command yet, and what was sent."""
         contract, sent = opened(), [POSE, POSE]
         for cycle in range(cycles):
             contract.observe(state(cycle, sent[-1]))
-            sent.append(contract.admit(moved(POSE if not cycle else POSE + 0.3)).position)
+            sent.append(contract.admit(moved(np.add(POSE, way) if cycle else POSE)).position)
         contract.observe(state(cycles, sent[-1]))
         return contract, sent
 
     @pytest.mark.parametrize("resumed", [False, True])
-    def test_brakes_within_the_limits_and_as_fast_as_they_allow(self, resumed):
-        contract, sent = self.speed_up()
-        fastest = (sent[-1] - sent[-2]) / PERIOD
+    @pytest.mark.parametrize("way", [(0.3, 0.3, 0.3), (0.3, 0.0, 0.0), (0.0, 0.0, -0.3)])
+    def test_brakes_within_the_limits_and_as_fast_as_they_allow(self, resumed, way):
+        contract, sent = self.speed_up(way=way)
+        fastest = np.abs(sent[-1] - sent[-2]) / PERIOD
         contract.hold("asked")
         cycles = 0
         while not contract.standing:
@@ -139,8 +140,9 @@ class TestHolding:
         sent.append(contract.stand_in().position)
         assert_kept(np.array(sent))
 
-    def test_while_braking_a_stream_goes_on_from_the_set_point(self):
-        contract, sent = self.speed_up()
+    @pytest.mark.parametrize("way", [(0.3, 0.3, 0.3), (0.0, 0.0, -0.3)])
+    def test_while_braking_a_stream_goes_on_from_the_set_point(self, way):
+        contract, sent = self.speed_up(way=way)
         contract.hold("asked")
         contract.resume()
         for cycle in range(13, 60):

@@ -25,12 +25,12 @@ from limo_driver.setpoints import (
 from limo_driver.types import JointLimits
 
 PERIOD = 0.004  # [s]
-# One joint is slow, one quick, and of two the range has zero outside.
+# One joint is slow and soon at speed, one quick and late, and of two the range has zero outside.
 LIMITS = JointLimits(
     position_min=np.array([-1.0, 0.5, -3.0]),
     position_max=np.array([1.5, 4.0, -0.1]),
-    velocity=np.array([0.3, 3.0, 1.0]),
-    acceleration=np.array([2.0, 20.0, 10.0]),
+    velocity=np.array([0.3, 5.0, 1.0]),
+    acceleration=np.array([25.0, 20.0, 10.0]),
     jerk=np.full(3, 1e3),
     torque=np.ones(3),
     torque_rate=np.ones(3),
@@ -40,7 +40,7 @@ MIDDLE = np.array([0.25, 2.25, -1.5])
 ZERO = np.zeros(3)
 JUST = 1e-7  # relative; less than what rounding is allowed
 ROUNDING = 1e-6  # relative, as the module says: a set-point this close to a limit keeps it
-some = settings(derandomize=True, deadline=None, max_examples=40)
+some = settings(max_examples=40)
 each_joint = pytest.mark.parametrize("j", range(3))
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 
@@ -240,10 +240,10 @@ class TestOneTarget:
         assert fewest <= reached <= fewest + 2
 
     @each_way
-    @pytest.mark.parametrize("share", [0.2, 0.5, 0.7])
+    @pytest.mark.parametrize("share", [0.2, 0.4, 0.6])
     def test_that_moves_is_caught_up_with_and_then_followed_exactly(self, j, sign, share):
         speed = sign * share * LIMITS.velocity[j]
-        T = int(min(400, 0.9 / abs(speed) / PERIOD))
+        T = int(min(400, 1.2 / abs(speed) / PERIOD))
         targets = MIDDLE + np.arange(1, T + 1)[:, None] * only(j, speed * PERIOD)
         path, speeds, met = run(targets)
         assert_kept(path, speeds)
