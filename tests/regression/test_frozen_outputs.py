@@ -20,7 +20,7 @@ from frozen_values import SAME_MACHINE, differences, fingerprint
 
 SHOWN = 20  # differences of a stage
 
-pytestmark = pytest.mark.slow(why="all commands on six recordings: two minutes")
+pytestmark = pytest.mark.slow("runs four commands on each of six recordings")
 
 
 @pytest.fixture(scope="module", params=CASES)
