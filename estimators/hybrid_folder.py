@@ -12,8 +12,8 @@ from estimators.hybrid import FittedNetwork, HybridModel
 from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from estimators.neural import NETWORKS
 from estimators.scaling import InputScaling, Scaling
-from limo_driver.data_gate import RATES
 from limo_driver.errors import ModelStoreError
+from limo_driver.recorded_time import RATES
 
 if TYPE_CHECKING:
     from pathlib import Path

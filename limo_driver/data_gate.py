@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.held_values import held_position, held_torque
+from limo_driver.recorded_time import RATES, unit_of
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
@@ -23,7 +24,6 @@ Mask = NDArray[np.bool_]
 
 FEWEST_SAMPLES = 20
 SHORTEST = 0.5  # [s]
-RATES = (27.0, 5500.0)  # [Hz], 30 Hz to 5 kHz with a tenth of margin
 LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpolated over less
 LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
 SHORTEST_PIECE = 0.2  # [s] between two gaps, in which a low-pass of 2.5 Hz can settle
@@ -301,8 +301,10 @@ class _Gate:
         duration = float(np.ptp(self.time))
         rate = 1.0 / float(np.median(np.diff(self.time)))
         if not RATES[0] <= rate <= RATES[1]:
+            unit = unit_of(1.0 / rate)
+            hint = f"; is the time in {unit}, with steps of {1 / rate:.4g}?" if unit else ""
             raise RecordingError(
-                f"is sampled at {rate:.4g} Hz, expected 30 to 5000 Hz; is the time in seconds?"
+                f"is sampled at {rate:.4g} Hz, expected 30 to 5000 Hz and time in seconds{hint}"
             )
         if duration < SHORTEST:
             raise RecordingError(f"lasts {duration:.3g} s, expected at least {SHORTEST:g} s")

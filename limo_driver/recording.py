@@ -12,6 +12,7 @@ import numpy as np
 from limo_driver.data_gate import Columns, LeftOut, contiguous, inspect
 from limo_driver.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.recorded_time import seconds
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
 if TYPE_CHECKING:
@@ -89,16 +90,20 @@ class Recording:
     ) -> Recording:
         """Check arrays as `load` checks a file; shapes and units as in the class.
 
+        Time may also be dates, or whole micro- or nanoseconds; `warnings` then says so.
+
         Raises:
             RecordingError: The data cannot be used.
             ShapeError: An array has another shape than the positions.
         """
+        counted, taken = _seconds(time)
         columns = Columns(
-            _numbers("time", time),
+            counted,
             _numbers("position", position),
             _numbers("torque", torque),
             None if velocity is None else _numbers("velocity", velocity),
             {name: _numbers(name, values) for name, values in (extras or {}).items()},
+            warnings=(taken,) if taken else (),
         )
         by_name = {"torque": columns.torque, "velocity": columns.velocity, **columns.extras}
         _check_shapes(columns.time, columns.position, by_name)
@@ -306,6 +311,11 @@ def _numbers(name: str, values: ArrayLike) -> FloatArray:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise RecordingError(f"{name} is no array of real numbers: {type(values)}") from None
+
+
+def _seconds(time: ArrayLike) -> tuple[FloatArray, str]:
+    values = np.asarray(time)
+    return seconds(values) if values.dtype.kind in "iumM" else (_numbers("time", time), "")
 
 
 def _check_shapes(

@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from limo_driver.data_gate import Columns
 from limo_driver.errors import RecordingError
+from limo_driver.recorded_time import seconds
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -55,13 +56,14 @@ def read_columns(path: Path) -> Columns:
     if partial:
         warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
     header, unread = _header(table)
+    time, taken = _time(table, path)
     return Columns(
-        time=_values(table, "time", path),
+        time=time,
         position=arrays.pop("position"),
         torque=arrays.pop("torque"),
         velocity=arrays.pop("velocity", None),
         extras=arrays,
-        warnings=warnings + unread,
+        warnings=warnings + taken + unread,
         robot=str(header.get("robot") or ""),
         torque_resolution=_per_joint(header.get("torque_resolution"), n),
     )
@@ -182,6 +184,18 @@ def _shorten(names: list[str], most: int = 8) -> str:
 
 def _stack(table: pa.Table, names: list[str], path: Path) -> FloatArray:
     return np.stack([_values(table, name, path) for name in names], axis=1)
+
+
+def _time(table: pa.Table, path: Path) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the time (T,) [s], and a warning where the file has it in another unit."""
+    column = table["time"]
+    dated = pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type)
+    if not (dated or pa.types.is_integer(column.type)):
+        return _values(table, "time", path), ()
+    known = column.is_valid().to_numpy().astype(bool)
+    values = (column if dated else column.fill_null(0)).to_numpy()
+    time, taken = seconds(values, known)
+    return time, (taken,) if taken else ()
 
 
 def _values(table: pa.Table, name: str, path: Path) -> FloatArray:

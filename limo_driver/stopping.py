@@ -8,23 +8,28 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from _thread import interrupt_main
-from typing import TYPE_CHECKING
+import time
+from _thread import get_ident, start_new_thread
 
+TYPE_CHECKING = False  # as in `typing`, which would have to be imported
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from types import FrameType, TracebackType
-    from typing import Self
+    from typing import NoReturn, Self
 
 _SAID = "limo: interrupted\n"
 _PROGRAMS = ("__main__", "runpy")  # where a program begins; `runpy` with `python -m`
+_IMPORTING = {"importlib._bootstrap", "_frozen_importlib"}  # the same, before and after it is named
+_SOON = 0.01  # [s]
 
 
 class Stopping:
     """Whether Ctrl-C was pressed, and the one line and exit status that answer it.
 
-    A `KeyboardInterrupt` may come out of an import as another error, may be lost in a callback that
-    cannot raise, and finds nobody to catch it once the main program is over. So it is noted, asked
-    for again where it was lost, and answered at once when the interpreter is on its way out.
+    A `KeyboardInterrupt` may come out of an import as another error, may be lost in a callback or
+    in the import of a compiled module, and finds nobody to catch it once the main program is over.
+    So it is noted, raised again where it was lost, and answered at once when the interpreter is on
+    its way out.
 
     Args:
         status: Exit status of an interrupted command.
@@ -33,6 +38,7 @@ class Stopping:
     def __init__(self, status: int) -> None:
         self.status = status
         self.asked = False
+        self.over = False
         self._lost = sys.unraisablehook
 
     def __enter__(self) -> Self:
@@ -51,28 +57,43 @@ class Stopping:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self.over = True
         sys.unraisablehook = self._lost
+        if self in sys.meta_path:
+            sys.meta_path.remove(self)
         well = error is None or (isinstance(error, SystemExit) and not error.code)
         if self.asked and not well:  # a command that ends well by Ctrl-C says so itself
             sys.stderr.write(_SAID)
             raise SystemExit(self.status) from None
 
+    def find_spec(self, *_: object) -> NoReturn:
+        """Refuse the next import, where Ctrl-C came during one that went on regardless."""
+        raise KeyboardInterrupt
+
     def _take(self, _number: int, frame: FrameType | None) -> None:
-        if not _in_program(frame):
+        modules = list(_modules(frame))
+        if not modules or modules[-1] not in _PROGRAMS:  # the interpreter's own code, at its end
             os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, _SAID.encode())
             os._exit(self.status)
         self.asked = True
+        if not self.over and not _IMPORTING.isdisjoint(modules) and self not in sys.meta_path:
+            sys.meta_path.insert(0, self)
         raise KeyboardInterrupt
 
     def _ask_again(self, lost: sys.UnraisableHookArgs) -> None:
         if self.asked and issubclass(lost.exc_type, KeyboardInterrupt):
-            interrupt_main()
+            start_new_thread(_signal_soon, (get_ident(),))  # here it would be lost again
         else:
             self._lost(lost)
 
 
-def _in_program(frame: FrameType | None) -> bool:
-    """Say whether the main program still runs; afterwards, only the interpreter's own code does."""
-    while frame is not None and frame.f_back is not None:
+def _signal_soon(thread: int) -> None:
+    time.sleep(_SOON)
+    signal.pthread_kill(thread, signal.SIGINT)  # also out of a wait
+
+
+def _modules(frame: FrameType | None) -> Iterator[str]:
+    """Give the modules whose code runs, from the innermost call to the program itself."""
+    while frame is not None:
+        yield str(frame.f_globals.get("__name__"))
         frame = frame.f_back
-    return frame is not None and frame.f_globals.get("__name__") in _PROGRAMS

@@ -71,7 +71,7 @@ def command(
         sys.stdout.write(json.dumps(found.verdict.as_values(), indent=1) + "\n")
         return
     for recording in measured:
-        for item in recording.left_out:
+        for item in (*recording.warnings, *recording.left_out):
             notes.print(f"{recording.source}: {item}")
     _show(found, out)
 

@@ -156,7 +156,10 @@ def refuse(change, message, tmp_path, T=400):
         (lambda c: {k: v for k, v in c.items() if k != "time"}, "lacks time;"),
         (lambda c: {k: v for k, v in c.items() if k != "torque_2"}, "lacks torque_2;"),
         (lambda c: {k: v for k, v in c.items() if "position" not in k}, "lacks position_1, pos"),
-        (lambda c: c | {"time": c["time"] * 1e3}, "sampled at 0.1 Hz.*is the time in seconds"),
+        (
+            lambda c: c | {"time": c["time"] * 1e3},
+            "sampled at 0.1 Hz.*is the time in millis",
+        ),
         (lambda c: c | {"time": c["time"] % 2.0}, "runs backwards at row 200"),
         (lambda c: c | {"time": c["time"][::-1]}, "runs backwards in 399 of 400 rows, at row 1"),
         (lambda c: c | {"position_2": np.degrees(c["position_2"])}, "degrees"),

@@ -1,0 +1,98 @@
+"""Time that comes as whole numbers or dates: understood where there is one meaning, and said."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+from recorded_columns import make_columns, write
+
+from limo_driver.errors import RecordingError
+from limo_driver.recorded_time import RATES, seconds, unit_of
+from limo_driver.recording import Recording
+
+BEGAN = 1_753_000_000_123_456_789  # [ns], 19 digits
+COLUMNS = make_columns()
+TIME = COLUMNS["time"]
+NANOSECONDS = BEGAN + np.round(1e9 * TIME).astype(np.int64)
+
+
+def load(tmp_path, time, ending="parquet"):
+    path = tmp_path / f"a.{ending}"
+    columns = COLUMNS | {"time": time}
+    if ending == "csv":
+        pa.csv.write_csv(pa.table(columns), path)
+    else:
+        write(columns, path)
+    return Recording.load(path)
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        (NANOSECONDS, "whole numbers with steps of 10000000, which are nanoseconds"),
+        (NANOSECONDS.astype(np.uint64), "which are nanoseconds"),
+        (NANOSECONDS // 1000, "steps of 10000, which are microseconds"),
+        (NANOSECONDS.astype("datetime64[ns]"), "datetime64"),
+    ],
+)
+def test_what_can_only_be_one_unit_is_taken_as_it_and_said(tmp_path, ending, time, said):
+    recording = load(tmp_path, time, ending)
+    (told,) = recording.warnings
+    assert said in told
+    assert told.endswith("taken as seconds since the first row")
+    np.testing.assert_allclose(recording.time, TIME, rtol=0, atol=1e-9)
+
+
+def test_durations_are_understood(tmp_path):
+    recording = load(tmp_path, (NANOSECONDS - BEGAN).astype("timedelta64[ns]"))
+    np.testing.assert_allclose(recording.time, TIME, rtol=0, atol=1e-9)
+
+
+def test_an_empty_cell_is_left_out(tmp_path):
+    time = pa.array(NANOSECONDS, mask=np.arange(NANOSECONDS.size) == 7)
+    recording = load(tmp_path, time)
+    assert [item.rows for item in recording.left_out] == [(7,)]
+    np.testing.assert_allclose(recording.time, np.delete(TIME, 7), rtol=0, atol=1e-9)
+
+
+def test_arrays_are_understood_as_files_are():
+    position = np.stack([COLUMNS[f"position_{j}"] for j in (1, 2, 3)], axis=1)
+    for time in (NANOSECONDS, NANOSECONDS.astype("datetime64[ns]")):
+        recording = Recording.from_arrays(time, position, position)
+        np.testing.assert_allclose(recording.time, TIME, rtol=0, atol=1e-9)
+        assert len(recording.warnings) == 1
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        (
+            NANOSECONDS.astype(float),
+            r"in seconds; is the time in nanoseconds, with steps of 1e\+07",
+        ),
+        (1e6 * TIME, "is the time in microseconds"),
+        (np.round(1e3 * TIME).astype(int), "is the time in milliseconds, with steps of 10"),
+        (np.arange(TIME.size), "is the time in milliseconds, with steps of 1?"),  # or counts rows
+        (1000 * np.round(1e9 * TIME).astype(int), "expected 30 to 5000 Hz and time in seconds$"),
+    ],
+)
+def test_what_could_be_something_else_is_refused_with_what_was_expected(tmp_path, time, said):
+    with pytest.raises(RecordingError, match=said):
+        load(tmp_path, time)
+
+
+def test_no_step_can_be_of_two_units():
+    steps = np.geomspace(1e-3, 1e10, 4001)
+    for step, unit in ((step, unit_of(step)) for step in steps):
+        within = [
+            name
+            for name, per in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+            if RATES[0] <= per / step <= RATES[1]
+        ]
+        assert within == ([] if unit is None else [unit])
+    assert unit_of(0) is None
+
+
+def test_no_rows_are_no_time():
+    assert seconds(np.zeros(0, dtype=np.int64))[0].shape == (0,)
