@@ -20,7 +20,7 @@ from frozen_values import SAME_MACHINE, differences, fingerprint
 
 SHOWN = 20  # differences of a stage
 
-pytestmark = pytest.mark.slow(why="all commands on six recordings: two minutes")
+pytestmark = pytest.mark.slow("all commands on six recordings: two minutes")
 
 
 @pytest.fixture(scope="module", params=CASES)
