@@ -41,7 +41,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Refuse what is left out of `make test` without a reason."""
     for item in items:
         for mark in item.iter_markers("slow"):
-            if mark.kwargs or len(mark.args) != 1 or not str(mark.args[0]).strip():
+            given = [*mark.args, *mark.kwargs.values()]
+            if len(given) != 1 or not str(given[0]).strip():
                 raise pytest.UsageError(f"{item.nodeid}: slow needs one argument, which says why")
 
 
