@@ -13,6 +13,7 @@ from limo_driver.data_gate import SYSTEMATIC, Columns
 from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.messages import JOINT_STATE, JointStateCodec, JointStateMessage
+from limo_driver.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -111,20 +112,24 @@ def write_joint_states(
 
     Raises:
         RecordingError: A sample was before 1970.
-        OSError: The file cannot be written.
+        ConfigError: The file cannot be written.
     """
     codec = JointStateCodec(joints)
     stamps = start_ns + np.round(recording.time / _NANOSECOND).astype(np.int64)
     if stamps[0] < 0:
         raise RecordingError(f"begins at {recording.time[0]:g} s, which no log can hold")
     velocity = np.zeros((len(recording), 0)) if recording.velocity is None else recording.velocity
-    path.unlink(missing_ok=True)
-    writer = McapWriter(path)
     rows = zip(stamps.tolist(), recording.position, velocity, recording.torque, strict=True)
-    for sequence, (stamp, *values) in enumerate(rows):
-        payload = codec.encode(stamp, *values)
-        writer.add(LoggedMessage(topic, JOINT_STATE, payload, stamp, stamp, sequence))
-    writer.finish()
+    with whole(path) as draft:
+        draft.unlink(missing_ok=True)  # of a killed process
+        writer = McapWriter(draft)
+        try:
+            for sequence, (stamp, *values) in enumerate(rows):
+                payload = codec.encode(stamp, *values)
+                writer.add(LoggedMessage(topic, JOINT_STATE, payload, stamp, stamp, sequence))
+            writer.finish()
+        finally:
+            writer.abandon()  # closed already, if all went well
 
 
 @dataclass

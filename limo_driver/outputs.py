@@ -1,9 +1,15 @@
-"""Outputs: refused before long work where nothing can be written, or where an input lies."""
+"""Outputs: refused before long work where nothing can be written, or where an input lies.
+
+What is written is there in full or not at all, on a full disk as well.
+"""
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import os
 from contextlib import contextmanager
+from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
@@ -11,7 +17,6 @@ from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable
-    from pathlib import Path
 
 
 def require_file(path: Path, inputs: Iterable[Path] = ()) -> None:
@@ -59,6 +64,58 @@ def require_folder(
             pass
     except OSError as error:
         raise ConfigError(f"cannot be written to: {error.strerror}", path=folder) from None
+
+
+@contextmanager
+def whole(path: Path | str) -> Generator[Path]:
+    """Give a name beside a file to write to, which takes the file's place once it is complete.
+
+    Where something fails, what was there stays, and nothing else does. What is no regular file,
+    such as `/dev/null`, is written to itself.
+
+    Raises:
+        ConfigError: It cannot be written.
+    """
+    try:
+        with replacing(path) as draft:
+            yield draft
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {reason(error)}", path=path) from None
+
+
+@contextmanager
+def replacing(path: Path | str) -> Generator[Path]:
+    """Do as `whole` does, for whoever knows more to say of an error.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    target = Path(path).resolve()
+    straight = target.exists() and not target.is_file()
+    draft = target if straight else target.with_name(f".{target.name}.writing")
+    try:
+        yield draft
+        if not straight:
+            _sync(draft)
+            draft.replace(target)
+    finally:
+        if not straight:
+            draft.unlink(missing_ok=True)
+
+
+def reason(error: OSError) -> str:
+    """Return what went wrong, without what a library says around it."""
+    return os.strerror(error.errno) if error.errno else str(error)
+
+
+def disk_is_full(error: OSError) -> bool:
+    """Say whether a file could not be written for want of room, rather than for anything else."""
+    return error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+def _sync(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
 
 
 def require_apart(written: Iterable[Path], inputs: Iterable[Path]) -> None:

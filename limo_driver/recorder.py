@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -23,6 +24,7 @@ import pyarrow.parquet as pq
 
 from limo_driver.closing import Closing
 from limo_driver.errors import RecordingError
+from limo_driver.outputs import reason, replacing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -76,13 +78,22 @@ class Recorder(Closing):
             ) from None
         except OSError as error:
             raise RecordingError(f"cannot be written: {error.strerror}", path=self.path) from None
-        self._stream = pa.ipc.new_stream(self._file, self._schema)
-        nothing = pa.RecordBatch.from_pylist([], schema=self._schema)
-        self._stream.write_batch(nothing)  # and with it the header, which waits for a first batch
-        self._sync()
+        try:
+            self._stream = self._begun()
+        except OSError as error:  # nothing is in it that another run should not write over
+            self._abandon()
+            self.partial.unlink(missing_ok=True)
+            raise RecordingError(f"cannot be written: {reason(error)}", path=self.path) from None
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._write_on, name="limo-recorder", daemon=True)
         self._thread.start()
+
+    def _begun(self) -> Any:  # noqa: ANN401  # pyarrow's RecordBatchStreamWriter
+        """Return the stream with its header, which waits for a first batch."""
+        stream = pa.ipc.new_stream(self._file, self._schema)
+        stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
+        self._sync()
+        return stream
 
     def append(self, state: JointState, target: FloatArray | None = None) -> None:
         """Record a state and the position commanded in answer to it, if any.
@@ -121,7 +132,13 @@ class Recorder(Closing):
             self._file.close()
             _to_parquet(self.partial, self.path)
         except OSError as error:
+            self._abandon()
             raise self._lost(self._failure or error) from None
+
+    def _abandon(self) -> None:
+        """Close the log as it is, after it could not be written."""
+        with suppress(OSError):  # what is still in the buffer cannot be written either
+            self._file.close()
 
     def _write_on(self) -> None:
         while not self._done.wait(FLUSH_PERIOD):
@@ -147,7 +164,7 @@ class Recorder(Closing):
 
     def _lost(self, error: OSError) -> RecordingError:
         return RecordingError(
-            f"cannot be written: {error.strerror}; what was written is in {self.partial}",
+            f"cannot be written: {reason(error)}; what was written is in {self.partial}",
             path=self.path,
         )
 
@@ -215,15 +232,11 @@ def _schema(quantities: tuple[str, ...], n: int, header: Mapping[str, Any]) -> p
 
 def _to_parquet(partial: Path, path: Path) -> None:
     """Turn the stream into Parquet, batch by batch, so that it is whole or absent."""
-    unfinished = path.with_name(path.name + ".writing")
-    with partial.open("rb") as file:
+    with replacing(path) as draft, partial.open("rb") as file:
         stream = pa.ipc.open_stream(file)
-        with pq.ParquetWriter(unfinished, stream.schema, use_dictionary=False) as writer:
+        with pq.ParquetWriter(draft, stream.schema, use_dictionary=False) as writer:
             for table in _groups(stream):
                 writer.write_table(table)
-    with unfinished.open("rb") as written:
-        os.fsync(written.fileno())
-    unfinished.replace(path)
     partial.unlink()
 
 

@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from limo_driver.data_gate import Columns
 from limo_driver.errors import RecordingError
+from limo_driver.outputs import whole
 from limo_driver.recorded_time import seconds
 
 if TYPE_CHECKING:
@@ -76,6 +77,9 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
         columns: What to write.
         path: To be written.
         about: More for the header, which names the robot, where that is known.
+
+    Raises:
+        ConfigError: It cannot be written.
     """
     import pyarrow.parquet as pq
 
@@ -92,7 +96,8 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
         header["torque_resolution"] = columns.torque_resolution.tolist()
     metadata = {METADATA_KEY: json.dumps(header)} if header else None
     written = pa.table(table).replace_schema_metadata(metadata)
-    pq.write_table(written, path, use_dictionary=False)
+    with whole(path) as draft:
+        pq.write_table(written, draft, use_dictionary=False)
 
 
 def _header(table: pa.Table) -> tuple[dict[str, Any], tuple[str, ...]]:

@@ -169,9 +169,15 @@ class Trajectory(Motion):
         return h, [p0, v0, a0, 10 * d - 4 * e + f, -15 * d + 7 * e - 2 * f, 6 * d - 3 * e + f]
 
     def save(self, path: Path | str) -> None:
-        """Write Parquet: columns time, position_j, velocity_j, acceleration_j; 1-based joints."""
+        """Write Parquet: columns time, position_j, velocity_j, acceleration_j; 1-based joints.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
+
+        from limo_driver.outputs import whole
 
         columns = {"time": self.time}
         for quantity in _QUANTITIES:
@@ -182,9 +188,10 @@ class Trajectory(Motion):
             "segments": [[s.kind, s.start, s.stop] for s in self.segments],
         }
         table = pa.table(columns).replace_schema_metadata({_METADATA_KEY: json.dumps(header)})
-        pq.write_table(
-            table, path, use_dictionary=False, use_byte_stream_split=True, compression="zstd"
-        )
+        with whole(path) as draft:
+            pq.write_table(
+                table, draft, use_dictionary=False, use_byte_stream_split=True, compression="zstd"
+            )
 
     @classmethod
     def load(cls, path: Path | str) -> Trajectory:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from limo_driver.kinematics import KinematicChain
+from limo_driver.outputs import whole
 from limopa.planner import EXPLORING, REACHING
 from limopa.statistics import reversal_rows, rotations
 
 if TYPE_CHECKING:
     from collections.abc import Generator
-    from pathlib import Path
 
     from limo_driver.model import RobotModel
     from limo_driver.trajectory import Segment
@@ -73,7 +74,8 @@ def sheet(path: Path | str, widths: tuple[float, float]) -> Generator[tuple[Any,
         figure = Figure(figsize=(10.0, 7.6), dpi=160, layout="constrained")
         FigureCanvasAgg(figure)
         yield figure, figure.add_gridspec(3, 2, height_ratios=(1.35, 1.0, 1.0), width_ratios=widths)
-        figure.savefig(str(path))
+        with whole(path) as draft:
+            figure.savefig(draft, format=Path(path).suffix[1:])
 
 
 def _draw_flange(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN401  # matplotlib

@@ -7,6 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from limo_driver.outputs import whole
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -135,8 +136,13 @@ class Verdict:
         return {"schema": SCHEMA} | content
 
     def save(self, path: Path) -> None:
-        """Write `verdict.json`."""
-        path.write_text(json.dumps(self.as_values(), indent=1) + "\n", encoding="utf-8")
+        """Write `verdict.json`.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
+        with whole(path) as draft:
+            draft.write_text(json.dumps(self.as_values(), indent=1) + "\n", encoding="utf-8")
 
     def sentence(self) -> str:
         """Say the verdict in one sentence."""

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from estimators.reproduction.results import span
 from estimators.reproduction.rows import PARTS, RBD, ROWS, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES
+from limo_driver.outputs import whole
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,9 +44,8 @@ def draw(table: Table, path: Path) -> None:
     )
     whiskers = "; whiskers: standard deviation over runs" if table.protocol.runs > 1 else ""
     figure.suptitle(f"{fill(title, _TITLE)}\n{table.protocol}{left}{whiskers}", fontsize="medium")
-    partial = path.with_name(f".{path.name}.partial")
-    figure.savefig(partial, format=path.suffix[1:], dpi=150)
-    partial.replace(path)
+    with whole(path) as draft:
+        figure.savefig(draft, format=path.suffix[1:], dpi=150)
 
 
 def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matplotlib's Axes

@@ -37,9 +37,7 @@ def rigid_body(data: TableData, folder: Path) -> Path:
     known = "".join(data.digests[name] for name in of if name in data.digests)
     path = folder / f"rigid_body-{sha256(known.encode()).hexdigest()[:_DIGITS]}.yaml"
     if not path.exists():
-        partial = path.with_name(f".{path.name}.partial")
-        identify(data.model, [data.excitation]).simulation.save(partial)
-        partial.replace(path)
+        identify(data.model, [data.excitation]).simulation.save(path)
     return path
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from estimators.reproduction.rows import PARTS, PERCEPTRON, ROWS, TOPOLOGIES, Row
 from limo_driver.errors import ConfigError
+from limo_driver.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -180,6 +181,5 @@ class TrialStore:
 
 def write_whole(path: Path, text: str) -> None:
     """Write a text file at once, so that a killed process leaves the old one or the new."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text + "\n", encoding="utf-8")
-    partial.replace(path)
+    with whole(path) as draft:
+        draft.write_text(text + "\n", encoding="utf-8")

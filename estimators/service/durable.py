@@ -56,8 +56,11 @@ def write(path: Path, data: bytes) -> None:
 def replace(path: Path, data: bytes) -> None:
     """Write a file so that readers see the old one or the new one; needs the folder's lock."""
     beside = path.with_name(f".{path.name}.new")
-    write(beside, data)
-    beside.replace(path)
+    try:
+        write(beside, data)
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
     sync(path.parent)
 
 

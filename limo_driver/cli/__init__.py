@@ -35,3 +35,11 @@ def main() -> None:
         except LimoError as error:
             sys.stderr.write(f"limo: {error}\n")
             sys.exit(NOT_READY if isinstance(error, ServiceNotReadyError) else USAGE_ERROR)
+        except OSError as error:
+            from limo_driver.outputs import disk_is_full, reason
+
+            if not disk_is_full(error):
+                raise
+            where = "" if error.filename is None else f"{error.filename}: "
+            sys.stderr.write(f"limo: {where}cannot be written: {reason(error)}\n")
+            sys.exit(USAGE_ERROR)

@@ -58,7 +58,7 @@ def _to_recording(
     from importlib.metadata import version
 
     from limo_driver.data_gate import inspect
-    from limo_driver.errors import ConfigError, RecordingError
+    from limo_driver.errors import RecordingError
     from limo_driver.joint_state_log import joint_states
     from limo_driver.model import RobotModel
     from limo_driver.recording_file import write_columns
@@ -79,10 +79,7 @@ def _to_recording(
             "limo": version("limo"),
         },
     }
-    try:
-        write_columns(log.columns, out, about)
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror or error}", path=out) from None
+    write_columns(log.columns, out, about)
     notes = [*log.columns.warnings, *map(str, findings.left_out), *findings.warnings]
     _report(out, _counts(log, len(findings.rows)), notes, as_json=as_json)
 
@@ -115,10 +112,7 @@ def _to_log(files: list[Path], out: Path, robot: str | None, topic: str, *, as_j
         model = RobotModel.load(robot)
         recording.check_robot(model)
         joints = model.joint_names
-    try:
-        write_joint_states(recording, out, joints, topic, start_ns)
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror or error}", path=out) from None
+    write_joint_states(recording, out, joints, topic, start_ns)
     counts = {
         "topic": topic,
         "joints": list(joints),

@@ -79,15 +79,17 @@ def write(evaluation: Evaluation, folder: Path) -> None:
     import json
 
     from estimators.pictures import loop_figure, png, torque_figure
-    from limo_driver.errors import ConfigError
+    from limo_driver.outputs import require_folder, whole
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "evaluation.json").write_text(json.dumps(evaluation.as_values(), indent=1) + "\n")
-        (folder / "torque.png").write_bytes(png(torque_figure(evaluation)))
-        (folder / "loops.png").write_bytes(png(loop_figure(evaluation)))
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror or error}", path=folder) from None
+    require_folder(folder, "the evaluation")
+    contents = (
+        json.dumps(evaluation.as_values(), indent=1).encode() + b"\n",
+        png(torque_figure(evaluation)),
+        png(loop_figure(evaluation)),
+    )
+    for name, content in zip(FILES, contents, strict=True):
+        with whole(folder / name) as draft:
+            draft.write_bytes(content)
 
 
 def table(evaluation: Evaluation) -> Table:

@@ -162,7 +162,7 @@ def write(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from limo_driver.errors import ConfigError
+    from limo_driver.outputs import whole
 
     left_out = np.ones(recording.rows_total, dtype=bool)
     left_out[recording.rows] = False
@@ -178,7 +178,5 @@ def write(
         for j in range(recording.n)
     }
     table = {name: pa.array(spread(values), mask=left_out) for name, values in arrays.items()}
-    try:
-        pq.write_table(pa.table(table), path, use_dictionary=False)
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror or error}", path=path) from None
+    with whole(path) as draft:
+        pq.write_table(pa.table(table), draft, use_dictionary=False)

@@ -9,6 +9,7 @@ import yaml
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import BUILT_IN, Inertial, RobotModel
+from limo_driver.outputs import whole
 from limo_driver.physics.catalogue import CATALOGUE
 from limo_driver.physics.effect import JOINT, TEXT
 from limo_driver.physics.sensing import Sensors
@@ -48,10 +49,8 @@ def save(simulation: Simulation, path: Path) -> None:
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
     content["effects"] = [_effect_entry(effect) for effect in simulation.effects]
     text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
+    with whole(path) as draft:
+        draft.write_text(text, encoding="utf-8")
 
 
 class _Dumper(yaml.SafeDumper):

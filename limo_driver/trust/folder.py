@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from limo_driver.errors import ConfigError
-from limo_driver.outputs import require_folder
+from limo_driver.outputs import require_folder, whole
 from limo_driver.trust.roles import ROLES, access_control
 
 if TYPE_CHECKING:
@@ -107,11 +107,11 @@ def _dictionary(users: list[str], passwords: Mapping[str, str]) -> bytes:
 def _write_privately(path: Path, content: bytes) -> None:
     """Write a file that only its owner can read, from its first byte on."""
     path.parent.mkdir(mode=_PRIVATE_FOLDER, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE)
-    with open(descriptor, "wb") as file:
-        file.write(content)
-    temporary.replace(path)
+    with whole(path) as draft:
+        draft.unlink(missing_ok=True)  # of a killed process, whose mode may be another
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE)
+        with open(descriptor, "wb") as file:
+            file.write(content)
 
 
 def _configuration(role: Role, hosts: Mapping[str, Host], password: str) -> str:

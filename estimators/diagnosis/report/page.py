@@ -11,7 +11,7 @@ from estimators.diagnosis.report import sections
 from estimators.diagnosis.report.contact import pushed
 from estimators.diagnosis.report.findings import overview
 from estimators.diagnosis.report.markup import Charts
-from limo_driver.errors import ConfigError
+from limo_driver.outputs import whole
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,10 +29,8 @@ def write_report(diagnosis: Diagnosis, path: Path) -> None:
     Raises:
         ConfigError: The file cannot be written.
     """
-    try:
-        path.write_text(render(diagnosis), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
+    with whole(path) as draft:
+        draft.write_text(render(diagnosis), encoding="utf-8")
 
 
 def render(diagnosis: Diagnosis) -> str:

@@ -47,7 +47,7 @@ def compare(
         limo models compare champion 2 --data test.parquet --out difference.png
     """
     from estimators.service.comparison import compare_versions, difference_figure
-    from limo_driver.outputs import require_file
+    from limo_driver.outputs import require_file, whole
     from limo_driver.recording import Recording
 
     if out is not None:
@@ -59,7 +59,8 @@ def compare(
         from estimators.pictures import png
 
         names = [f"version {version.number}" for version in versions]
-        out.write_bytes(png(difference_figure(found, versions[0].joints, names)))
+        with whole(out) as draft:
+            draft.write_bytes(png(difference_figure(found, versions[0].joints, names)))
     print_found(found.as_values(), _table(found, versions), as_json=as_json)
 
 
