@@ -9,6 +9,7 @@ import size
 import yaml
 from draft import Place
 from known_effects import KNOWN
+from lanes import sampled
 from other_effects import UNKNOWN, WRONG
 from world import COULOMB, FRICTION, INERTIA, World, off_within
 
@@ -85,16 +86,18 @@ def bench():
     return cases._Bench(World.draw(random), random, plan)
 
 
-def one_of(effects):
-    """Return the names of effects, the first to be tried at once."""
-    more = pytest.mark.slow("simulates 48 s of motion at 1 kHz for each of dozens of effects")
-    first, *others = effects
-    return [first, *(pytest.param(name, marks=more) for name in others)]
+EFFECTS = KNOWN | UNKNOWN | WRONG
+ONE_OF_EACH = [next(iter(effects)) for effects in (KNOWN, UNKNOWN, WRONG)]
 
 
-@pytest.mark.parametrize("name", [*one_of(KNOWN), *one_of(UNKNOWN), *one_of(WRONG)])
+@sampled(
+    "name",
+    dict.fromkeys([*ONE_OF_EACH, *EFFECTS]),
+    "simulates 48 s of motion at 1 kHz for each of dozens of effects",
+    first=len(ONE_OF_EACH),
+)
 def test_every_effect_shows(bench, name):
-    make = (KNOWN | UNKNOWN | WRONG)[name]
+    make = EFFECTS[name]
     draft = make(Place(np.random.default_rng(2), 3, float(bench.floor[3]), bench.world))
     amplitude = min(10 * draft.guess, draft.largest)
     sizes = bench.sizes(draft, amplitude)

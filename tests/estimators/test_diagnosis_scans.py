@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from lanes import sampled
 from scipy.signal import lfilter
 from wandering import wander
 
@@ -75,7 +76,7 @@ def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
     assert found[0].settings == pytest.approx((37.3,), abs=0.1)
 
 
-@pytest.mark.parametrize("periods", [1.8, 3.0, 5.0])
+@sampled("periods", [1.8, 3.0, 5.0], "fits many sines, for seconds")
 def test_a_ripple_of_few_periods_over_the_range_is_offered(periods: float) -> None:
     cycles = periods * 2 * np.pi / np.ptp(motion(1).position[:, 3])
     o = observed(TorqueRipple(joint=4, cycles_per_rev=(cycles,), amplitude=(0.06,), phase=(0.7,)))
@@ -106,10 +107,7 @@ def test_a_ripple_realises_as_the_sum_of_its_terms() -> None:
     assert response(effect, o).values == pytest.approx(c[0] * parts[0] + c[1] * parts[1])
 
 
-MORE = pytest.mark.slow("more draws of noise, seconds each")
-
-
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=MORE) for seed in (1, 2, 3))])
+@sampled("seed", range(4), "more draws of noise, seconds each")
 def test_nothing_is_found_in_coloured_noise(seed: int) -> None:
     o = observed(seeds=(seed, seed + 50))
 

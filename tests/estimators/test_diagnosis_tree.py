@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
+from lanes import sampled
 
 from estimators.diagnosis.bench import Bench, fitted, quiet
 from estimators.diagnosis.noise import Noise
@@ -75,7 +75,7 @@ def _record(true: Simulation, seed: int) -> Recording:
     return Recording.from_arrays(t, q, torque, source=f"seed {seed}")
 
 
-@pytest.mark.parametrize("subject", UNMODELLED)
+@sampled("subject", UNMODELLED, "each grows a forest on a recording", first=2)
 def test_the_question_of_the_effect_gets_the_largest_share(arm: Path, subject: str) -> None:
     found = answers(arm, UNMODELLED[subject])
 

@@ -9,12 +9,13 @@ import subprocess
 
 import pytest
 from controller_runs import LIMO, PATIENCE, process, session
+from lanes import sampled
 from ports import free_port
 
 ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMMANDING_ACTIVE"]
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("version", "generation", "mode", "period", "multiplier"),
     [
         ("1.15", "1", "position", 3, 3),
@@ -24,6 +25,8 @@ ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMM
         ("2.7", "2.7", "torque", 2, 2),
         ("2.7", "2.7", "wrench", 5, 1),
     ],
+    "sessions with processes of their own, at the pace of a real controller",
+    first=2,
 )
 def test_an_unmodified_client_is_led_through_a_session(
     version: str, generation: str, mode: str, period: int, multiplier: int
@@ -67,13 +70,14 @@ def _check_commands(commands: dict, mode: str, amplitude: float) -> None:
         assert commands["wrench"]["upper"][:2] == [0.0, 0.0]
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("wrong", "complaint"),
     [
+        ("jump", "illegal axis delta: joint 1 is told to jump by 0.5"),
         ("garbage", "no command of FRI 1.15"),
         ("stale", "an answer reflects a packet that was answered before"),
-        ("jump", "illegal axis delta: joint 1 is told to jump by 0.5"),
     ],
+    "sessions with processes of their own, at the pace of a real controller",
 )
 def test_a_wrong_client_is_told_what_is_wrong_and_does_no_harm(wrong: str, complaint: str) -> None:
     run = session(("--wrong", wrong), period_ms=4)

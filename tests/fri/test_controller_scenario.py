@@ -58,6 +58,7 @@ def test_stops_drops_and_pushes_are_felt_by_the_client():
     }
 
 
+@pytest.mark.slow("seconds at the pace of a real controller")
 def test_a_bad_network_is_survived_and_accounted_for():
     report, client, status = played(
         Loss(at=0.5, duration=0.5, fraction=0.1),
@@ -78,6 +79,7 @@ def test_a_bad_network_is_survived_and_accounted_for():
     assert packets["repeated"] <= network["to_client"]["duplicated"]
 
 
+@pytest.mark.slow("seconds at the pace of a real controller")
 def test_the_robots_own_program_moves_what_the_client_mirrors():
     report, _, status = played(
         ProgramMotion(at=0.2, duration=1.0, joint=1, amplitude=0.05), duration=1.5

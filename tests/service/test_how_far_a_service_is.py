@@ -110,6 +110,7 @@ def test_a_driver_stands_until_estimates_come_and_then_moves(
     assert table["time"][-1].as_py() == pytest.approx(0.95)
 
 
+@pytest.mark.slow("real processes that start and wait, seconds each")
 def test_a_driver_that_waited_in_vain_does_not_move(network: Network, trajectory: Path) -> None:
     with open_session(config=network.here):
         vain = ended(run(network, trajectory, "--wait-for-estimates", 0.5))
@@ -119,6 +120,7 @@ def test_a_driver_that_waited_in_vain_does_not_move(network: Network, trajectory
     assert not list(trajectory.parent.glob("run.parquet*"))
 
 
+@pytest.mark.slow("real processes that start and wait, seconds each")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_driver_that_waits_is_interrupted_in_one_line(
     network: Network, trajectory: Path, number: signal.Signals
