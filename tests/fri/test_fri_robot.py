@@ -381,7 +381,7 @@ def test_stranger_instead_of_the_robot_is_named():
     arm = SteppedArm(port=port, host="127.0.0.3")
     arm.host = "127.0.0.9"  # where the driver expects it
     with pytest.raises(ConnectionLostError, match=r"127\.0\.0\.9.*datagrams from 127\.0\.0\.3"):
-        wake(arm, connect_timeout=0.1)
+        wake(arm, connect_timeout=0.5)
     arm.close()
 
 
@@ -389,7 +389,7 @@ def test_garbage_instead_of_the_robot_is_described():
     arm = SteppedArm()
     arm.send = lambda: arm.throw(b"hello")
     with pytest.raises(ConnectionLostError, match=r"none could be used: neither a bare nor"):
-        wake(arm, connect_timeout=0.1)
+        wake(arm, connect_timeout=0.5)
     arm.close()
 
 
