@@ -151,6 +151,22 @@ class TestOneStep:
         step = follow(inside, goal=inside, position=position)
         assert (step.met, step.position[j]) == ((), inside[j])
 
+    @pytest.mark.parametrize("beyond", [0.0, 0.005])
+    def test_from_the_end_leads_no_further_however_a_target_arrives_there(self, j, sign, beyond):
+        end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[j]
+        position, target = only(j, end + sign * beyond, MIDDLE), only(j, end, MIDDLE)
+        for share in (0.5, 1.5, 5.0):
+            goal = only(j, end - sign * share * CHANGE[j] * PERIOD, MIDDLE)
+            step = follow(target, goal=goal, position=position)
+            assert sign * (step.position[j] - position[j]) <= 0.0
+            assert (step.position[j] == position[j]) == (beyond == 0.0)
+
+    def test_names_all_limits_that_it_met(self, j, sign):
+        step = follow(only(j, MIDDLE[j] + sign * 0.5, MIDDLE))
+        assert step.met == ("velocity", "acceleration")
+        step = follow(only(j, MIDDLE[j] + sign * 9.0, MIDDLE))
+        assert step.met == ("position", "velocity", "acceleration")
+
     def test_speed_near_the_end_is_what_can_still_be_stopped(self, j, sign):
         """A target that runs towards the end is left in time, and not before."""
         end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[j]
@@ -411,6 +427,18 @@ class TestRunaway:
         assert first_runaway(MIDDLE, only(j, fastest * (1 + 1e-9)), self.BOUNDS) == j + 1
         both = np.sign(fastest) * 2.0 * LIMITS.velocity
         assert first_runaway(MIDDLE, both, self.BOUNDS) == 1
+
+
+@each_way
+def test_velocity_is_not_met_by_a_target_that_is_just_as_fast(sign):
+    ones = np.ones(1)
+    limits = JointLimits(-9 * ones, 9 * ones, ones, ones, ones, ones, ones)
+    target = np.array([sign * 2.0**-8])  # in one cycle, at the velocity limit without rounding
+    for factor, met in ((1.0, ("acceleration",)), (1 + 2e-6, ("velocity", "acceleration"))):
+        _, _, hit = PositionLimits(limits, 2.0**-8).follow(
+            target * factor, np.zeros(1), np.zeros(1), np.zeros(1)
+        )
+        assert names_of(hit) == met
 
 
 def test_a_range_of_one_point_is_kept():
