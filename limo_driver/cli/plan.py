@@ -72,11 +72,12 @@ def command(
     from math import radians
 
     from limo_driver.model import RobotModel
+    from limo_driver.shortening import shortened
     from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
 
     require_writable(out, picture, robot)
     request = PlanRequest(
-        scaffolds=scaffolds,
+        scaffolds=shortened("--scaffolds", scaffolds, 1) or scaffolds,
         rate=rate,
         workspace=Workspace(radius=workspace_radius),
         surroundings=Surroundings(

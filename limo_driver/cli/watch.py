@@ -69,6 +69,7 @@ def command(
         limo watch --arm iiwa14 --until serving --timeout 60
     """
     from limo_driver.errors import ConfigError
+    from limo_driver.shortening import shortened
     from limo_driver.streaming import Keys, follow_history, open_session
 
     if until is not None:
@@ -86,7 +87,7 @@ def command(
             follow_history(session, keys.event, watched.take_event),
         ]
         with suppress(KeyboardInterrupt):
-            _show(watched, duration)
+            _show(watched, shortened("--duration", duration, 5.0))
         for subscriber in followed:
             subscriber.undeclare()
 

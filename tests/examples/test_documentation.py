@@ -1,0 +1,243 @@
+"""Documentation does what it says: its blocks run as written, in order, where a reader would be.
+
+Each document has a folder of its own with `examples/` in it, and what a reader is said to have.
+Blocks run in a network of their own, so that no arm or service of this machine answers.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from backends.can.config import ArmConfig
+from backends.can.drives.scenario import Scenario as DriveScenario
+from backends.fri.controller.scenario import Scenario
+from limo_driver.physics import Simulation
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+FENCE = re.compile(
+    r"(?:^<!-- (?P<note>not run|beside): (?P<said>.+) -->\n)?"
+    r"^```(?P<language>.*)\n(?P<text>(?:(?!```).*\n)*)```$",
+    flags=re.MULTILINE,
+)
+PROGRAM = re.compile(r"^(limo [a-z]+ --[a-z-]+ \S|limo [a-z]+ \w+\.|python |make |pip )", flags=re.MULTILINE)
+LONGEST = 1200  # [s] that a block may take before something hangs
+NOT_RUN = {
+    "CONTRIBUTING.md": ["runs what runs this"],
+    "README.md": [
+        "it is what brings these files, and runs what runs this",
+        "needs a real arm",
+    ],
+    "diagnosis.md": ["takes hours"],
+    "fri.md": ["needs a real arm"],
+    "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
+    "streaming.md": ["needs two other machines"],
+}
+# A machine with one network, on which an address of the documents is this machine's.
+NETWORK = """
+ip link set lo up
+ip link add net0 type veth peer name net1
+ip addr add 192.168.1.5/24 dev net0
+ip link set net1 up
+ip link set net0 up
+ip route add 224.0.0.0/4 dev net0
+set -euo pipefail
+"""
+ALONE = ["unshare", "--map-root-user", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block, and what the comment before it says."""
+
+    document: str
+    line: int
+    language: str
+    text: str
+    not_run: str = ""
+    beside: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.document}:{self.line}"
+
+
+def blocks(path):
+    """Return the blocks of a document in order."""
+    text = path.read_text(encoding="utf-8")
+    found = []
+    for match in FENCE.finditer(text):
+        line = text.count("\n", 0, match.start("language")) + 1
+        note = {(match["note"] or "").replace(" ", "_"): match["said"]} if match["note"] else {}
+        found.append(Block(path.name, line, match["language"], match["text"], **note))
+    return found
+
+
+EVERY = [block for path in DOCUMENTS for block in blocks(path)]
+RUNNABLE = ("sh", "python")
+
+
+def test_every_block_is_found_and_has_a_language():
+    fences = sum(path.read_text().count("\n```") for path in DOCUMENTS)
+    assert fences == 2 * len(EVERY)
+    assert {block.language for block in EVERY} == {"sh", "python", "yaml", "json", "text"}
+
+
+def test_text_holds_no_command():
+    assert not [str(b) for b in EVERY if b.language == "text" and PROGRAM.search(b.text)]
+
+
+def test_what_is_not_run_is_known_and_says_why():
+    found = {}
+    for block in EVERY:
+        if block.not_run:
+            found.setdefault(block.document, []).append(block.not_run)
+    assert found == NOT_RUN
+
+
+@pytest.mark.parametrize("block", [b for b in EVERY if b.language == "yaml"], ids=str)
+def test_yaml_is_what_its_reader_reads(block, tmp_path):
+    path = tmp_path / "block.yaml"
+    path.write_text(block.text, encoding="utf-8")
+    if block.document == "can.md":
+        arm = ArmConfig.load(ROOT / "examples" / "can_cia402.yaml")
+        assert DriveScenario.load(path, arm.joints)
+    elif block.document == "fri_controller.md":
+        assert Scenario.load(path)
+    else:
+        assert Simulation.load(path).effects
+
+
+@pytest.mark.parametrize("block", [b for b in EVERY if b.language == "json"], ids=str)
+def test_json_is_json(block):
+    assert json.loads(block.text)
+
+
+def environment():
+    """Return that of a reader who has installed limo, and has little time."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    found = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    return os.environ | {"PATH": path, "PYTHONPATH": found, "LIMO_SHORT": "1", "COLUMNS": "100"}
+
+
+@pytest.fixture(scope="module")
+def having(tmp_path_factory):
+    """What readers are said to have: motions, recordings, a simulation, a model."""
+    folder = tmp_path_factory.mktemp("having")
+    (folder / "examples").symlink_to(ROOT / "examples")
+    sim = "--sim examples/iiwa14_hysteretic.yaml"
+    script = f"""
+    limo plan --seed 1 --out limo.traj.parquet
+    limo plan --seed 2 --out other.traj.parquet
+    limo run --backend mujoco --trajectory limo.traj.parquet {sim} --record run.parquet
+    limo run --backend mujoco --trajectory other.traj.parquet {sim} --record other.parquet
+    limo identify run.parquet --robot iiwa14 --out sim.yaml
+    limo train run.parquet --sim sim.yaml --model joint-physics --out model
+    """
+    done = subprocess.run(
+        ["bash", "-ec", script], cwd=folder, env=environment(), capture_output=True, text=True,
+        timeout=LONGEST, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    (folder / "lossy.yaml").write_text(
+        next(b.text for b in EVERY if (b.document, b.language) == ("fri_controller.md", "yaml"))
+    )
+    same = {
+        "monday.parquet": "run.parquet",
+        "tuesday.parquet": "other.parquet",
+        "wednesday.parquet": "other.parquet",
+        "test.parquet": "other.parquet",
+        "motion.traj.parquet": "limo.traj.parquet",
+        "believed.yaml": "sim.yaml",
+        "newer": "model",
+        "arm.urdf": ROOT / "limo_driver" / "assets" / "iiwa14.urdf",
+        "arm.yaml": ROOT / "examples" / "can_cia402.yaml",
+    }
+    for name, source in same.items():
+        (folder / name).symlink_to(folder / source)
+    return folder
+
+
+HAS = {  # a reader of each document; the rest comes from its own blocks
+    "README.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf believed.yaml",
+    "can.md": "arm.yaml sim.yaml motion.traj.parquet",
+    "diagnosis.md": "monday.parquet tuesday.parquet sim.yaml run.parquet",
+    "estimators.md": "run.parquet other.parquet sim.yaml",
+    "fri_controller.md": "sim.yaml lossy.yaml",
+    "models.md": "model newer run.parquet test.parquet",
+    "streaming.md": "limo.traj.parquet model",
+}
+
+
+def run(block, folder):
+    """Run a block in a folder, with what runs beside it once that says something."""
+    script = NETWORK
+    if block.beside:
+        script += f"{block.beside} > beside.txt &\nuntil [ -s beside.txt ]; do sleep 0.1; done\n"
+    if block.language == "python":
+        (folder / "block.py").write_text(block.text, encoding="utf-8")
+        script += "python block.py\n"
+    else:
+        script += block.text
+    return subprocess.run(
+        [*ALONE, "bash", "-c", script], cwd=folder, env=environment(), text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=LONGEST, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def reader(having, tmp_path):
+    """Make a function that returns the folder of a document's reader."""
+    able = subprocess.run([*ALONE, "true"], capture_output=True, text=True, check=False)
+    if able.returncode:
+        pytest.skip(f"no network of its own is to be had: {able.stderr.strip()}")
+
+    def of(document):
+        (tmp_path / "examples").symlink_to(ROOT / "examples")
+        for name in HAS.get(document, "").split():
+            source = having / name
+            copied = shutil.copytree if source.is_dir() else shutil.copy
+            copied(source, tmp_path / name)
+        return tmp_path
+
+    return of
+
+
+TO_RUN = {
+    path.name: [b for b in blocks(path) if b.language in RUNNABLE and not b.not_run]
+    for path in DOCUMENTS
+}
+
+
+@pytest.mark.slow("plans, moves, learns, diagnoses and serves, as the documents do")
+@pytest.mark.parametrize("document", [name for name, found in TO_RUN.items() if found])
+def test_a_document_does_what_it_says(document, reader):
+    folder = reader(document)
+    for block in TO_RUN[document]:
+        done = run(block, folder)
+        assert done.returncode == 0, f"{block}:\n{done.stdout}"
+        assert "Traceback" not in done.stdout, f"{block}:\n{done.stdout}"
+
+
+def test_what_is_shortened_is_said(monkeypatch, capsys):
+    from limo_driver.shortening import VARIABLE, shortened
+
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert shortened("--duration", None, 5.0) is None
+    assert capsys.readouterr().err == ""
+    monkeypatch.setenv(VARIABLE, "1")
+    assert [shortened("--scaffolds", n, 2) for n in (1, 2, 12)] == [1, 2, 2]
+    assert shortened("--duration", None, 5.0) == 5.0
+    told = capsys.readouterr().err
+    assert told == (
+        "limo: LIMO_SHORT is set: --scaffolds 2 instead of 12\n"
+        "limo: LIMO_SHORT is set: --duration 5 instead of no end\n"
+    )
