@@ -29,7 +29,9 @@ FENCE = re.compile(
     r"^```(?P<language>.*)\n(?P<text>(?:(?!```).*\n)*)```$",
     flags=re.MULTILINE,
 )
-PROGRAM = re.compile(r"^(limo [a-z]+ --[a-z-]+ \S|limo [a-z]+ \w+\.|python |make |pip )", flags=re.MULTILINE)
+PROGRAM = re.compile(
+    r"^(limo [a-z]+ --[a-z-]+ \S|limo [a-z]+ \w+\.|python |make |pip )", flags=re.MULTILINE
+)
 LONGEST = 1200  # [s] that a block may take before something hangs
 NOT_RUN = {
     "CONTRIBUTING.md": ["runs what runs this"],
