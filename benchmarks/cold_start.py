@@ -23,8 +23,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 from service_processes import ARM, Driver, Motion, configurations
 
 if TYPE_CHECKING:
@@ -33,7 +31,7 @@ if TYPE_CHECKING:
 COLD = {"run": 8.0, "serve": 15.0, "diagnose": 8.0}  # [s], bars
 WARM = {"run": 2.0, "serve": 2.0, "help": 0.35}
 SIGN = {"run": "first cycle", "serve": "serving", "diagnose": "first stage"}  # else the end
-ROUNDS = 3  # warm; the best counts, the others met other work
+ROUNDS = 3  # warm, of what has a bar; the best counts, the others met other work
 SIM = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
 # Inside the process: note the first sign of life, and at the end what was compiled.
 CHILD = """
@@ -42,6 +40,9 @@ from limo_driver import compilation, cli
 begun, where, noted = float(os.environ["BEGUN"]), os.environ["NOTES"], {}
 def note(*_):
     noted.setdefault("sign", time.time() - begun)
+    if os.environ["STOP"]:
+        write()
+        os._exit(0)
 def before(owner, name, place=None):
     own = getattr(owner, name)
     def noting(*given, **named):
@@ -76,7 +77,6 @@ class Start:
     functions: int  # compiled
     compiling: float  # [s]
     sign: float  # [s] to its first sign of life
-    end: float  # [s]
 
 
 def commands(folder: Path) -> dict[str, list[str]]:
@@ -103,12 +103,13 @@ def commands(folder: Path) -> dict[str, list[str]]:
     return {name: list(map(str, words)) for name, words in given.items()}
 
 
-def started(words: Sequence[str], folder: Path, cache: Path) -> Start:
-    """Run a command and return how it got going; `serve` is stopped once it serves."""
+def started(words: Sequence[str], folder: Path, cache: Path, *, stop: bool = False) -> Start:
+    """Run a command and return how it got going; `stop` ends it there, as always with `serve`."""
     notes = folder / "notes.json"
     notes.unlink(missing_ok=True)
     begun = time.time()
     settings = {"BEGUN": str(begun), "NOTES": str(notes), "NUMBA_CACHE_DIR": str(cache)}
+    settings["STOP"] = "yes" if stop else ""
     with ExitStack() as open_:
         if words[0] == "serve":
             words = [*words, "--zenoh-config", str(_driven(folder, open_))]
@@ -128,7 +129,7 @@ def started(words: Sequence[str], folder: Path, cache: Path) -> Start:
     noted = json.loads(notes.read_text())
     end = time.time() - begun
     sign = serving or noted.get("sign", end)
-    return Start(noted.get("functions", 0), noted.get("seconds", 0.0), sign, end)
+    return Start(noted.get("functions", 0), noted.get("seconds", 0.0), sign)
 
 
 def _driven(folder: Path, open_: ExitStack) -> Path:
@@ -153,27 +154,25 @@ def main(
     ] = None,
 ) -> None:
     """Print the table."""
-    table = Table(title="seconds; in brackets: the bar")
-    for title in ("command", "compiled", "compiling", "until", "cold", "warm", "cold end", "end"):
-        table.add_column(title, justify="left" if title in {"command", "until"} else "right")
+    print(f"{'command':10}{'compiled':>9}{'[s]':>6}  {'until':12}{'cold [s]':>12}{'warm [s]':>14}")
     with TemporaryDirectory() as name:
         folder = Path(name)
         for command, words in commands(folder).items():
-            if only and command not in only and command in {"help", "serve", "diagnose", "excite"}:
+            shown = not only or command in only
+            if not shown and command in {"help", "serve", "diagnose", "excite"}:
                 continue
-            cold = started(words, folder, folder / f"cache_{command}")
-            if only and command not in only:
+            cache = folder / f"cache_{command}"
+            cold = started(words, folder, cache)
+            if not shown:
                 continue
-            warm = min(
-                (started(words, folder, folder / f"cache_{command}") for _ in range(ROUNDS)),
-                key=lambda start: start.sign,
+            rounds = ROUNDS if command in WARM else 1
+            warm = [started(words, folder, cache, stop=True).sign for _ in range(rounds)]
+            print(
+                f"{command:10}{cold.functions:9}{cold.compiling:6.1f}  "
+                f"{SIGN.get(command, 'end'):12}{cold.sign:6.1f}{_bar(COLD, command):6}"
+                f"{min(warm):8.2f}{_bar(WARM, command):7}",
+                flush=True,
             )
-            table.add_row(
-                command, str(cold.functions), f"{cold.compiling:.1f}", SIGN.get(command, "end"),
-                f"{cold.sign:.1f}{_bar(COLD, command)}", f"{warm.sign:.2f}{_bar(WARM, command)}",
-                f"{cold.end:.1f}", f"{warm.end:.1f}",
-            )  # fmt: skip
-        Console().print(table)
         shared = folder / "shared"
         for path in folder.glob("cache_*/limo/*.code"):
             shared.mkdir(exist_ok=True)
@@ -182,7 +181,8 @@ def main(
 
 
 def _bar(bars: dict[str, float], command: str) -> str:
-    return f" [{bars[command]:g}]".replace("[", r"\[") if command in bars else ""
+    """Return the bar of a command in brackets."""
+    return f" [{bars[command]:g}]" if command in bars else ""
 
 
 if __name__ == "__main__":
