@@ -56,10 +56,7 @@ TESTS: Final = {
     "backends/fri/session.py": ("tests/fri/test_fri_session.py",),
     "backends/fri/connection.py": ("tests/fri/test_fri_limits.py",),
     "backends/can/drive.py": ("tests/can/test_limits.py",),
-    "estimators/service/gate.py": (
-        "tests/estimators/test_gate_bounds.py",
-        "tests/estimators/test_gate.py",
-    ),
+    "estimators/service/gate.py": ("tests/estimators/test_gate_bounds.py",),
     "estimators/service/watchdog.py": ("tests/estimators/test_contact_bounds.py",),
 }
 FORKS: Final = multiprocessing.get_context("forkserver")  # which imports what is no part of this

@@ -205,7 +205,7 @@ class TestDrive:
         drive = Drive(3, 13)
         assert (drive.count, drive.per_mille, drive.silent, drive.error) == (0, 0, 0, 0)
         assert (drive.broken, drive.implausible, drive.cycle_at) == (0, 0, 0.0)
-        assert drive.heard_at == -math.inf
+        assert (drive.heard, drive.prompt, drive.heard_at) == (False, False, -math.inf)
         assert drive.controlword == 0
         drive.take_measured(MEASURED.pack(ENABLED, 10**9, 0))  # anywhere
         assert drive.heard

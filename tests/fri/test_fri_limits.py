@@ -131,7 +131,7 @@ class TestConnecting:
         port = Waiting(*[bare] * 19, told(Generation.TWO_FIVE))
         assert connected(monkeypatch, port).generation is Generation.TWO_FIVE
         port = Waiting(*[bare] * 19)
-        with pytest.raises(ConnectionLostError, match="19 datagrams came"):
+        with pytest.raises(ConnectionLostError, match=r"^19 datagrams came"):
             connected(monkeypatch, port)
         assert port.closed
 
@@ -146,7 +146,7 @@ class TestConnecting:
     def test_passes_over_what_cannot_be_used(self, monkeypatch):
         port = Waiting(b"nothing", told(measured_position=None), told())
         assert connected(monkeypatch, port).send_period == 1
-        with pytest.raises(ConnectionLostError, match=r"2 datagrams.*: no measured position"):
+        with pytest.raises(ConnectionLostError, match=r"^2 datagrams.*: no measured position"):
             connected(monkeypatch, Waiting(b"nothing", told(measured_position=None)))
 
     def test_says_who_came_instead(self, monkeypatch):
