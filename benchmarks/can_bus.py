@@ -36,8 +36,8 @@ import can
 import numpy as np
 
 from backends.can import ArmConfig, CanRobot
-from backends.can.drives import SimulatedDrives
-from backends.can.drives.station import Station
+from backends.can.simulator import SimulatedDrives
+from backends.can.simulator.station import Station
 from limo_driver.errors import BackendError
 from limo_driver.physics import Simulation
 from limo_driver.safety import RANGE_TOLERANCE, VELOCITY_TOLERANCE

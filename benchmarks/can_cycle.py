@@ -35,9 +35,9 @@ from canopen.objectdictionary import (
 )
 
 from backends.can import ArmConfig, CanRobot
-from backends.can.cia402 import MEASURED, Codec, Controlword
+from backends.can.cia402.codec import MEASURED, Codec, Controlword
+from backends.can.cia402.drive import Drive
 from backends.can.config import Bus, Cia402Joint
-from backends.can.drive import Drive
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:

@@ -55,7 +55,7 @@ TESTS: Final = {
     "backends/fri/wire_limits.py": ("tests/fri/test_fri_wire_limits.py",),
     "backends/fri/session.py": ("tests/fri/test_fri_session.py",),
     "backends/fri/connection.py": ("tests/fri/test_fri_limits.py",),
-    "backends/can/drive.py": ("tests/can/test_limits.py",),
+    "backends/can/cia402/drive.py": ("tests/can/test_limits.py",),
     "estimators/service/gate.py": ("tests/estimators/test_gate_bounds.py",),
     "estimators/service/watchdog.py": ("tests/estimators/test_contact_bounds.py",),
 }

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from backends.can import ArmConfig
-from backends.can.drives import SimulatedDrives
+from backends.can.simulator import SimulatedDrives
 from limo_driver.recording import Recording
 
 HERE = Path(__file__).parent

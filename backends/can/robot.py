@@ -218,9 +218,9 @@ class CanRobot(Robot):
 
 def _link(config: ArmConfig, port: Port, *, reset: bool) -> Link:
     if config.convention == CIA402:
-        from backends.can.cia402_link import Cia402Link
+        from backends.can.cia402.link import Cia402Link
 
         return Cia402Link(config, port, reset=reset)
-    from backends.can.damiao_link import DamiaoLink
+    from backends.can.damiao.link import DamiaoLink
 
     return DamiaoLink(config, port, reset=reset)

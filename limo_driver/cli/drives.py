@@ -48,8 +48,8 @@ def command(
             --duration 60
     """
     from backends.can.config import ArmConfig
-    from backends.can.drives.scenario import Scenario
-    from backends.can.drives.session import run_drives
+    from backends.can.simulator.scenario import Scenario
+    from backends.can.simulator.session import run_drives
     from limo_driver.physics import Simulation
 
     arm = ArmConfig.load(config)

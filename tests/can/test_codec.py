@@ -10,9 +10,9 @@ from canopen.profiles.p402 import State402
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backends.can.cia402 import Codec, Mode, State, state_of, towards_enabled
-from backends.can.cia402_load import bus_load
-from backends.can.emergency import describe
+from backends.can.cia402.bus_load import bus_load
+from backends.can.cia402.codec import Codec, Mode, State, state_of, towards_enabled
+from backends.can.cia402.emergency import describe
 from backends.can.frames import BusLoad, Traffic, classic_bits, fd_bits
 from limo_driver.errors import ConfigError
 

@@ -11,9 +11,9 @@ from canopen_drives import CanopenArm
 from sync_bus import SyncBus
 
 from backends.can import CanRobot
-from backends.can.cia402 import MEASURED, STATUS, TEMPERATURE
-from backends.can.cia402_load import bus_load
-from backends.can.drive import Drive
+from backends.can.cia402.bus_load import bus_load
+from backends.can.cia402.codec import MEASURED, STATUS, TEMPERATURE
+from backends.can.cia402.drive import Drive
 from backends.can.frames import BusLoad, Traffic, classic_bits, fd_bits
 from backends.can.link import Link
 from limo_driver.errors import BackendError, ConfigError, HoldingError

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from arms import arm_config
 
-from backends.can.bridge import Bridge
-from backends.can.cia402 import TARGETS, TORQUE, Codec, Mode
+from backends.can.cia402.bridge import Bridge
+from backends.can.cia402.codec import TARGETS, TORQUE, Codec, Mode
 from backends.can.config import Bus, Cia402Joint, DamiaoJoint, Temperature
-from backends.can.damiao import MitCommand, Ranges, decode_command, encode_command
+from backends.can.damiao.codec import MitCommand, Ranges, decode_command, encode_command
 from limo_driver.errors import ConfigError
 
 each_way = pytest.mark.parametrize("sign", [-1, 1])

@@ -7,7 +7,7 @@ from canopen_drives import CanopenArm
 from sync_bus import SyncBus
 
 from backends.can import CanRobot
-from backends.can.cia402 import MEASURED
+from backends.can.cia402.codec import MEASURED
 from limo_driver.errors import HoldingError
 from limo_driver.safety import VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand

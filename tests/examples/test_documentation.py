@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from backends.can.config import ArmConfig
-from backends.can.drives.scenario import Scenario as DriveScenario
+from backends.can.simulator.scenario import Scenario as DriveScenario
 from backends.fri.controller.scenario import Scenario
 from limo_driver.physics import Simulation
 

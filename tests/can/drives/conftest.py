@@ -6,8 +6,8 @@ from bus_master import GROUP, Master
 from ports import free_port
 
 from backends.can.config import ArmConfig
-from backends.can.drives.scenario import Scenario
 from backends.can.port import Port
+from backends.can.simulator.scenario import Scenario
 
 JOINTS = """
   - {node: 11, counts_per_turn: 65536, gear: 160, rated_torque: 50, serial: 7001}

@@ -5,9 +5,9 @@ from bus_master import Master
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.can import damiao
 from backends.can.config import ArmConfig
-from backends.can.damiao import MitCommand, Ranges, Reply, Status
+from backends.can.damiao import codec as damiao
+from backends.can.damiao.codec import MitCommand, Ranges, Reply, Status
 from limo_driver.errors import WireFormatError
 
 RANGES = Ranges(12.5, 30.0, 10.0)

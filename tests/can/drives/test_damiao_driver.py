@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from bus_master import DrivesBus
 
-from backends.can import ArmConfig, CanRobot, damiao
+from backends.can import ArmConfig, CanRobot
 from backends.can.config import DamiaoJoint
-from backends.can.damiao import Register, Status
+from backends.can.damiao import codec as damiao
+from backends.can.damiao.codec import Register, Status
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 

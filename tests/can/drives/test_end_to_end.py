@@ -15,8 +15,8 @@ from bus_master import GROUP, DrivesBus
 from ports import free_port
 
 from backends.can import ArmConfig, CanRobot
-from backends.can.drives import SimulatedDrives
-from backends.can.drives.scenario import Scenario
+from backends.can.simulator import SimulatedDrives
+from backends.can.simulator.scenario import Scenario
 from limo_driver.errors import BackendError, CycleTimeoutError, HoldingError
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand

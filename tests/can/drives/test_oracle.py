@@ -19,7 +19,7 @@ from canopen.profiles.p402 import BaseNode402
 from canopen.sdo import SdoAbortedError
 from ports import free_port
 
-from backends.can.drives import SimulatedDrives
+from backends.can.simulator import SimulatedDrives
 
 NODE = 11
 COUNTS_PER_TURN = 65536 * 160

@@ -6,7 +6,7 @@ import pytest
 from bus_master import enable
 
 from backends.can.config import ArmConfig
-from backends.can.drives.scenario import Scenario
+from backends.can.simulator.scenario import Scenario
 from limo_driver.errors import ConfigError
 
 NODE, OTHER = 11, 12

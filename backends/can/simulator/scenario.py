@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import yaml
 
-from backends.can.drives.faults import KINDS, Fault
 from backends.can.entries import REAL, WHOLE
+from backends.can.simulator.faults import KINDS, Fault
 from limo_driver.errors import ConfigError
 from limo_driver.yaml_reader import YamlReader
 

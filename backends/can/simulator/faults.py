@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from backends.can.config import Joint
-    from backends.can.drives.drive import Drive
+    from backends.can.simulator.drive import Drive
 
 TO_DRIVES, FROM_DRIVES, BOTH = "to_drives", "from_drives", "both"
 MOST_BABBLE: Final = 100  # frames at once

@@ -10,13 +10,13 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Final
 
 from backends.can import frames
-from backends.can.drives.objects import TEXT, U8, U16, U32, ObjectDictionary, Variable
-from backends.can.drives.sdo_server import SdoServer
+from backends.can.simulator.objects import TEXT, U8, U16, U32, ObjectDictionary, Variable
+from backends.can.simulator.sdo_server import SdoServer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from backends.can.drives.pdo import Pdo
+    from backends.can.simulator.pdo import Pdo
 
 
 REMEMBERED: Final = 8  # errors in 1003

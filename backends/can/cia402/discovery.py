@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from backends.can.cia402.sdo import FRAME, READ
 from backends.can.errors import DriveError
 from backends.can.frames import HEARTBEAT, RPDO1, SDO_REPLY, SDO_REQUEST, SYNC
-from backends.can.sdo import FRAME, READ
 from limo_driver.errors import BackendError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from backends.can.cia402.sdo import SdoClient
     from backends.can.config import ArmConfig
     from backends.can.port import Port
-    from backends.can.sdo import SdoClient
 
 QUIET: Final = 0.02  # [s] at least, in which nobody else may command this bus
 SEARCH_TIME: Final = 0.2  # [s] in which every node that is there answers

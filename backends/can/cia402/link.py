@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.can.bridge import Bridge
-from backends.can.cia402 import Codec, Controlword, Mode, State, towards_enabled
-from backends.can.cia402_load import HEARTBEATS_PER_WATCHDOG, bus_load
-from backends.can.commissioning import Commissioning
-from backends.can.discovery import QUIET, require_answer, require_quiet
-from backends.can.drive import OPERATIONAL, Drive
-from backends.can.emergency import describe
+from backends.can.cia402.bridge import Bridge
+from backends.can.cia402.bus_load import HEARTBEATS_PER_WATCHDOG, bus_load
+from backends.can.cia402.codec import Codec, Controlword, Mode, State, towards_enabled
+from backends.can.cia402.commissioning import Commissioning
+from backends.can.cia402.discovery import QUIET, require_answer, require_quiet
+from backends.can.cia402.drive import OPERATIONAL, Drive
+from backends.can.cia402.emergency import describe
+from backends.can.cia402.sdo import SdoClient
 from backends.can.errors import DriveError
 from backends.can.frames import (
     EMERGENCY,
@@ -31,7 +32,6 @@ from backends.can.frames import (
     TPDO3,
 )
 from backends.can.link import Link, Sample
-from backends.can.sdo import SdoClient
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.safety import VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand, TorqueCommand

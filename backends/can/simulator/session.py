@@ -8,12 +8,13 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
-from backends.can import damiao, sdo
+from backends.can.cia402 import sdo
+from backends.can.cia402.discovery import DEVICE_TYPE
 from backends.can.config import Cia402Joint
-from backends.can.discovery import DEVICE_TYPE
-from backends.can.drives.station import Station
+from backends.can.damiao import codec as damiao
 from backends.can.frames import SDO_REPLY, SDO_REQUEST
 from backends.can.port import Port
+from backends.can.simulator.station import Station
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.interrupts import interrupts
 from limo_driver.realtime import Realtime
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from backends.can.config import ArmConfig, Joint
-    from backends.can.drives.scenario import Scenario
-    from backends.can.drives.station import StationCounts
+    from backends.can.simulator.scenario import Scenario
+    from backends.can.simulator.station import StationCounts
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

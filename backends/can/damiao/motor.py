@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NoReturn
 
-from backends.can import damiao
-from backends.can.damiao import Ranges, Reply, Status, status_words
+from backends.can.damiao import codec as damiao
+from backends.can.damiao.codec import Ranges, Reply, Status, status_words
 from backends.can.errors import DriveError
 from backends.can.link import status_line
 from limo_driver.errors import WireFormatError

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backends.can import damiao
-from backends.can.damiao import MOST_DAMPING, STIFFEST, MitCommand, status_words
-from backends.can.damiao_motor import Motor
-from backends.can.damiao_setup import Setup, check_ids
+from backends.can.damiao import codec as damiao
+from backends.can.damiao.codec import MOST_DAMPING, STIFFEST, MitCommand, status_words
+from backends.can.damiao.motor import Motor
+from backends.can.damiao.setup import Setup, check_ids
 from backends.can.frames import BusLoad, Traffic
 from backends.can.link import DriveState, Link, Sample
 from limo_driver.errors import BackendError, JointLimitError

@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NoReturn
 
-from backends.can import damiao
-from backends.can.damiao import MIT_MODE, TIMEOUT_UNIT, Ranges, Register
+from backends.can.damiao import codec as damiao
+from backends.can.damiao.codec import MIT_MODE, TIMEOUT_UNIT, Ranges, Register
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from backends.can.config import ArmConfig
-    from backends.can.damiao_motor import Motor
+    from backends.can.damiao.motor import Motor
     from backends.can.port import Port
 
 ATTEMPTS: Final = 3  # to ask a motor, within the time for an answer

@@ -12,15 +12,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from backends.can.cia402 import Mode, State, state_of
-from backends.can.emergency import describe
+from backends.can.cia402.codec import Mode, State, state_of
+from backends.can.cia402.emergency import describe
 from backends.can.errors import DriveError, SdoAbortError
 from backends.can.frames import RPDO1, RPDO2, SYNC, TPDO1, TPDO2, TPDO3
 
 if TYPE_CHECKING:
+    from backends.can.cia402.drive import Drive
+    from backends.can.cia402.sdo import SdoClient
     from backends.can.config import ArmConfig, Cia402Joint
-    from backends.can.drive import Drive
-    from backends.can.sdo import SdoClient
 
 DRIVE_PROFILE: Final = 402  # low word of object 1000
 INVALID: Final = 1 << 31  # of a PDO's id: not in use

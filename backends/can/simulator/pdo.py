@@ -9,7 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
-from backends.can.drives.objects import (
+from backends.can.simulator.objects import (
     MAPPING_TOO_LONG,
     NOT_IN_THIS_STATE,
     NOT_MAPPABLE,

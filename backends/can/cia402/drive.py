@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from backends.can.cia402 import (
+from backends.can.cia402.codec import (
     MEASURED,
     STATUS,
     TEMPERATURE,
@@ -15,8 +15,8 @@ from backends.can.cia402 import (
     mode_words,
     state_of,
 )
-from backends.can.emergency import LAYOUT as EMERGENCY
-from backends.can.emergency import describe
+from backends.can.cia402.emergency import LAYOUT as EMERGENCY
+from backends.can.cia402.emergency import describe
 from backends.can.link import DriveState, status_line
 
 BOOTED: Final = 0x00

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from backends.can import frames
-from backends.can.drives.drive import Drive
-from backends.can.drives.drive_state import FAULTY, POWERED, DriveState, commanded, enables
-from backends.can.drives.joint import Actuation, JointPort
-from backends.can.drives.node import (
+from backends.can.simulator.drive import Drive
+from backends.can.simulator.drive_state import FAULTY, POWERED, DriveState, commanded, enables
+from backends.can.simulator.joint import Actuation, JointPort
+from backends.can.simulator.node import (
     BUS_OFF_RECOVERED,
     COMMUNICATION,
     PRODUCT,
@@ -22,9 +22,19 @@ from backends.can.drives.node import (
     VENDOR,
     CanopenNode,
 )
-from backends.can.drives.objects import I8, I16, I32, OUT_OF_RANGE, U8, U16, U32, SdoAbort, Variable
-from backends.can.drives.pdo import Pdo
-from backends.can.drives.setpoints import SetpointStream
+from backends.can.simulator.objects import (
+    I8,
+    I16,
+    I32,
+    OUT_OF_RANGE,
+    U8,
+    U16,
+    U32,
+    SdoAbort,
+    Variable,
+)
+from backends.can.simulator.pdo import Pdo
+from backends.can.simulator.setpoints import SetpointStream
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,21 +10,21 @@ import numpy as np
 
 from backends.can import frames
 from backends.can.config import CIA402, Cia402Joint
-from backends.can.drives.arm import SimulatedArm
-from backends.can.drives.cia402_drive import Cia402Drive
-from backends.can.drives.damiao_drive import DamiaoDrive
-from backends.can.drives.faults import FROM_DRIVES, TO_DRIVES, rewired
-from backends.can.drives.scenario import Scenario
+from backends.can.simulator.arm import SimulatedArm
+from backends.can.simulator.cia402_drive import Cia402Drive
+from backends.can.simulator.damiao_drive import DamiaoDrive
+from backends.can.simulator.faults import FROM_DRIVES, TO_DRIVES, rewired
+from backends.can.simulator.scenario import Scenario
 from limo_driver.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from backends.can.config import ArmConfig, Joint
-    from backends.can.drives.drive import Drive
-    from backends.can.drives.faults import Fault
-    from backends.can.drives.joint import JointPort
     from backends.can.port import Port
+    from backends.can.simulator.drive import Drive
+    from backends.can.simulator.faults import Fault
+    from backends.can.simulator.joint import JointPort
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

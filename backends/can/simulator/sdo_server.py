@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from backends.can.drives.objects import (
+from backends.can.simulator.objects import (
     TOGGLE_NOT_ALTERNATED,
     UNKNOWN_COMMAND,
     WRONG_LENGTH,

@@ -9,17 +9,25 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
-from backends.can import damiao
-from backends.can.damiao import FLOATS, MIT_MODE, TIMEOUT_UNIT, Ranges, Register, Reply, Status
-from backends.can.drives.drive import Drive
-from backends.can.drives.joint import Actuation
+from backends.can.damiao import codec as damiao
+from backends.can.damiao.codec import (
+    FLOATS,
+    MIT_MODE,
+    TIMEOUT_UNIT,
+    Ranges,
+    Register,
+    Reply,
+    Status,
+)
+from backends.can.simulator.drive import Drive
+from backends.can.simulator.joint import Actuation
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from backends.can.config import DamiaoJoint
-    from backends.can.drives.joint import JointPort
+    from backends.can.simulator.joint import JointPort
 
 POSITION_RANGE: Final = 12.5  # [rad], as such motors are delivered
 VELOCITY_RANGE: Final = 10.0  # [rad/s]

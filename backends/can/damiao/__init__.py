@@ -1,0 +1,1 @@
+"""Damiao motors in MIT mode: their frames, set-up and states."""
