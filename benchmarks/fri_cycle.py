@@ -28,11 +28,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import typer
 
-from backends.fri import messages as m
-from backends.fri.codec import decode_monitoring, encode_command, encode_monitoring
+from backends.fri.codec import messages as m
+from backends.fri.codec.codec import decode_monitoring, encode_command, encode_monitoring
+from backends.fri.codec.template import CommandTemplate, MonitoringTemplate
+from backends.fri.codec.version import FriVersion
 from backends.fri.endpoint import Datagram
-from backends.fri.template import CommandTemplate, MonitoringTemplate
-from backends.fri.version import FriVersion
 from limo_driver.realtime import Realtime
 from limo_driver.types import PositionCommand
 

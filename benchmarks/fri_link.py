@@ -30,8 +30,8 @@ import typer
 import yaml
 
 from backends.fri import FriRobot
+from backends.fri.codec.messages import MAX_DATAGRAM, SessionState
 from backends.fri.endpoint import Endpoint
-from backends.fri.messages import MAX_DATAGRAM, SessionState
 from limo_driver.errors import BackendError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.realtime import Pace, Realtime

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from backends.fri.messages import (
+from backends.fri.codec.messages import (
     CommandMode,
     DriveState,
     OperationMode,
@@ -14,7 +14,7 @@ from backends.fri.messages import (
 )
 
 if TYPE_CHECKING:
-    from backends.fri.messages import Monitoring
+    from backends.fri.codec.messages import Monitoring
 
 LONGEST_COMMANDING: Final = 10  # [ms] between answers
 LONGEST_FORCE_CONTROL: Final = 5  # [ms], where torques or wrenches are commanded

@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from backends.fri.messages import Command, CommandData, CommandMode, Header, SessionState
-from backends.fri.version import Generation
+from backends.fri.codec.messages import Command, CommandData, CommandMode, Header, SessionState
+from backends.fri.codec.version import Generation
 from backends.fri.wire_limits import numbers
 from limo_driver.errors import BackendError
 from limo_driver.types import PositionCommand, TorqueCommand, WrenchCommand
 
 if TYPE_CHECKING:
-    from backends.fri.messages import IoValue, Joints, Monitoring
+    from backends.fri.codec.messages import IoValue, Joints, Monitoring
     from backends.fri.wire_limits import WireLimits
     from limo_driver.types import FloatArray, JointCommand
 

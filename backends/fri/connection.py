@@ -6,13 +6,13 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from backends.fri.codec import decode_monitoring
+from backends.fri.codec.codec import decode_monitoring
+from backends.fri.codec.version import FriVersion, Generation, detect
 from backends.fri.endpoint import Endpoint
-from backends.fri.version import FriVersion, Generation, detect
 from limo_driver.errors import BackendError, ConnectionLostError, WireFormatError
 
 if TYPE_CHECKING:
-    from backends.fri.messages import Joints, Monitoring
+    from backends.fri.codec.messages import Joints, Monitoring
 
 LARGEST_POSITION: Final = 10.0  # [rad], beyond any arm
 LARGEST_TORQUE: Final = 1e4  # [N m], beyond any arm

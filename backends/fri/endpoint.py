@@ -9,7 +9,7 @@ import time
 from contextlib import suppress
 from typing import Final, NamedTuple, TypeAlias
 
-from backends.fri.messages import MAX_DATAGRAM
+from backends.fri.codec.messages import MAX_DATAGRAM
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 
 Address: TypeAlias = tuple[str, int]

@@ -8,12 +8,12 @@ import numpy as np
 
 from backends.fri.advice import advice
 from backends.fri.answers import application_position, left_position
-from backends.fri.messages import SessionState
+from backends.fri.codec.messages import SessionState
 from backends.fri.session import Order
 from backends.fri.wire_limits import numbers
 
 if TYPE_CHECKING:
-    from backends.fri.messages import CommandData, Joints, Monitoring
+    from backends.fri.codec.messages import CommandData, Joints, Monitoring
     from backends.fri.wire_limits import WireLimits
     from limo_driver.safety import SafetyContract
     from limo_driver.types import FloatArray

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.fri.messages import MAX_IO, IoDirection, IoType, IoValue
+from backends.fri.codec.messages import MAX_IO, IoDirection, IoType, IoValue
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -10,9 +10,7 @@ import numpy as np
 
 from backends.fri.advice import why_not_ready
 from backends.fri.answers import answer_to, check_taken
-from backends.fri.connection import Connection, connect, pace, unusable
-from backends.fri.lead import Lead
-from backends.fri.messages import (
+from backends.fri.codec.messages import (
     DEFAULT_PORT,
     Command,
     Header,
@@ -20,11 +18,13 @@ from backends.fri.messages import (
     Quality,
     SessionState,
 )
+from backends.fri.codec.template import CommandTemplate, MonitoringTemplate
+from backends.fri.codec.version import FriVersion
+from backends.fri.connection import Connection, connect, pace, unusable
+from backends.fri.lead import Lead
 from backends.fri.outputs import Outputs
 from backends.fri.session import LinkFigures, Order, Session, Visit
-from backends.fri.template import CommandTemplate, MonitoringTemplate
 from backends.fri.velocity import VelocityFilter
-from backends.fri.version import FriVersion
 from backends.fri.wire_limits import WireLimits
 from limo_driver.errors import (
     BackendError,
@@ -42,8 +42,8 @@ from limo_driver.types import JointState, RobotSpec, WrenchLimits, readonly
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from backends.fri.codec.version import Generation
     from backends.fri.endpoint import Datagram
-    from backends.fri.version import Generation
     from limo_driver.types import FloatArray, JointCommand
 
 WRENCH_LIMITS: Final = WrenchLimits(

@@ -11,7 +11,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from backends.fri.messages import Monitoring, SessionState, Timestamp
+    from backends.fri.codec.messages import Monitoring, SessionState, Timestamp
 
 _MODULUS: Final = 1 << 32
 _LONGEST_JUMP: Final = 1.0  # [s] beyond the expected step that a robot's clock is believed

@@ -70,11 +70,11 @@ def command(
         limo controller --client 192.168.1.5:30200 --sim sim.yaml \
             --scenario lossy.yaml
     """
-    from backends.fri.controller.controller import SimulatedController
-    from backends.fri.controller.port import Address
-    from backends.fri.controller.scenario import Scenario
-    from backends.fri.controller.settings import ANYWHERE, MODES, ControllerSettings
-    from backends.fri.version import FriVersion
+    from backends.fri.codec.version import FriVersion
+    from backends.fri.simulator.controller import SimulatedController
+    from backends.fri.simulator.port import Address
+    from backends.fri.simulator.scenario import Scenario
+    from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
     from limo_driver.interrupts import interrupts
     from limo_driver.physics import Simulation
 
@@ -107,8 +107,8 @@ def command(
 
 def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
     """Return where the arm stands at first [rad]."""
-    from backends.fri.controller.settings import POSE
-    from backends.fri.messages import JOINTS
+    from backends.fri.codec.messages import JOINTS
+    from backends.fri.simulator.settings import POSE
     from limo_driver.errors import ConfigError
     from limo_driver.model import BUILT_IN
     from limo_driver.trajectory import Trajectory
@@ -123,7 +123,7 @@ def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
 
 
 def _angles(text: str) -> tuple[float, ...]:
-    from backends.fri.messages import JOINTS
+    from backends.fri.codec.messages import JOINTS
     from limo_driver.errors import ConfigError
 
     try:

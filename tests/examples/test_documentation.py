@@ -19,7 +19,7 @@ import pytest
 
 from backends.can.config import ArmConfig
 from backends.can.simulator.scenario import Scenario as DriveScenario
-from backends.fri.controller.scenario import Scenario
+from backends.fri.simulator.scenario import Scenario
 from limo_driver.physics import Simulation
 
 ROOT = Path(__file__).parents[2]

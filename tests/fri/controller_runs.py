@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from backends.fri.controller.controller import SimulatedController
-from backends.fri.controller.port import Address
-from backends.fri.controller.quality import QualityModel
-from backends.fri.controller.session import SessionTimes
-from backends.fri.controller.settings import MODES, ControllerSettings
-from backends.fri.version import FriVersion
+from backends.fri.codec.version import FriVersion
+from backends.fri.simulator.controller import SimulatedController
+from backends.fri.simulator.port import Address
+from backends.fri.simulator.quality import QualityModel
+from backends.fri.simulator.session import SessionTimes
+from backends.fri.simulator.settings import MODES, ControllerSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator

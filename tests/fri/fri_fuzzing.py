@@ -11,9 +11,9 @@ import numpy as np
 from fri_messages import monitoring
 from stepped_arm import SteppedArm, wake
 
-from backends.fri import messages as m
-from backends.fri.codec import encode_command, encode_monitoring
-from backends.fri.version import Generation
+from backends.fri.codec import messages as m
+from backends.fri.codec.codec import encode_command, encode_monitoring
+from backends.fri.codec.version import Generation
 from limo_driver.errors import LimoError
 from limo_driver.types import PositionCommand, TorqueCommand
 

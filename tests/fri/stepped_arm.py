@@ -12,10 +12,10 @@ import numpy as np
 from fri_messages import POSE, monitoring
 from ports import free_port
 
-from backends.fri import messages as m
-from backends.fri.codec import decode_command, encode_monitoring
+from backends.fri.codec import messages as m
+from backends.fri.codec.codec import decode_command, encode_monitoring
+from backends.fri.codec.version import Generation
 from backends.fri.robot import FriRobot
-from backends.fri.version import Generation
 
 HOST = "127.0.0.2"  # the arm's; the driver listens on all addresses
 INERTIA = 2.0  # [kg m^2] of every joint

@@ -3,8 +3,8 @@
 import pytest
 from controller_fuzzing import fuzz_controller
 
-from backends.fri.controller.report import MOST_COMPLAINTS
-from backends.fri.controller.settings import POSE
+from backends.fri.simulator.report import MOST_COMPLAINTS
+from backends.fri.simulator.settings import POSE
 
 
 def test_the_controller_outlives_what_it_is_sent():

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from backends.fri.codec import encode_command
-from backends.fri.controller.judge import Wanted
-from backends.fri.controller.link import UNDISTURBED
-from backends.fri.controller.listener import Listener
-from backends.fri.controller.motion import Motion
-from backends.fri.controller.port import Address, Datagram
-from backends.fri.controller.report import Findings
-from backends.fri.controller.scenario import Now
-from backends.fri.controller.session import Session, SessionTimes
-from backends.fri.controller.settings import POSE, ControllerSettings
-from backends.fri.messages import Command, CommandData, CommandMode, Header, SessionState
+from backends.fri.codec.codec import encode_command
+from backends.fri.codec.messages import Command, CommandData, CommandMode, Header, SessionState
+from backends.fri.simulator.judge import Wanted
+from backends.fri.simulator.link import UNDISTURBED
+from backends.fri.simulator.listener import Listener
+from backends.fri.simulator.motion import Motion
+from backends.fri.simulator.port import Address, Datagram
+from backends.fri.simulator.report import Findings
+from backends.fri.simulator.scenario import Now
+from backends.fri.simulator.session import Session, SessionTimes
+from backends.fri.simulator.settings import POSE, ControllerSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from backends.fri.controller.arm import Compliance, ControlledArm
-from backends.fri.controller.judge import CommandJudge, CommandLimits, Wanted
-from backends.fri.controller.ledger import REMEMBERED, Arrival, Ledger
-from backends.fri.controller.monitoring import quaternion
-from backends.fri.controller.path import SetpointPath
-from backends.fri.controller.port import Address
-from backends.fri.controller.settings import POSE, ControllerSettings
-from backends.fri.messages import CommandData, CommandMode, ControlMode
+from backends.fri.codec.messages import CommandData, CommandMode, ControlMode
+from backends.fri.simulator.arm import Compliance, ControlledArm
+from backends.fri.simulator.judge import CommandJudge, CommandLimits, Wanted
+from backends.fri.simulator.ledger import REMEMBERED, Arrival, Ledger
+from backends.fri.simulator.monitoring import quaternion
+from backends.fri.simulator.path import SetpointPath
+from backends.fri.simulator.port import Address
+from backends.fri.simulator.settings import POSE, ControllerSettings
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation

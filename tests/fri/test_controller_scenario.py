@@ -4,8 +4,9 @@ import pytest
 from controller_runs import PATIENT, last_line, started_client
 from ports import free_port
 
-from backends.fri.controller.controller import SimulatedController
-from backends.fri.controller.events import (
+from backends.fri.codec.messages import Quality, SafetyState, SessionState
+from backends.fri.simulator.controller import SimulatedController
+from backends.fri.simulator.events import (
     Delay,
     Direction,
     Duplicate,
@@ -18,10 +19,9 @@ from backends.fri.controller.events import (
     SessionCap,
     Silence,
 )
-from backends.fri.controller.port import Address
-from backends.fri.controller.scenario import Scenario
-from backends.fri.controller.settings import ControllerSettings
-from backends.fri.messages import Quality, SafetyState, SessionState
+from backends.fri.simulator.port import Address
+from backends.fri.simulator.scenario import Scenario
+from backends.fri.simulator.settings import ControllerSettings
 
 
 def played(*events, duration, **options):

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from backends.fri.controller.events import Delay, Direction, Loss, Push
-from backends.fri.controller.link import UNDISTURBED, Channel, Disturbance
-from backends.fri.controller.quality import ConnectionQuality, QualityModel
-from backends.fri.controller.scenario import Scenario, ScenarioClock
-from backends.fri.controller.session import Circumstances, Session, SessionTimes
-from backends.fri.messages import Quality, SafetyState, SessionState
+from backends.fri.codec.messages import Quality, SafetyState, SessionState
+from backends.fri.simulator.events import Delay, Direction, Loss, Push
+from backends.fri.simulator.link import UNDISTURBED, Channel, Disturbance
+from backends.fri.simulator.quality import ConnectionQuality, QualityModel
+from backends.fri.simulator.scenario import Scenario, ScenarioClock
+from backends.fri.simulator.session import Circumstances, Session, SessionTimes
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ from fri_messages import GENERATIONS, POSE, VERSIONS, commands, monitoring, moni
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.fri.codec import (
+from backends.fri.codec.codec import (
     decode_command,
     decode_monitoring,
     encode_command,
     encode_monitoring,
 )
-from backends.fri.messages import (
+from backends.fri.codec.messages import (
     Command,
     CommandData,
     ConnectionInfo,
@@ -29,8 +29,8 @@ from backends.fri.messages import (
     Timestamp,
     Transformation,
 )
-from backends.fri.version import FriVersion, Generation, detect
-from backends.fri.wire import delimited, double, tag, varint
+from backends.fri.codec.version import FriVersion, Generation, detect
+from backends.fri.codec.wire import delimited, double, tag, varint
 from limo_driver.errors import ConfigError, WireFormatError
 
 V1 = FriVersion.V1_15

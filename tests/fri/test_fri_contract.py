@@ -11,8 +11,8 @@ import pytest
 from robot_commands import START
 from stepped_arm import stepped
 
-from backends.fri.messages import CommandMode
-from backends.fri.version import Generation
+from backends.fri.codec.messages import CommandMode
+from backends.fri.codec.version import Generation
 
 POSITION = {
     "test_robot": [

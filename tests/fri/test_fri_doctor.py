@@ -10,11 +10,11 @@ import pytest
 from ports import free_port
 from stepped_arm import SteppedArm
 
-from backends.fri import doctor, network
 from backends.fri.advice import advice
-from backends.fri.doctor import examine
-from backends.fri.messages import PORTS, Quality, SessionState
-from backends.fri.version import Generation
+from backends.fri.codec.messages import PORTS, Quality, SessionState
+from backends.fri.codec.version import Generation
+from backends.fri.doctor import doctor, network
+from backends.fri.doctor.doctor import examine
 
 
 @contextmanager
@@ -165,7 +165,7 @@ def test_advice_names_stop_drives_mode_and_period():
 
     from fri_messages import monitoring
 
-    from backends.fri.messages import (
+    from backends.fri.codec.messages import (
         CommandMode,
         ConnectionInfo,
         DriveState,

@@ -10,10 +10,10 @@ from ports import free_port
 from stepped_arm import stepped
 
 from backends.fri import FriRobot
-from backends.fri.codec import encode_monitoring
-from backends.fri.messages import CommandMode, Quality, SessionState
+from backends.fri.codec.codec import encode_monitoring
+from backends.fri.codec.messages import CommandMode, Quality, SessionState
+from backends.fri.codec.version import Generation, detect
 from backends.fri.robot import OUTDATED
-from backends.fri.version import Generation, detect
 from limo_driver.errors import BackendError, ConnectionLostError, HoldingError, WireFormatError
 from limo_driver.types import PositionCommand, TorqueCommand
 

@@ -3,7 +3,7 @@
 import pytest
 from fri_fuzzing import fuzz
 
-from backends.fri.messages import CommandMode
+from backends.fri.codec.messages import CommandMode
 
 
 @pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.TORQUE])

@@ -5,8 +5,8 @@ import pytest
 from fri_messages import POSE
 from stepped_arm import stepped
 
-from backends.fri.messages import SessionState
-from backends.fri.version import Generation
+from backends.fri.codec.messages import SessionState
+from backends.fri.codec.version import Generation
 
 
 @pytest.mark.parametrize("generation", [Generation.ONE, Generation.TWO_FIVE])

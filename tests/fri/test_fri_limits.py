@@ -10,12 +10,13 @@ import pytest
 from fri_messages import monitoring
 from stepped_arm import stepped
 
-from backends.fri import connection, messages
-from backends.fri.codec import encode_monitoring
+from backends.fri import connection
+from backends.fri.codec import messages
+from backends.fri.codec.codec import encode_monitoring
+from backends.fri.codec.version import FriVersion, Generation
 from backends.fri.connection import Connection, pace, unusable
 from backends.fri.endpoint import Datagram
 from backends.fri.velocity import VelocityFilter
-from backends.fri.version import FriVersion, Generation
 from limo_driver.errors import BackendError, ConnectionLostError
 from limo_driver.types import PositionCommand, readonly
 

@@ -5,8 +5,8 @@ from fri_messages import GENERATIONS, commands, compile_schema, monitorings, som
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.fri.codec import decode_monitoring, encode_command, encode_monitoring
-from backends.fri.version import Generation
+from backends.fri.codec.codec import decode_monitoring, encode_command, encode_monitoring
+from backends.fri.codec.version import Generation
 from limo_driver.errors import WireFormatError
 
 

@@ -10,8 +10,8 @@ from ports import free_port
 from stepped_arm import SteppedArm, stepped, wake
 
 from backends.fri import FriRobot
-from backends.fri import messages as m
-from backends.fri.messages import (
+from backends.fri.codec import messages as m
+from backends.fri.codec.messages import (
     CommandMode,
     DriveState,
     IoDirection,
@@ -20,7 +20,7 @@ from backends.fri.messages import (
     Quality,
     SessionState,
 )
-from backends.fri.version import Generation
+from backends.fri.codec.version import Generation
 from limo_driver.errors import (
     BackendError,
     ConfigError,

@@ -9,7 +9,7 @@ from fri_messages import monitoring
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backends.fri import messages
+from backends.fri.codec import messages
 from backends.fri.session import Order, Session
 
 some = settings(max_examples=50)

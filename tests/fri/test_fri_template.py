@@ -7,13 +7,13 @@ from fri_messages import GENERATIONS, commands, monitoring, monitorings, some
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.fri.codec import (
+from backends.fri.codec.codec import (
     decode_command,
     decode_monitoring,
     encode_command,
     encode_monitoring,
 )
-from backends.fri.messages import (
+from backends.fri.codec.messages import (
     Command,
     CommandData,
     ConnectionInfo,
@@ -25,8 +25,8 @@ from backends.fri.messages import (
     SessionState,
     Timestamp,
 )
-from backends.fri.template import MOST_LAYOUTS, CommandTemplate, MonitoringTemplate
-from backends.fri.version import Generation
+from backends.fri.codec.template import MOST_LAYOUTS, CommandTemplate, MonitoringTemplate
+from backends.fri.codec.version import Generation
 from limo_driver.errors import WireFormatError
 
 
@@ -107,8 +107,8 @@ def test_analog_inputs_do_not_leave_the_hot_path(monkeypatch):
     first = encode_monitoring(message(0), Generation.ONE)
     assert template.decode(first) == message(0)
     assert template.encode(message(0)) == first
-    monkeypatch.setattr("backends.fri.template.decode", None)
-    monkeypatch.setattr("backends.fri.template.encode", None)
+    monkeypatch.setattr("backends.fri.codec.template.decode", None)
+    monkeypatch.setattr("backends.fri.codec.template.encode", None)
     for k in range(1, 20):
         data = encode_monitoring(message(k), Generation.ONE)
         assert template.decode(data) == message(k)

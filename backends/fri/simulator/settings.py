@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
-from backends.fri.controller.arm import Compliance
-from backends.fri.controller.judge import CommandLimits
-from backends.fri.controller.port import Address
-from backends.fri.controller.quality import QualityModel
-from backends.fri.controller.session import SessionTimes
-from backends.fri.messages import CommandMode, ControlMode
-from backends.fri.version import FriVersion
+from backends.fri.codec.messages import CommandMode, ControlMode
+from backends.fri.codec.version import FriVersion
+from backends.fri.simulator.arm import Compliance
+from backends.fri.simulator.judge import CommandLimits
+from backends.fri.simulator.port import Address
+from backends.fri.simulator.quality import QualityModel
+from backends.fri.simulator.session import SessionTimes
 from limo_driver.errors import ConfigError
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1, 100  # [ms]

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import yaml
 
-from backends.fri.controller.events import (
+from backends.fri.codec.messages import JOINTS, Quality, SafetyState, SessionState
+from backends.fri.simulator.events import (
     ENUMS,
     EVENTS,
     Delay,
@@ -39,8 +40,7 @@ from backends.fri.controller.events import (
     Silence,
     keys,
 )
-from backends.fri.controller.link import UNDISTURBED, Disturbance
-from backends.fri.messages import JOINTS, Quality, SafetyState, SessionState
+from backends.fri.simulator.link import UNDISTURBED, Disturbance
 from limo_driver.yaml_reader import YamlReader, is_null
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.fri.messages import (
+from backends.fri.codec.messages import (
     JOINTS,
     CommandMode,
     ConnectionInfo,
@@ -28,13 +28,13 @@ from backends.fri.messages import (
     Timestamp,
     Transformation,
 )
-from backends.fri.template import MonitoringTemplate
-from backends.fri.version import Generation
+from backends.fri.codec.template import MonitoringTemplate
+from backends.fri.codec.version import Generation
 
 if TYPE_CHECKING:
-    from backends.fri.controller.arm import ArmState
-    from backends.fri.messages import ControlMode
-    from backends.fri.version import FriVersion
+    from backends.fri.codec.messages import ControlMode
+    from backends.fri.codec.version import FriVersion
+    from backends.fri.simulator.arm import ArmState
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 

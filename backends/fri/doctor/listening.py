@@ -8,11 +8,11 @@ from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
+from backends.fri.codec.decoding import decode
+from backends.fri.codec.layouts import LAYOUTS
+from backends.fri.codec.version import Generation, detect
 from backends.fri.connection import unusable
-from backends.fri.decoding import decode
 from backends.fri.endpoint import Datagram, Endpoint
-from backends.fri.layouts import LAYOUTS
-from backends.fri.version import Generation, detect
 from limo_driver.errors import BackendError, WireFormatError
 
 

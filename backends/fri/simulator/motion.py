@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.fri.controller.arm import ControlledArm
-from backends.fri.controller.judge import Wanted
-from backends.fri.controller.path import SetpointPath
-from backends.fri.messages import JOINTS, ControlMode
+from backends.fri.codec.messages import JOINTS, ControlMode
+from backends.fri.simulator.arm import ControlledArm
+from backends.fri.simulator.judge import Wanted
+from backends.fri.simulator.path import SetpointPath
 
 if TYPE_CHECKING:
-    from backends.fri.controller.scenario import Now
-    from backends.fri.controller.settings import ControllerSettings
+    from backends.fri.simulator.scenario import Now
+    from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

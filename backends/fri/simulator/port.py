@@ -8,7 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from backends.fri.messages import MAX_DATAGRAM
+from backends.fri.codec.messages import MAX_DATAGRAM
 from limo_driver.closing import Closing
 from limo_driver.errors import BackendError, ConfigError
 

@@ -9,17 +9,17 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Any, Final
 
-from backends.fri.decoding import Path, said
-from backends.fri.layouts import Kind, Layout, Part
-from backends.fri.messages import MAX_DATAGRAM, MAX_NAME
-from backends.fri.version import frame
-from backends.fri.wire import FIXED64, VARINT, delimited, double, tag, varint
+from backends.fri.codec.decoding import Path, said
+from backends.fri.codec.layouts import Kind, Layout, Part
+from backends.fri.codec.messages import MAX_DATAGRAM, MAX_NAME
+from backends.fri.codec.version import frame
+from backends.fri.codec.wire import FIXED64, VARINT, delimited, double, tag, varint
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from backends.fri.version import Generation
+    from backends.fri.codec.version import Generation
 
 _MASK64: Final = (1 << 64) - 1
 _INT32: Final = (-(1 << 31), (1 << 31) - 1)

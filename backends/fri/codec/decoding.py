@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from backends.fri.layouts import CHANGING, Kind, Layout, Part
-from backends.fri.messages import COMMAND_ID, MAX_DATAGRAM, MAX_NAME, MONITORING_ID
-from backends.fri.version import framed, unframed
-from backends.fri.wire import (
+from backends.fri.codec.layouts import CHANGING, Kind, Layout, Part
+from backends.fri.codec.messages import COMMAND_ID, MAX_DATAGRAM, MAX_NAME, MONITORING_ID
+from backends.fri.codec.version import framed, unframed
+from backends.fri.codec.wire import (
     FIXED64,
     LENGTH_DELIMITED,
     TYPE_NAMES,
@@ -30,7 +30,7 @@ from limo_driver.errors import WireFormatError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from backends.fri.version import Generation
+    from backends.fri.codec.version import Generation
 
 Path: TypeAlias = tuple[str, ...]  # of attributes, from the message down
 # Where a number that changes from cycle to cycle stands: first byte, one after the last.

@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from backends.fri.messages import Quality, SessionState
+from backends.fri.codec.messages import Quality, SessionState
 from limo_driver.errors import ConfigError
 
 MOST_VISITS: Final = 10_000  # remembered; a controller may run for days

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields
 from enum import Enum
 from typing import Any, ClassVar
 
-from backends.fri.messages import Quality, SafetyState, SessionState
+from backends.fri.codec.messages import Quality, SafetyState, SessionState
 
 
 class Direction(Enum):

@@ -15,15 +15,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from backends.fri.advice import advice
+from backends.fri.codec.messages import PORTS, Quality, SessionState
+from backends.fri.doctor.listening import Heard, listen
+from backends.fri.doctor.network import near, networks, own_address
 from backends.fri.endpoint import resolve
-from backends.fri.listening import Heard, listen
-from backends.fri.messages import PORTS, Quality, SessionState
-from backends.fri.network import near, networks, own_address
 from backends.fri.robot import FriRobot
 from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError
 
 if TYPE_CHECKING:
-    from backends.fri.version import Generation
+    from backends.fri.codec.version import Generation
 
 MOST_LOST: Final = 0.001  # of the packets
 MOST_LATE: Final = 0.01  # of the answers

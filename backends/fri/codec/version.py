@@ -17,7 +17,7 @@ import zlib
 from enum import Enum
 from typing import Final
 
-from backends.fri.wire import LENGTH_DELIMITED, fields_of
+from backends.fri.codec.wire import LENGTH_DELIMITED, fields_of
 from limo_driver.errors import ConfigError, WireFormatError
 
 FRAME: Final = 8  # bytes around the protobuf of 2.7: length before it, CRC-32 after it

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from backends.fri.messages import Quality
+from backends.fri.codec.messages import Quality
 from limo_driver.errors import ConfigError
 
 

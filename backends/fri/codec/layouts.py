@@ -11,8 +11,8 @@ from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
-from backends.fri import messages as m
-from backends.fri.version import Generation
+from backends.fri.codec import messages as m
+from backends.fri.codec.version import Generation
 
 if TYPE_CHECKING:
     from enum import IntEnum

@@ -5,22 +5,22 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from backends.fri.controller.link import Channel
-from backends.fri.controller.listener import Listener
-from backends.fri.controller.monitoring import MonitoringWriter, Standing
-from backends.fri.controller.motion import Motion
-from backends.fri.controller.port import Port
-from backends.fri.controller.quality import ConnectionQuality
-from backends.fri.controller.report import ControllerReport, Findings
-from backends.fri.controller.scenario import Now, Scenario, ScenarioClock
-from backends.fri.controller.session import Circumstances, Session
-from backends.fri.messages import SafetyState, SessionState
+from backends.fri.codec.messages import SafetyState, SessionState
+from backends.fri.simulator.link import Channel
+from backends.fri.simulator.listener import Listener
+from backends.fri.simulator.monitoring import MonitoringWriter, Standing
+from backends.fri.simulator.motion import Motion
+from backends.fri.simulator.port import Port
+from backends.fri.simulator.quality import ConnectionQuality
+from backends.fri.simulator.report import ControllerReport, Findings
+from backends.fri.simulator.scenario import Now, Scenario, ScenarioClock
+from backends.fri.simulator.session import Circumstances, Session
 from limo_driver.closing import Closing
 from limo_driver.realtime import Pace, Realtime, sleeper
 
 if TYPE_CHECKING:
-    from backends.fri.controller.session import Visit
-    from backends.fri.controller.settings import ControllerSettings
+    from backends.fri.simulator.session import Visit
+    from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
 
 WIND_DOWN: Final = 0.1  # [s] in MONITORING_READY before the session is closed

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from backends.fri.messages import Quality
+from backends.fri.codec.messages import Quality
 
 if TYPE_CHECKING:
-    from backends.fri.controller.judge import Wanted
-    from backends.fri.controller.ledger import Ledger
-    from backends.fri.controller.link import Fates
-    from backends.fri.controller.session import Visit
+    from backends.fri.simulator.judge import Wanted
+    from backends.fri.simulator.ledger import Ledger
+    from backends.fri.simulator.link import Fates
+    from backends.fri.simulator.session import Visit
     from limo_driver.types import FloatArray
 
 MOST_COMPLAINTS: Final = 50  # kinds that are told apart

@@ -16,18 +16,18 @@ import zlib
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
-from backends.fri.decoding import decode
-from backends.fri.encoding import encode
-from backends.fri.layouts import CHANGING, LAYOUTS, Layout
-from backends.fri.messages import Command, Monitoring
-from backends.fri.wire import varint
+from backends.fri.codec.decoding import decode
+from backends.fri.codec.encoding import encode
+from backends.fri.codec.layouts import CHANGING, LAYOUTS, Layout
+from backends.fri.codec.messages import Command, Monitoring
+from backends.fri.codec.wire import varint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from backends.fri.codec import Version
-    from backends.fri.decoding import Path, Trace
-    from backends.fri.version import Generation
+    from backends.fri.codec.codec import Version
+    from backends.fri.codec.decoding import Path, Trace
+    from backends.fri.codec.version import Generation
 
 MOST_LAYOUTS: Final = 32  # that are remembered
 _HIGHEST: Final = (1 << 32) - 1

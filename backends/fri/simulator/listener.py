@@ -5,21 +5,21 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Final
 
-from backends.fri.controller.judge import CommandJudge
-from backends.fri.controller.ledger import Arrival, Ledger
-from backends.fri.controller.link import Channel
-from backends.fri.template import CommandTemplate
+from backends.fri.codec.template import CommandTemplate
+from backends.fri.simulator.judge import CommandJudge
+from backends.fri.simulator.ledger import Arrival, Ledger
+from backends.fri.simulator.link import Channel
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
-    from backends.fri.controller.judge import Wanted
-    from backends.fri.controller.link import Disturbance
-    from backends.fri.controller.motion import Motion
-    from backends.fri.controller.port import Address, Port
-    from backends.fri.controller.report import Findings
-    from backends.fri.controller.session import Session
-    from backends.fri.controller.settings import ControllerSettings
-    from backends.fri.messages import Command
+    from backends.fri.codec.messages import Command
+    from backends.fri.simulator.judge import Wanted
+    from backends.fri.simulator.link import Disturbance
+    from backends.fri.simulator.motion import Motion
+    from backends.fri.simulator.port import Address, Port
+    from backends.fri.simulator.report import Findings
+    from backends.fri.simulator.session import Session
+    from backends.fri.simulator.settings import ControllerSettings
 
 _COUNTERS: Final = 1 << 32
 _WRONG: Final = {

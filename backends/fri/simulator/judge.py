@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from backends.fri.messages import JOINTS, WRENCH, CommandMode
+from backends.fri.codec.messages import JOINTS, WRENCH, CommandMode
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from backends.fri.messages import CommandData
+    from backends.fri.codec.messages import CommandData
     from limo_driver.types import FloatArray, JointLimits
 
 _MOST_INTERVALS: Final = 10  # that a step may have had time for, after answers were lost

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
-from backends.fri.decoding import decode
-from backends.fri.encoding import encode
-from backends.fri.layouts import LAYOUTS
-from backends.fri.version import FriVersion, Generation, detect
+from backends.fri.codec.decoding import decode
+from backends.fri.codec.encoding import encode
+from backends.fri.codec.layouts import LAYOUTS
+from backends.fri.codec.version import FriVersion, Generation, detect
 
 if TYPE_CHECKING:
-    from backends.fri.messages import Command, Monitoring
+    from backends.fri.codec.messages import Command, Monitoring
 
 Version: TypeAlias = FriVersion | Generation
 

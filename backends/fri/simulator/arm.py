@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.fri.controller.path import STEP
-from backends.fri.messages import JOINTS, ControlMode
+from backends.fri.codec.messages import JOINTS, ControlMode
+from backends.fri.simulator.path import STEP
 from backends.mujoco_sim import MujocoRobot, layout
 from backends.mujoco_sim.stability import largest_stiffness
 from limo_driver.errors import ConfigError
