@@ -1,8 +1,8 @@
 """Fit what a diagnosis says of its own certainty to concealed cases on which it may be tuned.
 
 `python benchmarks/diagnosis_calibration.py FOLDER...` reads finished cases, prints the weights that
-`estimators/diagnosis/confidence.py` needs and by how much intervals have to be wider. Never give it
-cases whose figures are to be reported.
+`estimators/diagnosis/judgement/confidence.py` needs and by how much intervals have to be wider.
+Never give it cases whose figures are to be reported.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from diagnosis_judged import UNKNOWN, judge, misses, names
 from diagnosis_score import calibration_error
 from scipy.optimize import minimize
 
-from estimators.diagnosis.confidence import Signs, features
+from estimators.diagnosis.judgement.confidence import Signs, features
 
 PULL = 0.3  # of weights towards zero; there are few wrong names to learn from
 

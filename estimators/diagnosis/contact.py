@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.confidence import OF_CONTACT
-from estimators.diagnosis.proof import rmse
+from estimators.diagnosis.hypotheses.responses import response
+from estimators.diagnosis.judgement.confidence import OF_CONTACT
 from estimators.diagnosis.pushes import covered, wrench_of
-from estimators.diagnosis.responses import response
+from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.diagnosis.wording import names_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.judgement import Leftover
-    from estimators.diagnosis.observations import Observations
+    from estimators.diagnosis.judgement.judgement import Leftover
     from estimators.diagnosis.pushes import Push
+    from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
 
 _Z95 = 1.96

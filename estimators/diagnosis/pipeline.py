@@ -9,20 +9,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.diagnosis.bench import Bench, Progress, Solution, fitted, improve, quiet
-from estimators.diagnosis.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.contact import contact_of
-from estimators.diagnosis.diagnosis import Diagnosis, Traces
-from estimators.diagnosis.intervals import with_parameters
-from estimators.diagnosis.judgement import Leftover, abstained, harms, leftover, remarks, worse
-from estimators.diagnosis.linearised import polished
-from estimators.diagnosis.noise import Noise
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.plausibility import check_plausible
+from estimators.diagnosis.fitting.intervals import with_parameters
+from estimators.diagnosis.fitting.linearised import polished
+from estimators.diagnosis.fitting.problem import Bench, Progress, Solution, fitted, improve, quiet
+from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
+from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
+from estimators.diagnosis.judgement.judgement import (
+    Leftover,
+    abstained,
+    harms,
+    leftover,
+    remarks,
+    worse,
+)
+from estimators.diagnosis.judgement.questions import tests_of
+from estimators.diagnosis.judgement.shares import left_by_tolerances
 from estimators.diagnosis.pushes import covered, overlap, pushes
-from estimators.diagnosis.shares import left_by_tolerances
-from estimators.diagnosis.solving import curved, settled, settled_around, solve, suspects
-from estimators.diagnosis.tree import tests_of
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.residuals.plausibility import check_plausible
+from estimators.diagnosis.result import Diagnosis, Traces
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:

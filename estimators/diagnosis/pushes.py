@@ -16,9 +16,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.ndimage import minimum_filter1d
 
-from estimators.diagnosis.observations import Observations  # noqa: TC001  # read by singledispatch
-from estimators.diagnosis.plausibility import doubtful_encoders
-from estimators.diagnosis.responses import Response, Sharp, ready, sharp
+from estimators.diagnosis.hypotheses.responses import Response, Sharp, ready, sharp
+from estimators.diagnosis.residuals.observations import Observations  # noqa: TC001  # read by singledispatch
+from estimators.diagnosis.residuals.plausibility import doubtful_encoders
 from limo_driver.differentiation import smooth
 from limo_driver.physics import ExternalContact
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.noise import Noise
+    from estimators.diagnosis.residuals.noise import Noise
     from limo_driver.types import FloatArray
 
 MOST_PUSHES = 6

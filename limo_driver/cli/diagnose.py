@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from estimators.diagnosis.diagnosis import Diagnosis, Replay
+    from estimators.diagnosis.result import Diagnosis, Replay
     from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
@@ -159,8 +159,8 @@ def _replay(found: Diagnosis) -> Replay:
     import numpy as np
 
     from backends.mujoco_sim.replay import follow
-    from estimators.diagnosis.diagnosis import Replay
     from estimators.diagnosis.report import worst_stretch
+    from estimators.diagnosis.result import Replay
 
     floor = np.array(found.verdict.fit.noise_floor)
     duration = REPLAYED[len(found.after.effects) > MANY_EFFECTS]

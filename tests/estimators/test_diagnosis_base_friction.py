@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.base_friction import base_of, with_friction, without_friction
-from estimators.diagnosis.candidates import candidates_of
-from estimators.diagnosis.columns import Columns
-from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.selection.base_friction import base_of, with_friction, without_friction
+from estimators.diagnosis.selection.candidates import candidates_of
+from estimators.diagnosis.selection.columns import Columns
 from limo_driver.physics import (
     CoulombFriction,
     JointCoupling,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.diagnosis.columns import Columns, Products
-from estimators.diagnosis.noise import Noise
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.selection.columns import Columns, Products
 
 ROWS = 60
 RANDOM = np.random.default_rng(0)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.bench import Bench, fitted, quiet
-from estimators.diagnosis.conclusion import explanations_of, shifts_of
-from estimators.diagnosis.diagnosis import CHOSEN
-from estimators.diagnosis.noise import Noise
-from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.fitting.problem import Bench, fitted, quiet
+from estimators.diagnosis.judgement.conclusion import explanations_of, shifts_of
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.result import CHOSEN
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recording import Recording
 

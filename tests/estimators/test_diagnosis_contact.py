@@ -9,9 +9,9 @@ import pytest
 from wandering import wander
 
 from estimators.diagnosis.contact import contact_of
-from estimators.diagnosis.judgement import Leftover
-from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.judgement.judgement import Leftover
 from estimators.diagnosis.pushes import Push
+from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation
 from limo_driver.recording import Recording
 

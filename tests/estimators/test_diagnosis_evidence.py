@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from estimators.diagnosis.columns import Products
-from estimators.diagnosis.evidence import REACH, Evidence, Prior, joined, posterior
+from estimators.diagnosis.selection.columns import Products
+from estimators.diagnosis.selection.evidence import REACH, Evidence, Prior, joined, posterior
 
 ROWS = 40
 RANDOM = np.random.default_rng(5)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.friction_hypotheses import friction, sign_width
-from estimators.diagnosis.hypotheses import every, rivals
-from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.hypotheses.catalogue import every, rivals
+from estimators.diagnosis.hypotheses.friction import friction, sign_width
+from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import AsymmetricFriction, CoulombFriction, Simulation
 from limo_driver.recording import Recording
 

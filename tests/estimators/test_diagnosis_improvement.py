@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.diagnosis.improvement import Improvement, body_of, payload_of
+from estimators.diagnosis.hypotheses.improvement import Improvement, body_of, payload_of
 from estimators.rigid_body.regressor import parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.diagnosis import Shift
-from estimators.diagnosis.judgement import (
+from estimators.diagnosis.judgement.judgement import (
     Leftover,
     abstained,
     harms,
@@ -16,8 +15,9 @@ from estimators.diagnosis.judgement import (
     leftover,
     remarks,
 )
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.search import LARGEST
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.result import Shift
+from estimators.diagnosis.selection.search import LARGEST
 
 FLOOR = np.full(2, 0.1)
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis import diagnose
-from estimators.diagnosis.friction_hypotheses import STOP_WIDTHS
-from estimators.diagnosis.hypotheses import every, rivals
-from estimators.diagnosis.laws import LawEvidence, sentence_of
-from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.fitting.laws import LawEvidence, sentence_of
+from estimators.diagnosis.hypotheses.catalogue import every, rivals
+from estimators.diagnosis.hypotheses.friction import STOP_WIDTHS
+from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import (
     CoulombFriction,
     PreslidingHysteresis,

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from wandering import wander
 
-from estimators.diagnosis.entries import entries_of, found_in, moved
-from estimators.diagnosis.intervals import with_parameters
-from estimators.diagnosis.linearised import Linearised, polished
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.revision import derivative
+from estimators.diagnosis.fitting.entries import entries_of, found_in, moved
+from estimators.diagnosis.fitting.intervals import with_parameters
+from estimators.diagnosis.fitting.linearised import Linearised, polished
+from estimators.diagnosis.hypotheses.revision import derivative
+from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Where
 from limo_driver.physics import (
     CoulombFriction,

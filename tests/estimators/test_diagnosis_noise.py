@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.diagnosis.noise import ORDER, Noise, roughness
+from estimators.diagnosis.residuals.noise import ORDER, Noise, roughness
 
 ROWS = 20_000
 WHITE = np.array([0.03, 0.2])  # [N m]

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.columns import Columns
-from estimators.diagnosis.improvement import Improvement
-from estimators.diagnosis.nuisance import nuisance_of
-from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.hypotheses.improvement import Improvement
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.selection.columns import Columns
+from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import CoulombFriction, JointElasticity
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.observations import (
+from estimators.diagnosis.hypotheses.responses import response
+from estimators.diagnosis.residuals.observations import (
     NEAR_REST,
     REST,
     ROWS_PER_BANDWIDTH,
     SAMPLES_PER_BANDWIDTH,
     Observations,
 )
-from estimators.diagnosis.responses import response
 from limo_driver.errors import RecordingError
 from limo_driver.physics import CoulombFriction, TorqueOffset
 from limo_driver.recording import Recording

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from lanes import sampled
 
-from estimators.diagnosis.bench import improve
+from estimators.diagnosis.fitting.problem import improve
 from estimators.diagnosis.pipeline import observe
-from estimators.diagnosis.plausibility import doubtful_encoders, foreign_bodies, notes_on
+from estimators.diagnosis.residuals.plausibility import doubtful_encoders, foreign_bodies, notes_on
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (

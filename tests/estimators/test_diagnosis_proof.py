@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.diagnosis.columns import Columns, Products
-from estimators.diagnosis.evidence import Prior, posterior
-from estimators.diagnosis.noise import Noise
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.proof import Split, bootstrap, reducible_removed, rmse
+from estimators.diagnosis.residuals.held_out import Split, bootstrap, reducible_removed, rmse
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.selection.columns import Columns, Products
+from estimators.diagnosis.selection.evidence import Prior, posterior
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.region import where_of
+from estimators.diagnosis.judgement.region import where_of
+from estimators.diagnosis.residuals.observations import Observations
 
 
 @pytest.fixture(scope="module")

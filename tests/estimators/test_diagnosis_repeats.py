@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.repeats import notes, repeats
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.residuals.repeats import notes, repeats
 from limo_driver.recording import Recording
 
 NOISE = 0.02  # [N m], white, of which the filter keeps a part

@@ -12,12 +12,12 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from estimators.diagnosis.diagnosis import CHOSEN, Diagnosis, Explanation, Replay, Shift, Traces
-from estimators.diagnosis.diagnosis import Test as Question
-from estimators.diagnosis.judgement import TELLABLE
+from estimators.diagnosis.judgement.judgement import TELLABLE
 from estimators.diagnosis.report import figures, worst_stretch, write_report
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.report.stretch import loop_stretch
+from estimators.diagnosis.result import CHOSEN, Diagnosis, Explanation, Replay, Shift, Traces
+from estimators.diagnosis.result import Test as Question
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,

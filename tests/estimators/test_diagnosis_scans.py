@@ -12,11 +12,11 @@ from lanes import sampled
 from scipy.signal import lfilter
 from wandering import wander
 
-from estimators.diagnosis.noise import Noise
-from estimators.diagnosis.observations import Observations
+from estimators.diagnosis.hypotheses.responses import response
+from estimators.diagnosis.hypotheses.ripple import ripples
 from estimators.diagnosis.pushes import ContactIn, Push, covered, pushes, wrench_of
-from estimators.diagnosis.responses import response
-from estimators.diagnosis.scans import ripples
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation, TorqueRipple
 from limo_driver.recording import Recording
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.diagnosis.candidates import MISSING, Candidate
-from estimators.diagnosis.columns import Products
-from estimators.diagnosis.evidence import Evidence, Prior
-from estimators.diagnosis.search import LARGEST, Search
+from estimators.diagnosis.selection.candidates import MISSING, Candidate
+from estimators.diagnosis.selection.columns import Products
+from estimators.diagnosis.selection.evidence import Evidence, Prior
+from estimators.diagnosis.selection.search import LARGEST, Search
 
 ROWS = 400
 EFFECTS = (
@@ -75,7 +75,9 @@ def test_a_pair_that_greedy_addition_misses_is_found(columns, seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_member_chosen_too_early_is_taken_out_again(columns, seed, monkeypatch):
-    monkeypatch.setattr("estimators.diagnosis.search.WIDTH", 1)  # greedy: the blend comes first
+    monkeypatch.setattr(
+        "estimators.diagnosis.selection.search.WIDTH", 1
+    )  # greedy: the blend comes first
     search = search_of(columns, 3 * (columns[:, 0] + columns[:, 1]) + noise(seed))
     assert names(search, search.best()) == {0, 1}
 
@@ -92,7 +94,7 @@ def test_a_set_is_no_larger_than_the_largest(columns):
 
 
 def test_a_base_does_not_count_and_leaves_room_for_the_largest_set(columns, monkeypatch):
-    monkeypatch.setattr("estimators.diagnosis.search.LARGEST", 2)
+    monkeypatch.setattr("estimators.diagnosis.selection.search.LARGEST", 2)
     search = search_of(columns, columns[:, :8].sum(axis=1) + noise(1), base=tuple(range(6)))
     assert names(search, search.best()) == set(range(8))
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.bench import Bench, fitted, quiet
-from estimators.diagnosis.noise import Noise
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.proof import rmse
-from estimators.diagnosis.shares import left_at, left_by_tolerances, shares_of
+from estimators.diagnosis.fitting.problem import Bench, fitted, quiet
+from estimators.diagnosis.judgement.shares import left_at, left_by_tolerances, shares_of
+from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recording import Recording
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.surrogate import foretold
+from estimators.diagnosis.judgement.surrogate import foretold
+from estimators.diagnosis.residuals.observations import Observations
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lanes import sampled
 
-from estimators.diagnosis.bench import Bench, fitted, quiet
-from estimators.diagnosis.noise import Noise
-from estimators.diagnosis.observations import Observations
-from estimators.diagnosis.tree import tests_of as ask
+from estimators.diagnosis.fitting.problem import Bench, fitted, quiet
+from estimators.diagnosis.judgement.questions import tests_of as ask
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import (
     CoulombFriction,
     LoadDependentFriction,
@@ -25,7 +25,7 @@ from limo_driver.types import Motion
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from estimators.diagnosis.diagnosis import Test as Answer
+    from estimators.diagnosis.result import Test as Answer
     from limo_driver.physics import Effect
 
 RATE, DURATION = 100.0, 90.0

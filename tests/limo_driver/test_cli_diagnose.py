@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Traces
-from estimators.diagnosis.observations import REST
+from estimators.diagnosis.residuals.observations import REST
+from estimators.diagnosis.result import Diagnosis, Explanation, Traces
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,

@@ -13,8 +13,8 @@ from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import names_of
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.diagnosis import Diagnosis
     from estimators.diagnosis.report.markup import Charts
+    from estimators.diagnosis.result import Diagnosis
     from estimators.diagnosis.verdict import Finding
 
 _AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")

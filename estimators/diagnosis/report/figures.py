@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.diagnosis import Explanation, Replay, Shift, Traces
     from estimators.diagnosis.report.stretch import Stretch
+    from estimators.diagnosis.result import Explanation, Replay, Shift, Traces
     from estimators.diagnosis.verdict import Fit
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray

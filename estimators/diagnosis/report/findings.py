@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.proof import reducible_removed
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.markup import (
     UNSAID,
@@ -22,6 +21,7 @@ from estimators.diagnosis.report.markup import (
     percent,
     table,
 )
+from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import OF_BODIES, names_of
 from limo_driver.physics import spoken
@@ -29,7 +29,7 @@ from limo_driver.physics import spoken
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimators.diagnosis.diagnosis import Diagnosis
+    from estimators.diagnosis.result import Diagnosis
     from estimators.diagnosis.verdict import Finding, Fit, Interval, Value
 
 VERDICTS = {

@@ -16,7 +16,7 @@ from limo_driver.outputs import whole
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from estimators.diagnosis.diagnosis import Diagnosis
+    from estimators.diagnosis.result import Diagnosis
 
 
 def write_report(diagnosis: Diagnosis, path: Path) -> None:

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.diagnosis import CHOSEN
-from estimators.diagnosis.judgement import TELLABLE
-from estimators.diagnosis.proof import rmse
+from estimators.diagnosis.judgement.judgement import TELLABLE
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.markup import (
     UNSAID,
@@ -25,6 +23,8 @@ from estimators.diagnosis.report.markup import (
     table,
 )
 from estimators.diagnosis.report.stretch import loop_stretch
+from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import spoken
@@ -32,7 +32,7 @@ from limo_driver.physics import spoken
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.diagnosis import Diagnosis, Explanation, Replay, Shift
+    from estimators.diagnosis.result import Diagnosis, Explanation, Replay, Shift
 
 OPEN = 3  # joints whose maps are open from the start
 LOOP = 8.0  # [s] of motion drawn as loops

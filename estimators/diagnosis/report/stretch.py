@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.diagnosis import Traces
+    from estimators.diagnosis.result import Traces
     from limo_driver.types import FloatArray
 
 _NARROW = 0.05  # [rad], a range below which narrower is no better

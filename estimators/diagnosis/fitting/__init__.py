@@ -1,0 +1,1 @@
+"""Fitting: the set of effects fitted, refined and given intervals."""

@@ -1,0 +1,210 @@
+"""Linearised: the torque around a simulation, as a sum over all of its parameters.
+
+The numbers of what was found are free, settings that shape it among them, and everything else may
+move within its tolerance. One such sum takes a fit to its end, by Gauss-Newton, and gives the
+covariance of the numbers. Where errors are not what the noise model says, scores summed over blocks
+of time show it, and the larger of the two variances counts.
+
+Source: White, "Maximum likelihood estimation of misspecified models", Econometrica 1982.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.fitting.entries import entries_of, found_in, possible, sides
+from estimators.diagnosis.hypotheses.improvement import Improvement
+from estimators.diagnosis.hypotheses.responses import difference, stacked
+from estimators.diagnosis.residuals.noise import Noise, roughness
+from estimators.diagnosis.selection.candidates import WRONG_INERTIA
+from estimators.diagnosis.selection.columns import Columns, Products
+from estimators.diagnosis.selection.evidence import Prior, joined, posterior
+from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
+from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Effect, Simulation
+    from limo_driver.types import FloatArray
+
+_BLOCK = 2.0  # [s], over which scores are summed
+_ROUNDS = 5  # of Gauss-Newton, at most
+_ENOUGH = 1e-3  # part of the sum of squared whitened errors that a round has to take off
+_SHORTER = (1.0, 0.5, 0.2)  # parts of a step that are tried
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Columns of everything around a simulation."""
+
+    observed: Observations  # beside that simulation
+    found: tuple[Effect, ...]  # of it, whose numbers only data determine
+    columns: Columns
+    nuisance: Nuisance
+    known: Prior  # of the nuisance, around what the given simulation states
+    own: tuple[Prior, ...]  # of the numbers of each effect found
+
+    @classmethod
+    def of(
+        cls,
+        observed: Observations,
+        found: Sequence[Effect],
+        bodies: Sequence[int] = (),
+        stated: Simulation | None = None,
+    ) -> Linearised:
+        """Lay out the columns.
+
+        Args:
+            observed: The recordings beside the simulation.
+            found: Effects of that simulation.
+            bodies: Links (0-based) of which nothing is known before the data.
+            stated: The simulation whose values are known to its tolerances, if not this one.
+        """
+        given = observed.simulation
+        rest = _without(given.effects, found)
+        columns = Columns(len(observed.kept), observed.n)
+        floor = roughness(observed.residual, observed.moving)
+        lacking = observed.beside(replace(given, effects=rest), around=given)
+        nuisance = nuisance_of(lacking, columns, floor, stated or given)
+        deviation = nuisance.prior.deviation.copy()
+        for link in bodies:
+            deviation[PER_LINK * link : PER_LINK * (link + 1)] = WRONG_INERTIA
+        own = tuple(_entered(effect, lacking, columns) for effect in found)
+        known = Prior.free(nuisance.prior.index, deviation)
+        return cls(observed, tuple(found), columns, nuisance, known, own)
+
+    def step(self, split: NDArray[np.bool_]) -> Observations | None:
+        """Find a simulation that fits the rows of a split (K, n) better.
+
+        Returns:
+            The recordings beside it; None if there is none.
+        """
+        residual = self.observed.residual
+        noise = Noise.of(residual, split, self.observed.segment)
+        start = self.nuisance.start  # tolerances count from what is stated, not from where we are
+        off = residual + self.columns.apply(self.known.index, start)
+        products = Products.of(self.columns, off, noise, split)
+        mean = posterior(products, self.known, joined(*self.own)).mean
+        mean[: start.size] -= start
+        before = _energy(residual, noise, split)
+        for part in _SHORTER:
+            try:
+                trial = self.observed.beside(self._moved(part * mean))
+            except ConfigError:  # a combination that no such part has
+                continue
+            if _energy(trial.residual, noise, split) < (1 - _ENOUGH) * before:
+                return trial
+        return None
+
+    def _moved(self, coefficients: FloatArray) -> Simulation:
+        given, count = self.observed.simulation, self.known.index.size
+        others = _without(given.effects, self.found)
+        improvement = Improvement(replace(given, effects=others))
+        self.nuisance.enter(improvement, coefficients[:count])
+        changed = improvement.simulation()
+        found, at = [], count
+        for effect in self.found:
+            entries = entries_of(effect)
+            found.append(possible(effect, entries, coefficients[at : at + len(entries)]))
+            at += len(entries)
+        rest, own = iter(changed.effects), dict(zip(map(id, self.found), found, strict=True))
+        return replace(
+            changed,
+            effects=tuple(own[id(e)] if id(e) in own else next(rest) for e in given.effects),
+        )
+
+    def deviations(self) -> tuple[FloatArray, list[FloatArray]]:
+        """Return standard deviations: of the nuisance, and of the numbers of each effect found."""
+        spread = np.sqrt(self._variance())
+        ends = np.cumsum([self.known.index.size, *(part.index.size for part in self.own)])
+        return spread[: ends[0]], [spread[a:b] for a, b in pairwise(ends.tolist())]
+
+    def _variance(self) -> FloatArray:
+        """Return the variance of each coefficient, in its own unit squared."""
+        observed, prior = self.observed, joined(self.known, *self.own)
+        use, residual = observed.moving, observed.residual
+        s, size = prior.deviation, prior.index.size
+        noise, block = Noise.of(residual, use, observed.segment), _blocks(observed)
+        gram, scores = np.zeros((size, size)), np.zeros((int(block.max()) + 1, size))
+        for joint in range(observed.n):
+            values, at = self.columns.of_joint(joint)
+            rows = use[:, joint]
+            A = noise.whiten(values, joint, rows) * s[at]
+            y = noise.whiten(residual[:, joint], joint, rows)
+            gram[np.ix_(at, at)] += A.T @ A
+            np.add.at(scores, np.ix_(block[rows], at), A * y[:, None])
+        inverse = np.linalg.inv(gram + np.eye(size))
+        spread = inverse @ (scores.T @ scores + np.eye(size)) @ inverse
+        return np.maximum(np.diag(inverse), np.diag(spread)) * s**2
+
+
+def polished(
+    observed: Observations,
+    simulation: Simulation,
+    split: NDArray[np.bool_],
+    places: Sequence[tuple[str, Sequence[int], bool]],
+) -> Observations:
+    """Fit all parameters once more, linearised where they are now.
+
+    The first fit is linear around the given simulation; widths of signs, bodies and stiffnesses
+    that moved far from it, and effects that act on one another, need more steps.
+
+    Args:
+        observed: The recordings beside the given simulation, whose tolerances hold.
+        simulation: The simulation to start from.
+        split: Rows to fit to, (K, n).
+        places: Of what was found: effect, joints (1-based), and whether it was missing.
+
+    Returns:
+        The recordings beside the fitted simulation.
+    """
+    around = observed.beside(simulation)
+    bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
+    for _ in range(_ROUNDS):
+        own = [
+            found_in(around.simulation, effect, on, missing=missing)
+            for effect, on, missing in places
+        ]
+        found = {id(effect): effect for effect in own if effect is not None}
+        some = tuple(found.values())
+        better = Linearised.of(around, some, bodies, observed.simulation).step(split)
+        if better is None:
+            break
+        around = better
+    return around
+
+
+def _without(effects: Sequence[Effect], some: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return the effects but some of them: the very same, since two may be alike."""
+    return tuple(effect for effect in effects if not any(effect is other for other in some))
+
+
+def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float:
+    white = (noise.whiten(residual[:, j], j, use[:, j]) for j in range(residual.shape[1]))
+    return float(sum(values @ values for values in white))
+
+
+def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
+    """Add what each number of an effect adds to the torque, to first order."""
+    entries = entries_of(effect)
+    ends = [sides(effect, entry) for entry in entries]
+    parts = [difference(ahead, behind, observed) for ahead, behind, _ in ends]
+    joints, values = stacked(parts, columns.rows)
+    values /= np.array([span for _, _, span in ends])
+    return Prior.free(columns.add(joints, values), np.array([e.deviation for e in entries]))
+
+
+def _blocks(observed: Observations) -> NDArray[np.int64]:
+    """Number the block of time of each row, (K,)."""
+    of_time = np.floor(observed.slow.time / _BLOCK).astype(np.int64)
+    both = np.stack([observed.segment, of_time], axis=1)
+    return np.unique(both, axis=0, return_inverse=True)[1].ravel()

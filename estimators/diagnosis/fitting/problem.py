@@ -1,0 +1,152 @@
+"""Bench: what the stages of a diagnosis share, and a set of effects fitted on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from estimators.diagnosis.hypotheses.improvement import Improvement
+from estimators.diagnosis.residuals.held_out import Split, rmse
+from estimators.diagnosis.residuals.noise import Noise, roughness
+from estimators.diagnosis.selection.base_friction import base_of, with_friction
+from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
+from estimators.diagnosis.selection.columns import Columns, Products
+from estimators.diagnosis.selection.evidence import Evidence, Posterior
+from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
+from estimators.diagnosis.selection.search import Search
+from limo_driver.errors import ConfigError, RecordingError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray
+
+Progress: TypeAlias = Callable[[str, float], None]
+
+
+def quiet(_stage: str, _done: float) -> None:
+    """Report no progress."""
+
+
+@dataclass
+class Bench:
+    """What the stages share: observations, columns and who competes."""
+
+    observed: Observations
+    columns: Columns
+    nuisance: Nuisance
+    candidates: list[Candidate]
+    split: Split
+    target: FloatArray  # (K, n) what the columns have to sum up to [N m]
+    level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
+    base: tuple[int, ...]  # candidates that the search starts with
+    held: FloatArray | None = None  # coefficients of the nuisance that stay at a limit, NaN else
+    first: Bench | None = None  # around the given simulation and tolerances, where this one is not
+    _sums: dict[bool, tuple[Noise, Products]] = field(default_factory=dict, init=False)
+
+    @classmethod
+    def of(cls, observed: Observations, progress: Progress) -> Bench:
+        """Lay out everything that could explain the residual."""
+        progress("columns of what is known within tolerances", 0.1)
+        if observed.around is None:
+            observed = with_friction(observed)
+        residual = observed.residual
+        split = Split.of(observed)
+        columns = Columns(*residual.shape)
+        rough = roughness(residual, observed.moving)
+        nuisance = nuisance_of(observed, columns, rough)
+        progress("columns of every effect at every place", 0.2)
+        level = np.maximum(rmse(residual, observed.moving), 3 * rough)
+        candidates = candidates_of(observed, columns, level)
+        base = base_of(candidates, observed.simulation)
+        return cls(observed, columns, nuisance, candidates, split, residual, level, base)
+
+    def left(self, fitted: Posterior) -> FloatArray:
+        """Return what a fit leaves, (K, n) [N m]."""
+        return self.target - self.columns.apply(fitted.index, fitted.mean)
+
+    def products(self, noise: Noise, *, everything: bool) -> Products:
+        """Return sums over the rows meant for fits, or over all; what was summed once is kept."""
+        of, known = self._sums.get(everything, (noise, None))
+        rows = self.observed.moving if everything else self.split.fitted
+        known = Products.of(self.columns, self.target, noise, rows, known if of is noise else None)
+        self._sums[everything] = noise, known
+        return known
+
+    def undisturbed(self, rows: NDArray[np.bool_]) -> Bench:
+        """Return the same, where something pushed on some rows (K,): those count no more."""
+        observed = self.observed.undisturbed(rows)
+        return replace(self, observed=observed, split=Split.of(observed), held=None)
+
+    def as_stated(self, some: NDArray[np.bool_]) -> Bench:
+        """Return the same, with some of the nuisance's coefficients (c,) exactly as stated."""
+        nuisance, candidates = self.nuisance.certain(some), list(self.candidates)
+        first = self.first or self
+        return replace(self, nuisance=nuisance, candidates=candidates, first=first, held=None)
+
+    def again(self, candidate: Candidate, place: int) -> int:
+        """Enter a candidate that has a place on another bench; return its place on this one."""
+        if candidate.hypothesis is None:
+            return place  # of the given simulation: the same on every bench
+        own = entered(candidate.hypothesis, self.observed, self.columns, self.level)
+        if own is None:
+            raise AssertionError("what was found acts on the torque")
+        self.candidates.append(replace(own, variants=candidate.variants))
+        return len(self.candidates) - 1
+
+    def beyond_base(self, members: tuple[int, ...]) -> int:
+        """Count the members of a set that the search did not start with."""
+        base = {self.candidates[i].place for i in self.base}
+        return sum(self.candidates[i].place not in base for i in members)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The chosen set and its fit."""
+
+    members: tuple[int, ...]
+    search: Search
+    noise: Noise
+    fitted: Posterior
+    gain: float
+
+
+def fitted(
+    bench: Bench, members: tuple[int, ...], noise: Noise, *, everything: bool = False
+) -> Solution:
+    """Fit a given set under given noise, to the rows meant for it or to all."""
+    search = search_on(bench, noise, everything=everything)
+    posterior = search.evidence.posterior(search.prior(members))
+    return Solution(members, search, noise, posterior, search.gain(members))
+
+
+def search_on(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
+    """Return the search under given noise, on the rows meant for fits or on all."""
+    products = bench.products(noise, everything=everything)
+    evidence = Evidence(products, bench.nuisance.prior, bench.held)
+    return Search(bench.candidates, evidence, bench.base)
+
+
+def improve(bench: Bench, solution: Solution) -> Simulation:
+    """Write nuisance shifts and findings into the simulation."""
+    improvement = Improvement(bench.observed.simulation)
+    count = bench.nuisance.prior.index.size
+    bench.nuisance.enter(improvement, solution.fitted.mean[:count])
+    at = count
+    for i in solution.members:
+        candidate = bench.candidates[i]
+        size = candidate.prior.index.size
+        try:
+            candidate.enter(improvement, solution.fitted.mean[at : at + size])
+        except ConfigError as error:  # a value that no such part has
+            raise RecordingError(
+                f"the best explanation is out of range: {error}; is it another robot, or are the "
+                "torques of another motion?"
+            ) from None
+        at += size
+    return improvement.simulation()

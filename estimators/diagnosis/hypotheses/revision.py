@@ -1,0 +1,126 @@
+"""Revision: other values of what the simulation has already, bodies and parameters of effects.
+
+Coefficients are relative: 0 keeps a value, and 0.1 makes it a tenth larger.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.diagnosis.hypotheses.responses import Response, difference
+from estimators.rigid_body.regressor import PER_LINK
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.model import Inertial
+    from limo_driver.physics import Parameter
+    from limo_driver.types import FloatArray
+
+WIDTHS = {"v_eps"}  # parameters that smooth rather than describe
+_INVERSE = {("joint_elasticity", "stiffness")}  # effects and parameters, linear in the inverse
+_STEP = 0.05  # relative, for derivatives by a parameter
+_LEAST_LEVER = 0.01  # [m], scale of a centre of mass that lies on an axis
+_NARROWER, _WIDER = 0.2, 5.0  # times, at most, in one revision
+_STIFFEST = 0.01  # part of an inverse that one revision leaves at least
+
+
+def can_scale(known: Parameter) -> bool:
+    """Say whether a parameter is a size: a number that is neither a shape nor a sign."""
+    return known.is_number and (known.unit != "1" or known.name in {"coefficient", "gain"})
+
+
+def relative_change(effect: str, name: str, coefficient: float) -> float:
+    """Return by which part of itself a coefficient changes the parameter `name` of an effect.
+
+    Of a width, the logarithm is what is linear; of a stiffness that winds up, its inverse.
+    """
+    if name in WIDTHS:
+        return float(np.clip(np.exp(coefficient), _NARROWER, _WIDER) - 1.0)
+    if (effect, name) in _INVERSE:
+        return 1.0 / max(1.0 - coefficient, _STIFFEST) - 1.0
+    return coefficient
+
+
+def beside_stated(effect: str, name: str, ratio: float) -> tuple[float, float]:
+    """Say what coefficients of the stated value of a parameter are where it has another value.
+
+    Args:
+        effect: Identifier.
+        name: Of the parameter.
+        ratio: Value at hand over the stated one.
+
+    Returns:
+        By how much a coefficient of the value at hand is larger, and the one of the stated value
+        that gives the value at hand.
+    """
+    if name in WIDTHS:
+        return 1.0, float(np.log(ratio))
+    if (effect, name) in _INVERSE:
+        return ratio, 1.0 - 1.0 / ratio
+    return 1.0 / ratio, ratio - 1.0
+
+
+def reviser(place: int, effect: str, names: Sequence[str]) -> Enter:
+    """Return what enters coefficients (c,) of as many parameters of the effect at a place."""
+
+    def enter(improvement: Improvement, c: FloatArray) -> None:
+        for name, coefficient in zip(names, c, strict=True):
+            improvement.revise(place, name, relative_change(effect, name, float(coefficient)))
+
+    return enter
+
+
+def derivative(observed: Observations, place: int, name: str) -> Response:
+    """Return what a relative change of 1 of an effect's parameter adds, to first order."""
+    effect: Any = observed.simulation.effects[place]
+    value = getattr(effect, name)
+    ahead, behind = (replace(effect, **{name: value * (1 + sign * _STEP)}) for sign in (1, -1))
+    joints, values = difference(ahead, behind, observed)
+    return Response(joints, values / (2 * _STEP))
+
+
+def mover(link: int, scale: FloatArray) -> Enter:
+    """Return what enters relative coefficients (10,) of a link's body (0-based).
+
+    Args:
+        link: Which link.
+        scale: Its `relative_inertia`, (10, 10).
+    """
+    return lambda improvement, c: improvement.move_inertia(link, scale @ c)
+
+
+def relative_inertia(body: Inertial) -> FloatArray:
+    """Return d(m, m c, I at the joint frame) / d(relative m, c, I at the com), (10, 10).
+
+    A component of the centre of mass is relative to the distance of that centre.
+    """
+    m, c = body.mass, np.array(body.com)
+    tensor = body.tensor()
+    scale = np.zeros((PER_LINK, PER_LINK))
+    at_origin = _point(m, c)
+    scale[0, 0], scale[1:4, 0], scale[4:, 0] = m, m * c, at_origin
+    lever = np.full(3, max(float(np.linalg.norm(c)), _LEAST_LEVER))
+    for axis in range(3):
+        d = np.zeros(3)
+        d[axis] = lever[axis]
+        scale[1 + axis, 1 + axis] = m * lever[axis]
+        ahead, behind = (_point(m, c + sign * 0.01 * d) for sign in (1, -1))
+        scale[4:, 1 + axis] = (ahead - behind) / 0.02
+    moments = np.diag(tensor)
+    for column, (i, k) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+        size = np.sqrt(moments[i] * moments[k]) * (1.0 if i == k else 0.3)
+        scale[4 + column, 4 + column] = size
+    return scale
+
+
+def _point(m: float, c: FloatArray) -> FloatArray:
+    tensor = m * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.array(
+        [tensor[0, 0], tensor[0, 1], tensor[1, 1], tensor[0, 2], tensor[1, 2], tensor[2, 2]]
+    )

@@ -1,0 +1,229 @@
+"""Conclusion: the verdict in the words and numbers of `verdict.json`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.judgement.findings import findings_of, unknown_of
+from estimators.diagnosis.judgement.judgement import MATERIAL
+from estimators.diagnosis.judgement.shares import left_at
+from estimators.diagnosis.residuals import repeats
+from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
+from estimators.diagnosis.residuals.plausibility import notes_on
+from estimators.diagnosis.result import CHOSEN, Explanation, Shift
+from estimators.diagnosis.verdict import (
+    UNKNOWN,
+    Fit,
+    NotObservable,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.judgement.judgement import Leftover
+    from estimators.diagnosis.verdict import Finding
+    from limo_driver.recording import Recording
+    from limo_driver.types import FloatArray
+
+_PRICE = 10.0  # [nat] that an effect has to bring
+_HIDDEN = 10.0  # [noise floors]
+
+
+def fit_of(bench: Bench, proven: FloatArray, alone: FloatArray, floor: FloatArray) -> Fit:
+    """Return the proof on held-out rows.
+
+    Args:
+        bench: What was compared.
+        proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
+        alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
+        floor: Noise floor of each joint, (n,) [N m].
+    """
+    rows = bench.split.held_out
+    before, after = rmse(bench.observed.residual, rows), rmse(proven, rows)
+    return Fit(
+        tuple(before.tolist()),
+        tuple(after.tolist()),
+        tuple(floor.tolist()),
+        reducible_removed(before, after, floor),
+        bootstrap(bench.observed.residual, proven, floor, bench.observed, rows),
+        tuple(alone.tolist()),
+    )
+
+
+def rows_of(recordings: Sequence[Recording]) -> RowCount:
+    """Count the rows used and left out, by reason."""
+    left_out: dict[str, int] = {}
+    for recording in recordings:
+        for item in recording.left_out:
+            left_out[item.reason] = left_out.get(item.reason, 0) + len(item.rows)
+    return RowCount(sum(map(len, recordings)), left_out)
+
+
+def conclude(
+    bench: Bench,
+    solution: Solution,
+    rest: Leftover,
+    named: Sequence[int],
+    unknown: tuple[int, ...],
+    proven: FloatArray,
+    tolerances: FloatArray,
+    contact: tuple[Finding, ...] = (),
+) -> Verdict:
+    """Put the verdict together.
+
+    Args:
+        bench: What was compared.
+        solution: The set, fitted to the rows meant for it.
+        rest: What is left.
+        named: Members of the set that are findings; the others only stand in for the unknown.
+        unknown: Joints (0-based) on which something unknown acts.
+        proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
+        tolerances: Residual (K, n) with values moved inside their tolerances and no effect [N m].
+        contact: Pushes that were found.
+    """
+    alone = rmse(tolerances, bench.split.held_out)
+    after = rmse(proven, bench.split.held_out)
+    stand_ins = [member for member in solution.members if member not in named]
+    found = (*contact, *findings_of(bench, solution, named, rest, alone, after))
+    findings = (*found, *unknown_of(bench, stand_ins, rest, unknown, alone, after))
+    if not findings:
+        summary = "consistent"
+    elif not unknown:
+        summary = "explained"
+    else:
+        summary = "partly_explained" if found else "unexplained"
+    _, share = left_at(unknown, alone, after, rest.floor)
+    where = next((item.where for item in findings if item.effect == UNKNOWN), Where())
+    return Verdict(
+        verdict=summary,
+        findings=findings,
+        unexplained=Unexplained(tuple(j + 1 for j in unknown), share, where),
+        not_observable=not_observable(bench, solution, rest),
+        next_motion=None,
+        fit=fit_of(bench, proven, alone, rest.floor),
+        rows=rows_of(bench.observed.recordings),
+        # of all rows, and beside the given simulation, as the recordings came in
+        notes=(
+            *notes_on(bench.observed.undisturbed(None).beside(bench.observed.simulation)),
+            *repeats.notes(bench.observed, proven),
+        ),
+    )
+
+
+def not_observable(bench: Bench, solution: Solution, rest: Leftover) -> tuple[NotObservable, ...]:
+    """Name the effects that could be there at ten noise floors without showing."""
+    evidence = solution.search.evidence
+    size = bench.columns.size()
+    least: dict[str, tuple[float, int]] = {}
+    moves = np.count_nonzero(bench.observed.moving, axis=0) > 0
+    for candidate in bench.candidates:
+        if not np.all(moves[list(candidate.joints)]):
+            continue  # a note says so
+        at = candidate.prior.index
+        information = np.diag(evidence.gram)[at]
+        joint = candidate.joints[0] if candidate.joints else 0
+        torque = float(
+            np.min(size[at] * np.sqrt(2 * _PRICE / np.maximum(information, 1e-12)))
+            / rest.floor[joint]
+        )
+        known = least.get(candidate.effect)
+        if known is None or torque > known[0]:
+            least[candidate.effect] = (torque, joint)
+    return tuple(
+        NotObservable(
+            effect,
+            f"at joint {joint + 1} it would have to add {torque * rest.floor[joint]:.2g} N m RMS "
+            "to show beside what the tolerances allow",
+        )
+        for effect, (torque, joint) in sorted(least.items())
+        if torque > _HIDDEN
+    )
+
+
+def explanations_of(
+    bench: Bench, solution: Solution, floor: FloatArray, limit: int = 12
+) -> tuple[Explanation, ...]:
+    """Return the chosen set and the best others, best first.
+
+    Args:
+        bench: What was compared.
+        solution: The chosen set, fitted to the rows meant for it.
+        floor: Noise floor of each joint, (n,) [N m].
+        limit: How many.
+    """
+    search, rows = solution.search, bench.split.held_out
+    none = rmse(bench.left(search.evidence.posterior(search.prior(()))), rows)
+    kept = rmse(bench.left(solution.fitted), rows)
+    found: list[Explanation] = []
+    for members in _ranked(bench, solution, limit):
+        left = rmse(bench.left(search.evidence.posterior(search.prior(members))), rows)
+        gain, note = search.gain(members), ""
+        if set(members) == set(solution.members):
+            note = CHOSEN
+        elif gain > solution.gain:
+            note = _dropped(left / floor, kept / floor)
+        found.append(
+            Explanation(
+                tuple(bench.candidates[i].effect for i in members),
+                tuple(tuple(j + 1 for j in bench.candidates[i].joints) for i in members),
+                gain,
+                reducible_removed(none, left, floor),
+                note,
+            )
+        )
+    return tuple(found)
+
+
+def _dropped(left: FloatArray, kept: FloatArray) -> str:
+    """Say why a set of more evidence was not chosen.
+
+    Args:
+        left: Its held-out RMSE, (n,) [noise floors].
+        kept: That of the chosen set.
+    """
+    gained = kept**2 - left**2
+    if gained.sum() <= 0:
+        return "does not hold on motion held out"
+    return "takes too little off motion held out" if gained.max() < MATERIAL**2 else ""
+
+
+def _ranked(bench: Bench, solution: Solution, limit: int) -> list[tuple[int, ...]]:
+    """Return the best sets of members, one of each set of places; the chosen one is among them."""
+    search, chosen = solution.search, tuple(sorted(solution.members))
+    sets = {chosen}
+    for member in chosen:
+        rest = tuple(i for i in chosen if i != member)
+        sets |= {item.members for item in search.ranked(rest, limit)} | {rest}
+    sets |= {item.members for item in search.ranked((), limit)}
+    best: dict[tuple[tuple[str, tuple[int, ...]], ...], tuple[int, ...]] = {}
+    for members in [*sorted(sets, key=search.gain), chosen]:
+        best[tuple(sorted(bench.candidates[i].place for i in members))] = members
+    others = sorted(set(best.values()) - {chosen}, key=search.gain, reverse=True)[: limit - 1]
+    return sorted([chosen, *others], key=search.gain, reverse=True)
+
+
+def shifts_of(bench: Bench, final: Solution) -> tuple[Shift, ...]:
+    """Return how far each nuisance parameter moved, in its own tolerance, farthest first."""
+    count = bench.nuisance.prior.index.size
+    mean = final.fitted.mean[:count]
+    deviation = bench.nuisance.prior.deviation
+    sigmas = np.divide(mean, deviation, out=np.zeros_like(mean), where=deviation > 0)
+    order = np.argsort(-np.abs(sigmas))
+    parameters = bench.nuisance.parameters
+    return tuple(
+        Shift(
+            parameters[k].name,
+            parameters[k].nominal,
+            parameters[k].value(float(mean[k])),
+            parameters[k].unit,
+            float(sigmas[k]),
+        )
+        for k in order.tolist()
+    )

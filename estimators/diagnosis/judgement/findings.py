@@ -1,0 +1,181 @@
+"""Findings: what was found, with place, confidence and evidence."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.fitting.laws import sentence_of
+from estimators.diagnosis.judgement.confidence import OF_UNKNOWN, Signs, confidence_of
+from estimators.diagnosis.judgement.judgement import (
+    contribution,
+    equivalents,
+    identical,
+    margin,
+    material,
+)
+from estimators.diagnosis.judgement.region import where_of
+from estimators.diagnosis.judgement.shares import left_at, shares_of
+from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
+from estimators.diagnosis.wording import OF_BODIES, SIGNATURES, times
+from limo_driver.physics import spoken
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.judgement.judgement import Leftover
+    from estimators.diagnosis.selection.candidates import Candidate
+    from estimators.diagnosis.verdict import Where
+    from limo_driver.types import FloatArray
+
+
+def findings_of(
+    bench: Bench,
+    solution: Solution,
+    named: Sequence[int],
+    leftover: Leftover,
+    alone: FloatArray,
+    after: FloatArray,
+) -> tuple[Finding, ...]:
+    """Return the findings of named members, the largest share first.
+
+    Args:
+        bench: What was compared.
+        solution: The set, fitted to the rows meant for it.
+        named: Members of the set.
+        leftover: What is left on each joint.
+        alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
+        after: That of the improved simulation.
+    """
+    shares = shares_of(bench, solution, alone, after, leftover.floor)
+    found: list[Finding] = []
+    for member in named:
+        candidate = bench.candidates[member]
+        same = equivalents(bench, solution, member)
+        gained = contribution(bench, solution, member)
+        everywhere = candidate.effect in OF_BODIES or not candidate.joints
+        own = list(range(bench.observed.n) if everywhere else candidate.joints)
+        joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
+        lead = margin(bench, solution, member, same)
+        before = np.sqrt(np.maximum(after**2 + gained, 0.0))
+        signs = Signs(
+            lead=lead,
+            material=material(bench, solution, member),
+        )
+        found.append(
+            Finding(
+                effect=candidate.effect,
+                kind=candidate.kind,
+                joints=tuple(j + 1 for j in candidate.joints or range(bench.observed.n)),
+                equivalent=tuple(
+                    dict.fromkeys(
+                        effect
+                        for effect in (*identical(bench, member), *(c.effect for c in same))
+                        if effect != candidate.effect
+                    )
+                ),
+                confidence=confidence_of(signs),
+                parameters={},  # `with_parameters` reads them off the improved simulation
+                where=_where(bench, solution, member, joint),
+                share=shares[member],
+                heldout_rmse=BeforeAfter(tuple(before.tolist()), tuple(after.tolist())),
+                evidence=_sentence(
+                    candidate,
+                    joint,
+                    float(before[joint]),
+                    float(after[joint]),
+                    float(leftover.floor[joint]),
+                    lead,
+                )
+                + sentence_of(candidate.laws),
+                signs=asdict(signs),
+            )
+        )
+    return tuple(sorted(found, key=lambda item: -item.share))
+
+
+def _sentence(
+    candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
+) -> str:
+    return (
+        f"At joint {joint + 1} {SIGNATURES[candidate.effect]}; on motion held out, it brings the "
+        f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
+        + (
+            f"makes the recordings {times(lead)} likelier than the next explanation does."
+            if lead > 0
+            else "the next explanation does as well."
+        )
+    )
+
+
+def amplitudes(bench: Bench, solution: Solution, member: int) -> tuple[FloatArray, FloatArray]:
+    """Return a member's coefficients and their covariance."""
+    at = bench.nuisance.prior.index.size
+    for i in solution.members:
+        size = bench.candidates[i].prior.index.size
+        if i == member:
+            rows = slice(at, at + size)
+            return solution.fitted.mean[rows], solution.fitted.covariance[rows, rows]
+        at += size
+    raise KeyError(member)
+
+
+def _where(bench: Bench, solution: Solution, member: int, joint: int) -> Where:
+    mean, _ = amplitudes(bench, solution, member)
+    torque = bench.columns.apply(bench.candidates[member].prior.index, mean)
+    return where_of(bench.observed, torque[:, joint], joint)
+
+
+def unknown_of(
+    bench: Bench,
+    stand_ins: Sequence[int],
+    rest: Leftover,
+    joints: tuple[int, ...],
+    alone: FloatArray,
+    after: FloatArray,
+) -> tuple[Finding, ...]:
+    """Return the finding of what nothing explains, if there is something.
+
+    Args:
+        bench: What was compared.
+        stand_ins: Members that improve the prediction, and explain too little to be named.
+        rest: What is left on each joint.
+        joints: Where something unknown acts, 0-based.
+        alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
+        after: That of the improved simulation.
+    """
+    if not joints:
+        return ()
+    worst = max(joints, key=lambda j: rest.foretold[j] / rest.floor[j])
+    text = (
+        f"At joint {worst + 1} a rest of {rest.foretold[worst]:.3f} N m RMS could be foretold from "
+        f"the motion (noise floor {rest.floor[worst]:.3f} N m), and no known effect foretells it."
+    )
+    if stand_ins:
+        names = (
+            f"{spoken(c.effect)} ({', '.join(str(j + 1) for j in c.joints) or 'arm'})"
+            for c in (bench.candidates[member] for member in stand_ins)
+        )
+        text += (
+            f" Until it is understood, {'; '.join(names)} stand in for part of it in the improved "
+            "simulation; they are no names for it."
+        )
+    values = tuple(after.tolist())
+    share, _ = left_at(joints, alone, after, rest.floor)
+    return (
+        Finding(
+            effect=UNKNOWN,
+            kind="missing",
+            joints=tuple(j + 1 for j in joints),
+            equivalent=(),
+            confidence=OF_UNKNOWN,
+            parameters={},
+            where=where_of(bench.observed, rest.series[:, worst], worst),
+            share=share,
+            heldout_rmse=BeforeAfter(values, values),
+            evidence=text,
+        ),
+    )

@@ -1,0 +1,114 @@
+"""Surrogate: whether what is left over could be foretold at all.
+
+What no effect of the catalogue explains is either noise or unknown physics. Unknown physics is a
+function of the motion, so a black box can foretell it on rows that it has not seen; noise it
+cannot. The black box is a ridge regression on many features of the joint's own motion, the loads
+and speeds of the others, and time.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.hypotheses.friction import stop
+from estimators.diagnosis.hypotheses.responses import over_joint
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.types import FloatArray
+
+_WIDTHS = (3e-4, 1e-3, 4e-3, 0.015, 0.06)  # [rad]
+_SPEEDS = (0.002, 0.01, 0.04, 0.15)  # [rad/s]
+_RIDGES = (1e-3, 1e-2, 1e-1, 1.0)  # of the mean energy of a feature
+_FOLDS = 5
+_WAVES = 3
+_HATS = 12
+
+
+def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatArray:
+    """Return what a black box foretells of one joint's residual, each row from other rows.
+
+    Args:
+        observed: Recordings and simulation.
+        residual: (K,) [N m].
+        joint: 0-based.
+
+    Returns:
+        Foretold residual, (K,) [N m]; zero where nothing can be foretold.
+    """
+    features = _features(observed, joint) * observed.moving[:, joint, None]
+    residual = residual * observed.moving[:, joint]
+    X = features / np.maximum(np.sqrt(np.mean(features**2, axis=0)), 1e-12)
+    fold = _folds(observed)
+    grams = [X[fold == k].T @ X[fold == k] for k in range(_FOLDS)]
+    products = [X[fold == k].T @ residual[fold == k] for k in range(_FOLDS)]
+    gram, product = np.sum(grams, axis=0), np.sum(products, axis=0)
+    best = np.zeros_like(residual)
+    least = float(np.sum(residual**2))
+    for ridge in _RIDGES:
+        guess = np.empty_like(residual)
+        for k in range(_FOLDS):
+            M = gram - grams[k] + ridge * len(residual) * np.eye(X.shape[1])
+            guess[fold == k] = X[fold == k] @ np.linalg.solve(M, product - products[k])
+        error = float(np.sum((residual - guess) ** 2))
+        if error < least:
+            best, least = guess, error
+    return best
+
+
+def _folds(observed: Observations) -> NDArray[np.int64]:
+    """Cut every recording into blocks of 3 s and deal them out, (K,)."""
+    block = np.floor((observed.slow.time - observed.slow.time[0]) / 3.0).astype(np.int64)
+    return (block + 2 * observed.recording) % _FOLDS
+
+
+def _features(observed: Observations, j: int) -> FloatArray:
+    motion, load = observed.motion, observed.load
+    q, v = motion.position[:, j], motion.velocity[:, j]
+    sign = np.tanh(v / _SPEEDS[0])
+    size = np.abs(load) / np.maximum(np.abs(load).max(axis=0), 1e-9)
+    own = [np.tanh(v / speed) for speed in _SPEEDS]
+    own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
+    own += [over_joint(stop(j + 1, width), observed) for width in _WIDTHS]
+    waves = [f(k * q) for k in range(1, _WAVES + 1) for f in (np.sin, np.cos)]
+    own += waves + [sign * wave for wave in waves]
+    own += [sign * size[:, k] for k in range(observed.n)]
+    own += [load[:, k] for k in range(observed.n)]
+    for k in range(observed.n):
+        if k != j:
+            other = motion.velocity[:, k]
+            own += [other, np.tanh(other / 0.01), sign * np.abs(np.tanh(other / 0.05))]
+    filtered = observed.filter(np.stack(own, axis=1))
+    hats = _hats(observed)
+    slow_sign = filtered[:, :1]
+    return np.concatenate([filtered, hats, slow_sign * hats], axis=1)
+
+
+def _rested(observed: Observations, j: int) -> FloatArray:
+    """Return the friction of stiction: the sign of motion, decaying since the joint last rested."""
+    result = np.zeros(len(observed.motion))
+    for rows in observed.segments:
+        v, time = observed.motion.velocity[rows, j], observed.motion.time[rows]
+        still = np.abs(v) < 1e-3  # noqa: PLR2004  # [rad/s]
+        last = np.where(still, np.arange(v.size), -1)
+        last = np.maximum.accumulate(last)
+        since = np.where(last >= 0, time - time[np.maximum(last, 0)], 1e3)
+        result[rows] = np.sign(v) * np.exp(-since / 0.3)
+    return result
+
+
+def _hats(observed: Observations) -> FloatArray:
+    """Return hat functions of time over each recording, (K, hats)."""
+    parts: list[FloatArray] = []
+    for recording in range(len(observed.recordings)):
+        rows = observed.recording == recording
+        time = observed.slow.time
+        knots = np.linspace(time[rows].min(), time[rows].max(), _HATS)
+        width = knots[1] - knots[0]
+        hats = np.maximum(0.0, 1.0 - np.abs(time[:, None] - knots) / width)
+        parts.append(hats * rows[:, None])
+    return np.concatenate(parts, axis=1)

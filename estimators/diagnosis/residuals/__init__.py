@@ -1,0 +1,1 @@
+"""Residuals: recordings beside a simulation, their noise, and what is wrong with a log."""

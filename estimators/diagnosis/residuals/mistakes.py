@@ -1,0 +1,266 @@
+"""Mistakes: what a log can get wrong about a whole joint, and how to undo each.
+
+Columns in the wrong order, signs, units and zeros of another convention are no missing physics, but
+a search for physics would name some.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import combinations
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from scipy.optimize import nnls
+
+from limo_driver.types import Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+LEAST_MOVING = 50  # rows on which a joint has to move if its torque is to be judged
+_ROWS = 1500  # that are enough to judge by
+_ROWS_TO_TURN = 400
+ANGLES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # [rad] that a joint may have
+_TURNS = 3
+_LEFT = 0.7  # part of the recorded torque that may be left unexplained beside its gravity
+_DEGREES = float(np.rad2deg(1.0))
+_TINY = 1e-9  # [N m], [rad/s]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Some rows of all recordings, perhaps with a mistake undone: K rows of n joints."""
+
+    body: RobotModel
+    motion: Motion
+    torque: FloatArray  # (K, n) [N m]
+    moving: NDArray[np.bool_]  # (K, n)
+    constant: tuple[int, ...] = ()  # joints (0-based) whose encoder gives one value throughout
+
+    @classmethod
+    def of(cls, observed: Observations) -> Sample:
+        """Thin the slow rows."""
+        rows = slice(None, None, max(1, len(observed.slow) // _ROWS))
+        body = observed.simulation.body
+        return cls(
+            body,
+            observed.slow[rows],
+            observed.measured[rows],
+            observed.moving[rows],
+            constant_joints(observed),
+        )
+
+    @cached_property
+    def load(self) -> FloatArray:
+        """Nominal rigid-body torque, (K, n) [N m]."""
+        motion = self.motion
+        return self.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+
+    @cached_property
+    def misfit(self) -> FloatArray:
+        """Part of each joint's torque that neither load nor any friction explains, (n,).
+
+        RMS over RMS, without the means. Joints that hardly move count as fitting.
+        """
+        result = np.zeros(self.torque.shape[1])
+        for joint in np.flatnonzero(self.moving.sum(axis=0) >= LEAST_MOVING).tolist():
+            torque = self.torque[self.moving[:, joint], joint]
+            size = float(np.linalg.norm(torque - torque.mean()))
+            result[joint] = float(np.linalg.norm(self.rest(joint))) / max(size, _TINY)
+        return result
+
+    def rest(self, joint: int) -> FloatArray:
+        """Return a joint's torque beyond load and friction on its moving rows [N m].
+
+        Friction is fitted, since it is known less well than the body, but it cannot drive.
+        """
+        use = self.moving[:, joint]
+        v = self.motion.velocity[use, joint]
+        left = self.torque[use, joint] - self.load[use, joint]
+        friction = dry_and_viscous(v)
+        friction -= friction.mean(axis=0)
+        left -= left.mean()
+        size, _ = nnls(friction, left)
+        return left - friction @ size
+
+    @cached_property
+    def friction(self) -> FloatArray:
+        """Friction that fits best beside the load, (K, n) [N m]; zero where a joint rests."""
+        result = np.zeros_like(self.torque)
+        for joint in np.flatnonzero(self.moving.any(axis=0)).tolist():
+            use = self.moving[:, joint]
+            friction = dry_and_viscous(self.motion.velocity[use, joint])
+            size, _ = nnls(friction, self.torque[use, joint] - self.load[use, joint])
+            result[use, joint] = friction @ size
+        return result
+
+    def thinned(self, most: int) -> Sample:
+        """Return at most so many of the rows."""
+        rows = slice(None, None, -(-len(self.torque) // most))
+        return replace(
+            self, motion=self.motion[rows], torque=self.torque[rows], moving=self.moving[rows]
+        )
+
+    def at(self, position: FloatArray) -> Sample:
+        """Return the sample at other positions (K, n) [rad], as fast as before."""
+        return replace(self, motion=replace(self.motion, position=position))
+
+    def positions(self, matrix: FloatArray, turn: FloatArray | float = 0.0) -> Sample:
+        """Return the sample with positions q → q Aᵀ + turn; A is (n, n), turn (n,) [rad]."""
+        motion = self.motion
+        moved = Motion(
+            motion.time,
+            motion.position @ matrix.T + turn,
+            motion.velocity @ matrix.T,
+            motion.acceleration @ matrix.T,
+        )
+        moving = (self.moving.astype(float) @ np.abs(np.sign(matrix)).T) > 0
+        return replace(self, motion=moved, moving=moving)
+
+    def torques(self, matrix: FloatArray) -> Sample:
+        """Return the sample with torques τ → τ Aᵀ; A is (n, n)."""
+        return replace(self, torque=self.torque @ matrix.T)
+
+
+def constant_joints(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) of which the encoder gives one value in each recording."""
+    varies = np.any([np.ptp(item.position, axis=0) for item in observed.recordings], axis=0)
+    return tuple(np.flatnonzero(~varies).tolist())
+
+
+def dry_and_viscous(v: FloatArray) -> FloatArray:
+    """Return what friction of either kind is in proportion to, (K, 2), at speeds (K,) [rad/s]."""
+    return np.stack([np.sign(v), v / max(float(np.abs(v).max()), _TINY)], axis=1)
+
+
+Undo: TypeAlias = Callable[[Sample], Sample]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What is wrong, in words, and what undoes it."""
+
+    said: str
+    undo: Undo
+    is_of_data: bool = True  # not of how the arm is mounted, which is physics
+
+
+def mistakes(n: int) -> Iterator[Mistake]:
+    """Yield what can be wrong with the log of n joints; the more usual of two alike first."""
+    one = np.eye(n)
+    yield Mistake(
+        "all torques have the other sign than expected, which is positive along the axis",
+        lambda sample: sample.torques(-one),
+    )
+    for j in range(n):
+        yield from _of_joint(j, n)
+    for i, j in combinations(range(n), 2):
+        exchange = one[[j if k == i else i if k == j else k for k in range(n)]]
+        yield Mistake(
+            f"torque_{i + 1} belongs to joint {j + 1} and torque_{j + 1} to joint {i + 1}",
+            _torques(exchange),
+        )
+        yield Mistake(
+            f"position_{i + 1} belongs to joint {j + 1} and position_{j + 1} to joint {i + 1}",
+            _positions(exchange),
+        )
+    yield Mistake("gravity is taken out of the torques, expected all that is measured", _weighed)
+    yield Mistake(
+        "the positions of all joints are 57.3 times too small, as if converted from degrees twice",
+        _positions(one * _DEGREES),
+    )
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            yield Mistake("", _gravity(sign * np.eye(3)[axis]), is_of_data=False)
+
+
+def _of_joint(j: int, n: int) -> Iterator[Mistake]:
+    one, own = np.eye(n), np.eye(n)[j]
+    turned = one - 2 * np.diag(own)
+    yield Mistake(
+        f"torque_{j + 1} has the other sign than expected, which is positive along the axis",
+        _torques(turned),
+    )
+    yield Mistake(
+        f"position_{j + 1} has the other sign than the axis of joint {j + 1}", _positions(turned)
+    )
+    yield Mistake(
+        f"position_{j + 1} and torque_{j + 1} have the other sign than the axis of joint {j + 1}",
+        lambda sample: sample.torques(turned).positions(turned),
+    )
+    yield Mistake(
+        f"position_{j + 1} is 57.3 times too small, as if converted from degrees twice",
+        _positions(one + (_DEGREES - 1) * np.diag(own)),
+    )
+    for degrees in (90, -90, 180):
+        yield Mistake(
+            f"the zero of position_{j + 1} is {abs(degrees)}° away from that of the model",
+            _positions(one, np.deg2rad(degrees) * own),
+        )
+
+
+def stuck(sample: Sample) -> Iterator[Mistake]:
+    """Yield encoders that may be stuck: those that give one value throughout.
+
+    A joint that stands still may do so, too; but then the torques fit as they are.
+    """
+    for j in sample.constant:
+        value = float(sample.motion.position[0, j])
+        yield Mistake(
+            f"position_{j + 1} is {value:.4g} rad in all rows although the torques are those of an "
+            f"arm whose joint {j + 1} moves, as if its encoder were stuck",
+            partial(_turning, j),
+        )
+
+
+def _turning(j: int, sample: Sample) -> Sample:
+    """Turn a joint in each row to where the torques of all others fit best."""
+    sample = sample.thinned(_ROWS_TO_TURN)
+    own, n = sample.motion, sample.torque.shape[1]
+    position = np.repeat(own.position[None], ANGLES.size, axis=0)  # (angles, K, n)
+    position[:, :, j] = ANGLES[:, None]
+    motion = (
+        position,
+        *(np.broadcast_to(x, position.shape) for x in (own.velocity, own.acceleration)),
+    )
+    load = sample.body.inverse_dynamics(*(x.reshape(-1, n) for x in motion)).reshape(position.shape)
+    weight = (np.arange(n) != j) / np.maximum(sample.torque.std(axis=0), _TINY)
+    for _ in range(_TURNS):  # of friction and angles
+        error = weight * (load - (sample.torque - sample.friction))
+        best = np.argmin(np.sum(error**2, axis=2), axis=0)
+        sample = sample.at(position[best, np.arange(best.size)])
+    return sample
+
+
+def _torques(matrix: FloatArray) -> Undo:
+    return lambda sample: sample.torques(matrix)
+
+
+def _positions(matrix: FloatArray, turn: FloatArray | float = 0.0) -> Undo:
+    return lambda sample: sample.positions(matrix, turn)
+
+
+def _weighed(sample: Sample) -> Sample:
+    """Put gravity back, unless what was recorded is lost in it: then it fits all by itself."""
+    still = np.zeros_like(sample.torque)
+    gravity = sample.body.inverse_dynamics(sample.motion.position, still, still)
+    weighed = replace(sample, torque=sample.torque + gravity)
+    left, recorded = weighed.misfit * weighed.torque.std(axis=0), sample.torque.std(axis=0)
+    return weighed if np.linalg.norm(left) < _LEFT * np.linalg.norm(recorded) else sample
+
+
+def _gravity(direction: FloatArray) -> Undo:
+    def undo(sample: Sample) -> Sample:
+        size = float(np.linalg.norm(sample.body.gravity))
+        return replace(sample, body=sample.body.with_gravity((size * direction).tolist()))
+
+    return undo

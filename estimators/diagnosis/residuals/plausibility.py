@@ -1,0 +1,324 @@
+"""Plausibility: can the recorded torque be that of the recorded motion at all?
+
+Each mistake of `mistakes` is undone in turn. If that turns torques which do not follow the motion
+into torques that do, the recordings are refused with the name of the mistake. A misfit that no
+mistake explains is left to the diagnosis, unless the torques have nothing to do with the arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.residuals.mistakes import (
+    LEAST_MOVING,
+    Mistake,
+    Sample,
+    constant_joints,
+    dry_and_viscous,
+    mistakes,
+    stuck,
+)
+from estimators.diagnosis.residuals.noise import roughness
+from estimators.diagnosis.residuals.observations import LEAST_ROWS
+from estimators.rigid_body.regressor import PER_LINK, Chain
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.types import FloatArray
+
+BETTER = 3.0  # times that undoing a mistake has to lower a joint's misfit
+STRANGE = 0.1  # misfit above which a torque may belong to something else
+FITS = 0.4  # misfit below which it belongs to its motion
+SCALE, SCALE_OF_ALL = 12.0, 4.0  # times; no sensor of a joint, nor of all, is so wrong
+ALIKE = 0.8  # correlation of two torques that differ in their scale
+MOST_MISTAKES = 8
+SAID = 3  # mistakes that a message names
+FOREIGN = 0.5  # misfit on two joints that no arm of this kind has
+EXPECTED = 0.25  # of the torque that the load should make, if its lack is to tell
+ALIVE = 3.0  # [noise floors] of torque on a joint that does not move, beyond its load
+OWN = 0.5  # part of that torque that is not load
+APART, APART_SIGMAS = 0.05, 2.5  # misfit, and tolerances, beyond which bodies are others
+MUCH_BETTER = 5.0  # times that a free rigid body fits better than the given one
+MANY = 3  # joints on which it does
+_DEPENDENT = 1e-6  # of the largest singular value: parameters that only act together
+_NEGLIGIBLE = 0.03  # misfit; smaller ones are all good
+_CONSTANT = 1e-9  # [N m]
+
+
+def check_plausible(observed: Observations) -> None:
+    """Refuse recordings of which a diagnosis would only name physics that is not there.
+
+    Raises:
+        RecordingError: Nothing moves, a torque was not measured or has other units, columns are
+            exchanged or have the other sign, or the arm is another one.
+    """
+    _check_motion(observed)
+    _check_measured(observed)
+    _check_scale(observed)
+    if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
+        for k in range(len(observed.recordings)):
+            part = observed.part(k)
+            if len(part.kept) >= LEAST_ROWS and len(still(part)) < observed.n:
+                _check_columns(part, Sample.of(part))
+    sample = Sample.of(observed)
+    if not _check_columns(observed, sample):
+        _check_arm(observed, sample)  # of all together: a light joint may show little in one
+
+
+def _check_columns(observed: Observations, sample: Sample) -> bool:
+    """Refuse mistakes of columns; say whether something else, as a mounting, was found."""
+    found = found_in(sample)
+    wrong = [mistake.said for mistake in found if mistake.is_of_data]
+    if wrong:
+        more = f"; and {len(wrong) - SAID} more of the kind" if len(wrong) > SAID else ""
+        raise _refused(observed, f"{'; '.join(wrong[:SAID])}{more} (undone, torque fits motion)")
+    return bool(found)
+
+
+def still(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) that move too little for their friction to show."""
+    return tuple(np.flatnonzero(observed.moving.sum(axis=0) < LEAST_MOVING).tolist())
+
+
+def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
+    """Return joints (0-based) that may move although their encoder gives one value.
+
+    Nothing that the arm does moves the torque of a locked joint as far as this, and the mistake is
+    not one that the torques of the others would show: they hardly depend on its position.
+    """
+    left = observed.measured - observed.filter(observed.load)
+    left -= np.median(left, axis=0)
+    torque = observed.measured - np.median(observed.measured, axis=0)
+    rough = roughness(left, np.ones_like(observed.moving))
+    strange = np.median(np.abs(left), axis=0)
+    doubt = (strange > ALIVE * rough) & (strange > OWN * np.median(np.abs(torque), axis=0))
+    return tuple(j for j in constant_joints(observed) if doubt[j])
+
+
+def notes_on(observed: Observations) -> tuple[str, ...]:
+    """Return what a reader of the verdict should know of the recordings, one sentence each."""
+    warnings = [
+        f"{recording.source or 'A recording'}: {warning}."
+        for recording in observed.recordings
+        for warning in recording.warnings
+    ]
+    warnings += [
+        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} rad in all rows while torque_"
+        f"{j + 1} varies by {np.ptp(observed.measured[:, j]):.3g} N m: is its encoder stuck? Then "
+        "nothing said of other joints holds, either."
+        for j in doubtful_encoders(observed)
+    ]
+    if foreign := foreign_bodies(observed):
+        joints = ", ".join(str(j + 1) for j in foreign)
+        warnings.append(
+            f"The torques of joints {joints} are those of a rigid body, but several bodies of it "
+            f"are far from those of {observed.simulation.model.name}, payload or not. Is it "
+            "another arm? Then no finding holds, and limo identify makes a simulation of its own."
+        )
+    motionless = still(observed)
+    if not motionless:
+        return tuple(warnings)
+    joints = ", ".join(str(j + 1) for j in motionless)
+    return (
+        *warnings,
+        f"Nothing is said of the torque of joints that move too little to compare it: {joints}.",
+    )
+
+
+def _refused(observed: Observations, what: str) -> RecordingError:
+    sources = [recording.source for recording in observed.recordings]
+    return RecordingError(what, path=", ".join(filter(None, sources)) or None)
+
+
+def _check_motion(observed: Observations) -> None:
+    if len(still(observed)) == observed.n:
+        farthest = float(np.ptp(observed.slow.position, axis=0).max())
+        raise _refused(
+            observed,
+            f"no joint moves on {LEAST_MOVING} independent rows (the farthest by {farthest:.2g} "
+            "rad), expected motion to learn from",
+        )
+
+
+def _check_measured(observed: Observations) -> None:
+    for j in range(observed.n):
+        use = observed.moving[:, j]
+        if use.sum() >= LEAST_MOVING and np.ptp(observed.measured[use, j]) < _CONSTANT:
+            raise _refused(
+                observed,
+                f"torque_{j + 1} is {observed.measured[0, j]:.4g} N m in all rows although joint "
+                f"{j + 1} moves; expected measured torque",
+            )
+
+
+def _check_scale(observed: Observations) -> None:
+    """Refuse torques of another unit: those that follow the motion, but by another order of size.
+
+    All torques together are judged more strictly than one, since a sensor may be wrong, and a
+    friction known badly.
+    """
+    scale = dict(_scales(observed))
+    wrong = [j for j, factor in scale.items() if not 1 / SCALE < factor < SCALE]
+    usual = float(np.exp(np.mean(np.log(list(scale.values()))))) if len(scale) > 1 else 1.0
+    if not 1 / SCALE_OF_ALL < usual < SCALE_OF_ALL:
+        raise _refused(
+            observed,
+            f"the torques are {usual:.3g} times what motion and arm make of them; expected N m; "
+            "are they in N mm or A, or is it another robot?",
+        )
+    if wrong:
+        j = wrong[0]
+        raise _refused(
+            observed,
+            f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected N m; is "
+            "it in N mm or A?",
+        )
+
+
+def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
+    """Yield joint (0-based) and recorded over simulated torque, where one is like the other."""
+    for j in range(observed.n):
+        use = observed.moving[:, j]
+        if use.sum() < LEAST_MOVING:
+            continue
+        y, s = (values[use, j] - values[use, j].mean() for values in _torques(observed))
+        product, energy = abs(float(y @ s)), float(s @ s)
+        if product > ALIKE * np.sqrt(energy * float(y @ y)) > 0:
+            yield j, product / energy
+
+
+def _torques(observed: Observations) -> tuple[FloatArray, FloatArray]:
+    return observed.measured, observed.simulated
+
+
+def found_in(sample: Sample) -> list[Mistake]:
+    """Return the mistakes that together turn torques which do not fit into torques that do.
+
+    Args:
+        sample: Torque and motion as recorded.
+    """
+    known = [*mistakes(sample.torque.shape[1]), *stuck(sample)]
+    found: list[Mistake] = []
+    while len(found) < MOST_MISTAKES and sample.misfit.max() > STRANGE:
+        undone = [mistake.undo(sample) for mistake in known]
+        best = min(range(len(known)), key=lambda k: _size(undone[k]))
+        if not _explains(sample, undone[best]):
+            break
+        found.append(known[best])
+        sample = undone[best]
+    return found
+
+
+def _size(sample: Sample) -> float:
+    """Return the logarithm of the misfits' product; a misfit that cannot matter counts alike."""
+    return float(np.log(np.maximum(sample.misfit, _NEGLIGIBLE)).sum())
+
+
+def _explains(before: Sample, after: Sample) -> bool:
+    """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
+    strange = before.misfit > STRANGE
+    mended = strange & (after.misfit < FITS) & (BETTER * after.misfit < before.misfit)
+    return bool(mended.any()) and _size(after) < _size(before) - np.log(BETTER)
+
+
+def _check_arm(observed: Observations, sample: Sample) -> None:
+    """Refuse torques that are not the load of this arm, with or without a payload."""
+    expected = np.std(sample.load, axis=0) > EXPECTED * np.std(sample.torque, axis=0)
+    foreign = np.flatnonzero((_usual_misfit(_BodyFit.of(sample)) > FOREIGN) & expected)
+    if foreign.size > 1:
+        joints = ", ".join(str(j + 1) for j in foreign)
+        raise _refused(
+            observed,
+            f"the torques of joints {joints} are not the load of {observed.simulation.model.name} "
+            "on this motion, with friction or a payload; is it another robot, or torque of "
+            "another motion?",
+        )
+
+
+def foreign_bodies(observed: Observations) -> tuple[int, ...]:
+    """Return joints (0-based) whose torque is that of an arm with bodies far from the given ones.
+
+    Those of any rigid body fit, and those of the given one do not, with or without a payload. One
+    link that is wrong, a mounting or a sensor does not do this on so many joints.
+    """
+    sample = Sample.of(observed)
+    fit = _BodyFit.of(sample)
+    given, free = _usual_misfit(fit), fit.misfit(slice(None))
+    for link, name in enumerate(sample.body.link_names):
+        own = slice(PER_LINK * link, PER_LINK * (link + 1))
+        if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
+            given = np.minimum(given, fit.misfit(own))
+    least = max(APART, APART_SIGMAS * observed.simulation.tolerances.inertia)
+    joints = np.flatnonzero((given > least) & (MUCH_BETTER * free < given))
+    if joints.size < MANY or found_in(sample):  # a mounting looks like negative masses
+        return ()
+    return tuple(joints.tolist())
+
+
+def _usual_misfit(fit: _BodyFit) -> FloatArray:
+    """Return what load, friction and payload leave of each joint's torque, (n,).
+
+    A payload that lifts is none.
+    """
+    last = slice(-PER_LINK, None)
+    bare = fit.misfit(slice(0))
+    return np.minimum(bare, fit.misfit(last)) if fit.change(last)[0] > 0 else bare
+
+
+@dataclass(frozen=True)
+class _BodyFit:
+    """Torques that are left beside load and friction, as a change of bodies may explain them."""
+
+    n: int
+    joints: tuple[int, ...]  # that move
+    columns: tuple[FloatArray, ...]  # of each of those, (K_j, 10 n) beside any friction
+    left: tuple[FloatArray, ...]  # (K_j,) [N m]
+    size: tuple[float, ...]  # median of the torque [N m]
+
+    @classmethod
+    def of(cls, sample: Sample) -> _BodyFit:
+        moves = np.flatnonzero(sample.moving.sum(axis=0) >= LEAST_MOVING).tolist()
+        Y = Chain.of(sample.body).regressor(sample.motion)
+        return cls(
+            sample.torque.shape[1],
+            tuple(moves),
+            tuple(_beside_friction(sample, j, Y[j]) for j in moves),
+            tuple(sample.rest(j) for j in moves),
+            tuple(float(np.median(np.abs(_centred(sample, j)))) + _CONSTANT for j in moves),
+        )
+
+    def change(self, which: slice) -> FloatArray:
+        """Return the change of some body parameters that leaves least."""
+        scale = zip(self.columns, self.left, self.size, strict=True)
+        A, y = zip(*((columns[:, which] / s, left / s) for columns, left, s in scale), strict=True)
+        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=_DEPENDENT)[0]
+
+    def misfit(self, which: slice) -> FloatArray:
+        """Return what is left of each joint's torque with some body parameters changed, (n,).
+
+        Median over median, which a push does not change.
+        """
+        change, result = self.change(which), np.zeros(self.n)
+        every = zip(self.joints, self.columns, self.left, self.size, strict=True)
+        for joint, columns, left, size in every:
+            result[joint] = float(np.median(np.abs(left - columns[:, which] @ change))) / size
+        return result
+
+
+def _centred(sample: Sample, joint: int) -> FloatArray:
+    torque = sample.torque[sample.moving[:, joint], joint]
+    return torque - np.median(torque)
+
+
+def _beside_friction(sample: Sample, joint: int, columns: FloatArray) -> FloatArray:
+    """Return what no friction of a joint explains of columns (K, p), on its moving rows."""
+    use = sample.moving[:, joint]
+    v = sample.motion.velocity[use, joint]
+    friction = np.column_stack([np.ones(v.size), dry_and_viscous(v)])
+    return columns[use] - friction @ np.linalg.lstsq(friction, columns[use])[0]

@@ -1,0 +1,1 @@
+"""Selection: which set of effects the recordings speak for."""

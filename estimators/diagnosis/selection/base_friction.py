@@ -1,0 +1,109 @@
+"""Base friction: what a simulation that gives a joint no friction at all lacks for certain.
+
+A bare robot description says nothing of friction, which is not to say that there is none. Beside
+friction that is not in, what is missing besides would not show: so the search starts with Coulomb
+and viscous friction at those joints, and keeps them where the recordings speak for them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.hypotheses.friction import coulomb, viscous
+from estimators.diagnosis.hypotheses.improvement import Improvement
+from estimators.diagnosis.residuals.held_out import Split, rmse
+from estimators.diagnosis.residuals.noise import Noise, roughness
+from estimators.diagnosis.selection.candidates import Candidate, entered
+from estimators.diagnosis.selection.columns import Columns, Products
+from estimators.diagnosis.selection.evidence import Evidence, Posterior
+from estimators.diagnosis.selection.nuisance import nuisance_of
+from estimators.diagnosis.selection.search import Search
+from limo_driver.physics import CoulombFriction, PreslidingHysteresis, ViscousFriction
+from limo_driver.physics.effect import Friction
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Simulation
+
+SIGN_WIDTHS = tuple(np.geomspace(2.5e-4, 8e-3, 6).tolist())  # [rad/s]
+_BASE = (CoulombFriction.name, ViscousFriction.name)
+_TURNS = 2  # of noise and widths in turn
+
+
+def without_friction(simulation: Simulation) -> tuple[int, ...]:
+    """Return the joints (0-based) that a simulation gives no friction of any kind."""
+    known = {
+        joint
+        for effect in simulation.effects
+        if isinstance(effect, (Friction, PreslidingHysteresis))
+        for joint in effect.joints
+    }
+    return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
+
+
+def base_of(candidates: Sequence[Candidate], simulation: Simulation) -> tuple[int, ...]:
+    """Return the candidates, by index, that the search has to start with."""
+    bare = without_friction(simulation)
+    return tuple(
+        i
+        for i, candidate in enumerate(candidates)
+        if candidate.effect in _BASE and candidate.joints[0] in bare
+    )
+
+
+def with_friction(observed: Observations) -> Observations:
+    """Take columns around a simulation that has Coulomb and viscous friction at every joint.
+
+    Its size follows from all joints together beside what tolerances allow, and the width of its
+    sign, which all dry friction of a joint shares, is the likeliest of `SIGN_WIDTHS`.
+    """
+    bare = without_friction(observed.simulation)
+    if not bare:
+        return observed
+    residual, rows = observed.residual, Split.of(observed).fitted
+    columns, rough = Columns(*residual.shape), roughness(residual, observed.moving)
+    nuisance = nuisance_of(observed, columns, rough).prior
+    candidates = _competing(observed, columns, bare)
+
+    def fit(noise: Noise) -> tuple[tuple[int, ...], Posterior]:
+        evidence = Evidence(Products.of(columns, residual, noise, rows), nuisance)
+        search = Search(candidates, evidence)
+        members = _likeliest(search)
+        return members, evidence.posterior(search.prior(members))
+
+    members, fitted = fit(Noise.independent(rough, rows))
+    for _ in range(_TURNS):
+        left = residual - columns.apply(fitted.index, fitted.mean)
+        members, fitted = fit(Noise.of(left, rows, observed.segment))
+    improvement = Improvement(observed.simulation)
+    for member, size in zip(members, fitted.mean[nuisance.index.size :], strict=True):
+        candidates[member].enter(improvement, np.array([size]))
+    return observed.beside(observed.simulation, around=improvement.simulation())
+
+
+def _competing(observed: Observations, columns: Columns, bare: Sequence[int]) -> list[Candidate]:
+    level = np.maximum(rmse(observed.residual, observed.moving), 1e-3)
+    tried = [
+        hypothesis
+        for j in bare
+        for hypothesis in (*(coulomb(j + 1, width) for width in SIGN_WIDTHS), viscous(j + 1))
+    ]
+    found = (entered(hypothesis, observed, columns, level) for hypothesis in tried)
+    return [candidate for candidate in found if candidate is not None]
+
+
+def _likeliest(search: Search) -> tuple[int, ...]:
+    """Return one candidate of each place, each the likeliest beside the others."""
+    variants: dict[object, list[int]] = {}
+    for i, candidate in enumerate(search.candidates):
+        variants.setdefault(candidate.place, []).append(i)
+    chosen = {place: indices[len(indices) // 2] for place, indices in variants.items()}
+    for _ in range(_TURNS):
+        for place, indices in variants.items():
+            rest = [i for other, i in chosen.items() if other != place]
+            chosen[place] = max(indices, key=lambda i: search.gain((*rest, i)))
+    return tuple(chosen.values())

@@ -1,0 +1,201 @@
+"""Candidates: hypotheses with their columns in the table, ready to compete."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from estimators.diagnosis.hypotheses import catalogue as hypotheses
+from estimators.diagnosis.hypotheses.improvement import payload_of
+from estimators.diagnosis.hypotheses.responses import responses, stacked
+from estimators.diagnosis.hypotheses.revision import (
+    WIDTHS,
+    can_scale,
+    derivative,
+    mover,
+    relative_inertia,
+    reviser,
+)
+from estimators.diagnosis.selection.evidence import Prior
+from estimators.rigid_body.regressor import PER_LINK
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from estimators.diagnosis.fitting.laws import LawEvidence
+    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
+    from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
+    from estimators.diagnosis.hypotheses.responses import Response
+    from estimators.diagnosis.residuals.observations import Observations
+    from estimators.diagnosis.selection.columns import Columns
+    from limo_driver.types import FloatArray
+
+MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
+DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
+WRONG = 1.0  # relative deviation of a parameter that is simply wrong
+WRONG_INERTIA = 0.4
+_PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
+_PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
+_TINY = 1e-12
+_TOGETHER = 20  # hypotheses that pass the filter in one go
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place, with its columns."""
+
+    effect: str
+    joints: tuple[int, ...]  # 0-based; empty for the whole arm
+    kind: Literal["missing", "wrong_parameter"]
+    prior: Prior
+    enter: Enter
+    hypothesis: Hypothesis | None = None
+    rarity: float = MISSING  # [nat] it has to bring before it is believed
+    variants: int = 1  # with how many of its kind it shares its chance
+    laws: tuple[LawEvidence, ...] = ()  # of which the hypothesis is the best, once they competed
+
+    @property
+    def place(self) -> tuple[str, tuple[int, ...]]:
+        """What is named: effect and joints."""
+        return self.effect, self.joints
+
+    @property
+    def slot(self) -> tuple[str, tuple[int, ...]]:
+        """What holds one candidate of a set: what one says, the others there would say again."""
+        return _PART_OF.get(self.effect, self.effect), self.joints
+
+
+def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -> list[Candidate]:
+    """Add the columns of every hypothesis to the table.
+
+    Args:
+        observed: Recordings and simulation.
+        columns: The table; the nuisance columns are in it.
+        level: Plausible RMS of a missing torque on each joint, (n,) [N m].
+    """
+    found = [*_revisions(observed, columns, level), *_bodies(observed, columns)]
+    revised = {candidate.place for candidate in found}
+    competing = [
+        hypothesis
+        for hypothesis in hypotheses.every(observed)
+        if (hypothesis.effect, hypothesis.joints) not in revised
+    ]
+    for start in range(0, len(competing), _TOGETHER):
+        some = competing[start : start + _TOGETHER]
+        parts = iter(responses([term for item in some for term in item.terms], observed))
+        for hypothesis in some:
+            own = [next(parts) for _ in hypothesis.terms]
+            candidate = _entered(hypothesis, own, columns, level)
+            if candidate is not None:
+                found.append(candidate)
+    return _counted(found)
+
+
+def _counted(found: Sequence[Candidate]) -> list[Candidate]:
+    count: dict[tuple[str, tuple[int, ...]], int] = {}
+    for candidate in found:
+        count[candidate.place] = count.get(candidate.place, 0) + 1
+    return [replace(candidate, variants=count[candidate.place]) for candidate in found]
+
+
+def entered(
+    hypothesis: Hypothesis, observed: Observations, columns: Columns, level: FloatArray
+) -> Candidate | None:
+    """Add one hypothesis' columns to the table; None if it can have no influence."""
+    return _entered(hypothesis, responses(hypothesis.terms, observed), columns, level)
+
+
+def _entered(
+    hypothesis: Hypothesis, found: Sequence[Response], columns: Columns, level: FloatArray
+) -> Candidate | None:
+    joints, values = stacked(found, columns.rows)
+    relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
+    strength = relative.max(axis=0)
+    if strength.min() < _TINY:
+        strength = np.maximum(strength, _TINY)
+        if strength.max() <= _TINY:
+            return None
+    deviation = np.where(strength > _TINY, 1.0 / strength, 0.0)
+
+    def enter(improvement: Improvement, c: FloatArray) -> None:
+        if hypothesis.enter is not None:
+            hypothesis.enter(improvement, c)
+            return
+        for effect in hypothesis.realise(c):
+            improvement.add(effect)
+
+    return Candidate(
+        hypothesis.effect,
+        hypothesis.joints,
+        "missing",
+        Prior(
+            columns.add(joints, values),
+            deviation,
+            np.full(deviation.size, hypothesis.positive),
+        ),
+        enter,
+        hypothesis,
+    )
+
+
+def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> Iterator[Candidate]:
+    """Yield every effect of the simulation, with its parameters free.
+
+    They may change by all that they are, or by what makes a plausible torque, if that is more: a
+    gain or an offset that is nearly zero in the simulation may be anything on the arm.
+    """
+    for place, effect in enumerate(observed.simulation.effects):
+        names = [
+            known.name
+            for known in effect.parameters()
+            if can_scale(known) and known.name not in WIDTHS and getattr(effect, known.name)
+        ]
+        if not names:
+            continue
+        parts = [derivative(observed, place, name) for name in names]
+        joints, values = stacked(parts, columns.rows)
+        relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
+        deviation = np.maximum(WRONG, 1.0 / np.maximum(relative.max(axis=0), _TINY))
+        named = tuple(joint - 1 for joint in effect.joints)
+        yield Candidate(
+            effect.name,
+            named,
+            "wrong_parameter",
+            Prior.free(columns.add(joints, values), deviation),
+            reviser(place, effect.name, names),
+            rarity=DEVIATING,
+        )
+
+
+def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
+    model, n, Y = observed.simulation.model, observed.n, observed.regressor
+    for link, name in enumerate(model.link_names):
+        scale = relative_inertia(model.inertials[name])
+        own = Y[: link + 1, :, PER_LINK * link : PER_LINK * (link + 1)]
+        yield Candidate(
+            "link_inertia",
+            (link,),
+            "wrong_parameter",
+            Prior.free(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, WRONG_INERTIA)),
+            mover(link, scale),
+        )
+    last = Y[:, :, PER_LINK * (n - 1) :]
+    yield Candidate(
+        "payload",
+        (n - 1,),
+        "missing",
+        Prior(
+            columns.add(range(n), np.ascontiguousarray(last)),
+            _PAYLOAD,
+            np.arange(PER_LINK) == 0,
+        ),
+        _loader,
+    )
+
+
+def _loader(improvement: Improvement, c: FloatArray) -> None:
+    """Add a payload; one whose mass is at its bound of 0 is none."""
+    if c[0] > 0:
+        improvement.add(payload_of(c))

@@ -1,0 +1,227 @@
+"""Nuisance: what may differ from the simulation without being missing physics.
+
+Inertias and friction are known to the tolerances of `sim.yaml`; sensors have a little offset and
+lag. Each is a column with a prior deviation. Freely refitted, they would swallow nearly all of an
+elasticity or a backlash; ignored, they would look like physics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.diagnosis.hypotheses.catalogue import UNIT_DELAY
+from estimators.diagnosis.hypotheses.responses import response
+from estimators.diagnosis.hypotheses.revision import (
+    WIDTHS,
+    beside_stated,
+    can_scale,
+    derivative,
+    mover,
+    relative_change,
+    relative_inertia,
+    reviser,
+)
+from estimators.diagnosis.selection.evidence import Prior, joined
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from limo_driver.physics import TimeDelay, TorqueOffset, spoken
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
+    from estimators.diagnosis.residuals.observations import Observations
+    from estimators.diagnosis.selection.columns import Columns
+    from limo_driver.physics import Parameter, Simulation
+    from limo_driver.types import FloatArray
+
+SENSOR_LAG = 3e-4  # [s], 1 sigma: of a torque sensor's own filter against the encoder's
+WIDTH_TOLERANCE = 0.7  # relative, of the width of a smoothed sign
+
+
+@dataclass(frozen=True)
+class Tolerated:
+    """One parameter that may move within its tolerance."""
+
+    name: str  # e.g. "tau_c of joint 2 (coulomb friction)"
+    unit: str  # or "relative"
+    nominal: float
+    scale: float  # what a relative change of 1 adds
+    place: tuple[str, tuple[int, ...]] = ("", ())  # effect that has it, and its joints (0-based)
+    parameter: str = ""  # of an effect, where it is one
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    def value(self, coefficient: float) -> float:
+        """Return the value that a fitted coefficient means, in the parameter's unit."""
+        part = relative_change(self.place[0], self.parameter, coefficient)
+        return float(np.clip(self.nominal + self.scale * part, self.lower, self.upper))
+
+    @property
+    def of_effect(self) -> bool:
+        """Whether it is a size of an effect, of no body or sensor; widths are but guessed."""
+        return bool(self.parameter) and self.parameter not in WIDTHS
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Columns inside tolerances, with how to enter each group into a simulation."""
+
+    parameters: tuple[Tolerated, ...]  # one of each column
+    prior: Prior
+    groups: tuple[tuple[slice, Enter | None], ...]
+    start: FloatArray  # (c,) coefficients that the simulation at hand has against the stated one
+
+    @property
+    def entered(self) -> NDArray[np.bool_]:
+        """Mark the coefficients (c,) that a simulation has; those of sensors it has not."""
+        marks = [np.full(rows.stop - rows.start, enter is not None) for rows, enter in self.groups]
+        return np.concatenate(marks)
+
+    def of(self, places: Collection[tuple[str, tuple[int, ...]]]) -> NDArray[np.bool_]:
+        """Mark the sizes (c,) of some effects at their joints (0-based)."""
+        return np.array([item.of_effect and item.place in places for item in self.parameters])
+
+    def certain(self, some: NDArray[np.bool_]) -> Nuisance:
+        """Return the same without tolerance of some coefficients (c,): those stay as stated."""
+        deviation = np.where(some, 0.0, self.prior.deviation)
+        return replace(self, prior=replace(self.prior, deviation=deviation))
+
+    def enter(self, improvement: Improvement, coefficients: FloatArray) -> None:
+        """Enter fitted coefficients (c,)."""
+        for rows, enter in self.groups:
+            if enter is not None:
+                enter(improvement, coefficients[rows])
+
+
+def nuisance_of(
+    observed: Observations,
+    columns: Columns,
+    floor: FloatArray,
+    stated: Simulation | None = None,
+) -> Nuisance:
+    """Add the nuisance columns to the table.
+
+    Args:
+        observed: Recordings and simulation.
+        columns: The table.
+        floor: Rough noise floor of each joint (n,) [N m].
+        stated: The simulation whose values are known to its tolerances, if not the observed one.
+    """
+    stated = stated or observed.simulation
+    parts = [
+        *_inertias(observed, columns, stated),
+        *_parameters(observed, columns, stated),
+        *_sensors(observed, columns, floor),
+    ]
+    sizes = np.cumsum([0, *(part.prior.index.size for part in parts)])
+    return Nuisance(
+        tuple(parameter for part in parts for parameter in part.parameters),
+        joined(*(part.prior for part in parts)),
+        tuple(
+            (slice(start, stop), part.enter)
+            for part, start, stop in zip(parts, sizes[:-1], sizes[1:], strict=True)
+        ),
+        np.concatenate([np.zeros(0), *(part.start for part in parts)]),
+    )
+
+
+@dataclass(frozen=True)
+class _Part:
+    parameters: tuple[Tolerated, ...]
+    prior: Prior
+    enter: Enter | None
+    start: FloatArray
+
+
+def _inertias(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
+    Y, model = observed.regressor, observed.simulation.model
+    parts: list[_Part] = []
+    for link, name in enumerate(model.link_names):
+        known = stated.model.inertials[name]
+        scale = relative_inertia(known)
+        off = parameters_of(model.inertials[name]) - parameters_of(known)
+        own = Y[: link + 1, :, PER_LINK * link : PER_LINK * (link + 1)] @ scale
+        index = columns.add(range(link + 1), own)
+        deviation = np.full(PER_LINK, observed.simulation.tolerances.inertia)
+        parts.append(
+            _Part(
+                tuple(
+                    Tolerated(f"{part} of {name}", "relative", 0.0, 1.0) for part in _INERTIAL_NAMES
+                ),
+                Prior.free(index, deviation),
+                mover(link, scale),
+                np.asarray(np.linalg.lstsq(scale, off, rcond=None)[0], dtype=float),
+            )
+        )
+    return parts
+
+
+_INERTIAL_NAMES = ("mass", *(f"com {axis}" for axis in "xyz"), *(f"inertia {i}" for i in range(6)))
+
+
+def _parameters(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
+    parts: list[_Part] = []
+    for place, effect in enumerate(observed.simulation.effects):
+        known_as = next((item for item in stated.effects if item.place == effect.place), effect)
+        for known in effect.parameters():
+            value: Any = getattr(effect, known.name)
+            if not can_scale(known) or not value:
+                continue
+            joints, values = derivative(observed, place, known.name)
+            own = observed.simulation.tolerances.friction
+            tolerance = WIDTH_TOLERANCE if known.name in WIDTHS else own
+            named = getattr(known_as, known.name) or value
+            # of what is stated: a tenth more of that is another part of this value
+            scale, start = beside_stated(effect.name, known.name, value / named)
+            index = columns.add(joints, scale * values[:, :, None])
+            enter = reviser(place, effect.name, (known.name,))
+            parts.append(
+                _Part(
+                    (_tolerated(effect, known, float(named)),),
+                    Prior.free(index, np.array([tolerance])),
+                    _scaled(enter, scale),
+                    np.array([start]),
+                )
+            )
+    return parts
+
+
+def _scaled(enter: Enter, scale: float) -> Enter:
+    return lambda improvement, c: enter(improvement, scale * c)
+
+
+def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noqa: ANN401  # of any class
+    joint = getattr(effect, "joint", None)
+    where = "" if joint is None else f" of joint {joint}"
+    return Tolerated(
+        f"{known.name}{where} ({spoken(effect.name)})",
+        known.unit,
+        value,
+        value,
+        (effect.name, tuple(j - 1 for j in effect.joints)),
+        known.name,
+        known.lower,
+        known.upper,
+    )
+
+
+def _sensors(observed: Observations, columns: Columns, floor: FloatArray) -> list[_Part]:
+    parts: list[_Part] = []
+    for j in range(observed.n):
+        lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
+        index = columns.add(lag.joints, lag.values[:, :, None])
+        deviation = np.array([SENSOR_LAG / UNIT_DELAY])
+        parameter = Tolerated(f"lag of sensor {j + 1}", "s", 0.0, UNIT_DELAY)
+        parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
+        offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)
+        index = columns.add(offset.joints, offset.values[:, :, None])
+        parameter = Tolerated(f"offset of sensor {j + 1}", "N m", 0.0, 1.0)
+        parts.append(
+            _Part((parameter,), Prior.free(index, 0.3 * floor[j : j + 1]), None, np.zeros(1))
+        )
+    return parts
