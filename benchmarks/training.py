@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from estimators.hybrid.training.fit import paper_settings, train
 from estimators.neural.modules import MlpModule
-from estimators.training import paper_settings, train
 from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
 

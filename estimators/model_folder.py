@@ -5,7 +5,7 @@ model/
 ├── model.safetensors    tensors
 └── sim.yaml             the simulation whose residual was learned
 
-What each estimator keeps in them stands in `hybrid_folder` and `joint_physics.store`.
+What each estimator keeps in them stands in `hybrid.folder` and `joint_physics.store`.
 """
 
 from __future__ import annotations
@@ -218,7 +218,7 @@ def provenance(recording: Recording) -> dict[str, Any]:
 
 # by the name in the manifest; a module is imported when one of its models is read
 _FOLDERS: Final = {
-    "hybrid": "estimators.hybrid_folder",
+    "hybrid": "estimators.hybrid.folder",
     "joint-physics": "estimators.joint_physics.store",
 }
 

@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.hybrid.training.data import inputs_and_torque, prepare
+from estimators.hybrid.training.fit import fit_prepared
+from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.reproduction.rows import PARTS
 from estimators.reproduction.trial import SCAFFOLDS, TrialResult
-from estimators.training import fit_prepared
-from estimators.training_data import inputs_and_torque, prepare
-from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
+    from estimators.hybrid.training.data import TrainingData
+    from estimators.hybrid.training.fit import Epoch
+    from estimators.hybrid.training.settings import TrainingSettings
     from estimators.neural import Network
     from estimators.reproduction.data import TableData
     from estimators.reproduction.trial import Trial
-    from estimators.training import Epoch
-    from estimators.training_data import TrainingData
-    from estimators.training_settings import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.training_settings import TrainingSettings, paper_settings
+from estimators.hybrid.training.settings import TrainingSettings, paper_settings
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

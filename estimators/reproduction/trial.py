@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from estimators.training_settings import TrainingSettings
+    from estimators.hybrid.training.settings import TrainingSettings
 
 SCHEMA: Final = 1
 SEQUENCES, SCAFFOLDS = "sequences", "recordings"  # splits, as `TrainingSettings` calls them

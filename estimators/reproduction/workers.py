@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
 
-    from estimators.training import Epoch
+    from estimators.hybrid.training.fit import Epoch
 
 _CPUS = Path("/sys/devices/system/cpu")
 

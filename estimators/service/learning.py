@@ -13,8 +13,8 @@ from limo_driver.errors import ConfigError, ModelStoreError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from estimators.hybrid.training.settings import TrainingSettings
     from estimators.residual_model import ResidualModel
-    from estimators.training_settings import TrainingSettings
     from limo_driver.recording import Recording
 
 SAME: Final = "same"  # as the champion
@@ -54,7 +54,7 @@ def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> Re
 
 
 def _settings(wanted: str, champion: ResidualModel[Any]) -> TrainingSettings:
-    from estimators.training_settings import usual_settings
+    from estimators.hybrid.training.settings import usual_settings
 
     if wanted in NETWORKS:
         settings = replace(usual_settings("drive"), model=wanted)
@@ -65,7 +65,7 @@ def _settings(wanted: str, champion: ResidualModel[Any]) -> TrainingSettings:
 
 def _settings_of(champion: ResidualModel[Any]) -> TrainingSettings:
     """Return the settings of a network, as its folder keeps them."""
-    from estimators.training_settings import TrainingSettings
+    from estimators.hybrid.training.settings import TrainingSettings
 
     record: Mapping[str, Any] = champion.fitted.record
     given = record.get("settings")

@@ -10,8 +10,8 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from estimators.hybrid import FittedNetwork
-    from estimators.training import TrainingSettings
+    from estimators.hybrid.model import FittedNetwork
+    from estimators.hybrid.training.fit import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
@@ -98,9 +98,9 @@ def command(  # one argument for each option
     from dataclasses import replace
 
     from estimators.hybrid import HybridModel
+    from estimators.hybrid.training.fit import usual_settings
     from estimators.joint_physics import JointPhysics
     from estimators.neural import NETWORKS
-    from estimators.training import usual_settings
     from limo_driver.errors import ConfigError
     from limo_driver.terminal import terminal
 
@@ -166,7 +166,7 @@ def _train(
 ) -> FittedNetwork:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from estimators.training import Epoch, train
+    from estimators.hybrid.training.fit import Epoch, train
 
     trainings = settings.folds + 1 if settings.folds > 1 else 1
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())

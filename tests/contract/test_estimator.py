@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from estimators.base import InverseDynamics
-from estimators.features import FEATURE_SETS
 from estimators.hybrid import HybridModel
+from estimators.hybrid.features import FEATURE_SETS
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.neural import NETWORKS
 from estimators.rigid_body import RigidBodyModel
 from estimators.stream import Stream
-from estimators.training import TrainingSettings
 from limo_driver.errors import NotFittedError, RecordingError, ShapeError
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation

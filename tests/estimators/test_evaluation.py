@@ -11,9 +11,9 @@ from wandering import wander
 
 from estimators.evaluation import Evaluation, evaluate, noise_floor
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.pictures import loop_figure, png, torque_figure
-from estimators.training import TrainingSettings
 from limo_driver.errors import RecordingError
 from limo_driver.recording import Recording
 

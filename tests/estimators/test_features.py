@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimators.features import Features, feature_set
+from estimators.hybrid.features import Features, feature_set
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.types import FloatArray, Motion

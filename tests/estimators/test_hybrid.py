@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import check_simulation
 from estimators.neural import NETWORKS
-from estimators.training import TrainingSettings
 from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.physics import CoulombFriction, Simulation
 
@@ -114,7 +114,7 @@ def test_the_gain_scales_the_network_of_its_joint(
 
 def test_predicting_needs_no_torch(folder: Path) -> None:
     code = (
-        "import sys; from estimators.hybrid import HybridModel; import numpy as np\n"
+        "import sys; from estimators.hybrid.model import HybridModel; import numpy as np\n"
         "from limo_driver.types import JointSample\n"
         f"model = HybridModel.load({str(folder)!r}); z = np.zeros(2)\n"
         "model.step(model.init(), JointSample(0.0, z, z, z)); assert 'torch' not in sys.modules"

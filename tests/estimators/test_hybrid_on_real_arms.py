@@ -10,8 +10,8 @@ import pytest
 
 from estimators.evaluation import evaluate
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import usual_settings
 from estimators.rigid_body import Rows, identify
-from estimators.training import usual_settings
 from limo_driver.model import RobotModel
 from limo_driver.recording import Recording
 

@@ -11,10 +11,10 @@ import pytest
 from safetensors.numpy import load_file, save_file
 
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import load_model
-from estimators.training import TrainingSettings
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.service.models import StoreModels
 from estimators.service.store import ModelStore
 from estimators.stream import Stream
-from estimators.training import TrainingSettings
 from limo_driver.errors import ConfigError, ModelStoreError, RecordingError
 from limo_driver.recording import Recording
 

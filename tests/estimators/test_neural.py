@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from estimators.features import feature_set
+from estimators.hybrid.features import feature_set
 from estimators.neural import Lstm2, LstmFcl, Mlp, Transformer
 from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule
 from estimators.neural.transformer import position_encoding

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.rigid_body import identify
-from estimators.training import TrainingSettings
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:

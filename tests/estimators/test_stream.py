@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from wandering import wander
 
-from estimators.features import FEATURE_SETS
 from estimators.hybrid import HybridModel
+from estimators.hybrid.features import FEATURE_SETS
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.stream import Stream
-from estimators.training import TrainingSettings
 from limo_driver.errors import (
     ConfigError,
     ModelStoreError,

@@ -19,6 +19,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.service import store as store_module
 from estimators.service.learning import learned
@@ -28,7 +29,6 @@ from estimators.service.signature import check_signing
 from estimators.service.store import ModelStore
 from estimators.service.trainer import train
 from estimators.service.training_process import TrainingProcess
-from estimators.training import TrainingSettings
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.mcap_log import LogLimits, McapLog
 from limo_driver.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level

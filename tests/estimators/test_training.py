@@ -6,13 +6,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from estimators.features import feature_set
 from estimators.hybrid import HybridModel
+from estimators.hybrid.features import feature_set
+from estimators.hybrid.training.carry_over import carry_over
+from estimators.hybrid.training.data import TrainingData, prepare
+from estimators.hybrid.training.fit import (
+    Epoch,
+    TrainingSettings,
+    paper_settings,
+    train,
+    usual_settings,
+)
+from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural import NETWORKS, Mlp, Network
-from estimators.training import Epoch, TrainingSettings, paper_settings, train, usual_settings
-from estimators.training_data import TrainingData, prepare
-from estimators.training_gain import carry_over
-from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation
 from limo_driver.recording import Recording
@@ -21,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from estimators.hybrid import FittedNetwork
+    from estimators.hybrid.model import FittedNetwork
 
 QUICK = TrainingSettings(features="own-joint", epochs=2, rate=100.0, hidden=8)
 

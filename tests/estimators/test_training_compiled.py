@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import torch
 
-from estimators.features import feature_set
+from estimators.hybrid.features import feature_set
+from estimators.hybrid.scaling import InputScaling, Scaling
+from estimators.hybrid.training.compiled_passes import CompiledRowPasses
+from estimators.hybrid.training.data import TrainingData
+from estimators.hybrid.training.fit import Epoch, TrainingSettings, train
+from estimators.hybrid.training.passes import RowPasses
+from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural.modules import MlpModule
-from estimators.scaling import InputScaling, Scaling
-from estimators.training import Epoch, TrainingSettings, train
-from estimators.training_compiled import CompiledRowPasses
-from estimators.training_data import TrainingData
-from estimators.training_passes import RowPasses
-from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from estimators.features import feature_set
+from estimators.hybrid.features import feature_set
+from estimators.hybrid.training.data import prepare
+from estimators.hybrid.training.fit import TrainingSettings, paper_settings, train
+from estimators.hybrid.training.passes import BlockPasses, SequencePasses
+from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural.modules import LstmFclModule, Memory
 from estimators.neural.transformer_module import TransformerModule
-from estimators.training import TrainingSettings, paper_settings, train
-from estimators.training_data import prepare
-from estimators.training_passes import BlockPasses, SequencePasses
-from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import RecordingError
 from limo_driver.recording import Recording
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from estimators.hybrid import HybridModel
-from estimators.scaling import Scaling
+from estimators.hybrid.scaling import Scaling
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.service import vetting
 from estimators.service.adding import as_json
 from estimators.service.store import ModelStore
 from estimators.service.version import described
 from estimators.service.vetting import Demand, check, vet
-from estimators.training import TrainingSettings
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

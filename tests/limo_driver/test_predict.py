@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from estimators.hybrid import HybridModel
+from estimators.hybrid.training.fit import TrainingSettings
 from estimators.stream import Stream
-from estimators.training import TrainingSettings
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.recording import Recording

@@ -132,8 +132,8 @@ def _compute(
 
 def _processes(jobs: int | None, device: str) -> int:
     """Return how many trials run side by side; one where they share a GPU."""
+    from estimators.hybrid.training.fit import find_device
     from estimators.reproduction.workers import physical_cores
-    from estimators.training import find_device
     from limo_driver.errors import ConfigError
 
     gpu = find_device(device).type == "cuda"

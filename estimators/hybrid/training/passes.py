@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import torch
 
-from estimators.training_split import HELD_OUT, LEFT_OUT, TRAINING
+from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
 
+    from estimators.hybrid.training.data import TrainingData
     from estimators.neural.modules import Memory, Module
-    from estimators.training_data import TrainingData
 
 _FEWEST_CHUNKS: Final = 4  # in the longest stretch, even of a short recording
 LARGEST_GRADIENT: Final = 1.0  # norm

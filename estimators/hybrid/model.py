@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.base import Estimate
+from estimators.hybrid.scaling import normalise_inputs
 from estimators.residual_model import ResidualModel
-from estimators.scaling import normalise_inputs
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError, ModelStoreError
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.features import Features
+    from estimators.hybrid.features import Features
+    from estimators.hybrid.scaling import InputScaling, Scaling
+    from estimators.hybrid.training.fit import TrainingSettings
     from estimators.neural import Network
-    from estimators.scaling import InputScaling, Scaling
-    from estimators.training import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray, Motion
@@ -129,7 +129,7 @@ class HybridModel(ResidualModel[FittedNetwork]):
     """
 
     name = "hybrid"
-    folder = "estimators.hybrid_folder"
+    folder = "estimators.hybrid.folder"
 
     def __init__(self, simulation: Simulation, settings: TrainingSettings | None = None) -> None:
         super().__init__(simulation)
@@ -147,7 +147,7 @@ class HybridModel(ResidualModel[FittedNetwork]):
             RecordingError: A recording is of another robot, or too short.
             DivergedError: The loss is no longer finite.
         """
-        from estimators.training import TrainingSettings, train
+        from estimators.hybrid.training.fit import TrainingSettings, train
 
         self.fitted_ = train(self.simulation, recordings, self.settings or TrainingSettings())
         return self

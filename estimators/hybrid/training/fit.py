@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.hybrid import FittedNetwork, HybridModel
-from estimators.model_folder import provenance
-from estimators.neural import NETWORKS
-from estimators.training_data import prepare
-from estimators.training_gain import carry_over
-from estimators.training_settings import (
+from estimators.hybrid.model import FittedNetwork, HybridModel
+from estimators.hybrid.training.carry_over import carry_over
+from estimators.hybrid.training.data import prepare
+from estimators.hybrid.training.settings import (
     DEVICES,
     WIDTHS,
     TrainingSettings,
     paper_settings,
     usual_settings,
 )
-from estimators.training_split import HELD_OUT, TRAINING
+from estimators.hybrid.training.split import HELD_OUT, TRAINING
+from estimators.model_folder import provenance
+from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError, DivergedError
 
 if TYPE_CHECKING:
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
     import torch
 
-    from estimators.features import Features
+    from estimators.hybrid.features import Features
+    from estimators.hybrid.training.carry_over import CarryOver
+    from estimators.hybrid.training.data import TrainingData
+    from estimators.hybrid.training.passes import Passes
     from estimators.neural import Network
     from estimators.neural.modules import Module
-    from estimators.training_data import TrainingData
-    from estimators.training_gain import CarryOver
-    from estimators.training_passes import Passes
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
 
@@ -253,8 +253,8 @@ def _fit(
 
 
 def _passes(settings: TrainingSettings, data: TrainingData, device: torch.device) -> Passes:
-    from estimators.training_compiled import CompiledRowPasses
-    from estimators.training_passes import BlockPasses, RowPasses, SequencePasses
+    from estimators.hybrid.training.compiled_passes import CompiledRowPasses
+    from estimators.hybrid.training.passes import BlockPasses, RowPasses, SequencePasses
 
     random = np.random.default_rng(settings.seed)
     if not NETWORKS[settings.model].recurrent:

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from threadpoolctl import ThreadpoolController
 
+from estimators.hybrid.training.passes import LARGEST_GRADIENT, RowPasses
 from estimators.neural.mlp_descent import AdamW, descend, mean_square
-from estimators.training_passes import LARGEST_GRADIENT, RowPasses
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
 
+    from estimators.hybrid.training.data import TrainingData
     from estimators.neural.modules import Module
-    from estimators.training_data import TrainingData
 
 _WEIGHTS: Final = ("hidden_weight", "hidden_bias", "output_weight", "output_bias")
 _MOMENTS: Final = ("exp_avg", "exp_avg_sq")

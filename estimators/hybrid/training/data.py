@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.recordings import check_recordings
-from estimators.scaling import InputScaling, Scaling
-from estimators.training_split import (
+from estimators.hybrid.scaling import InputScaling, Scaling
+from estimators.hybrid.training.split import (
     HELD_OUT,
     LEFT_OUT,
     TRAINING,
@@ -17,6 +16,7 @@ from estimators.training_split import (
     split_recordings,
     split_sequences,
 )
+from estimators.recordings import check_recordings
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.features import Features
-    from estimators.training_settings import TrainingSettings
+    from estimators.hybrid.features import Features
+    from estimators.hybrid.training.settings import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.features import Feature, Features
-from estimators.hybrid import FittedNetwork, HybridModel
+from estimators.hybrid.features import Feature, Features
+from estimators.hybrid.model import FittedNetwork, HybridModel
+from estimators.hybrid.scaling import InputScaling, Scaling
 from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from estimators.neural import NETWORKS
-from estimators.scaling import InputScaling, Scaling
 from limo_driver.errors import ModelStoreError
 from limo_driver.recorded_time import RATES
 

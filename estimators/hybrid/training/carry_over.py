@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.training_split import LEFT_OUT, TRAINING
+from estimators.hybrid.training.split import LEFT_OUT, TRAINING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
+    from estimators.hybrid.training.data import TrainingData
     from estimators.neural import Network
-    from estimators.training_data import TrainingData
     from limo_driver.types import FloatArray
 
 

@@ -1,0 +1,1 @@
+"""Training of the network: settings, data, who sees which rows, and epochs."""
