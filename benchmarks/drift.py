@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import lfilter
 
-from estimators.service.drift import DriftDetector
+from estimators.service.retraining.drift import DriftDetector
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

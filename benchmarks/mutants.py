@@ -56,8 +56,8 @@ TESTS: Final = {
     "backends/fri/session.py": ("tests/fri/test_fri_session.py",),
     "backends/fri/connection.py": ("tests/fri/test_fri_limits.py",),
     "backends/can/cia402/drive.py": ("tests/can/test_limits.py",),
-    "estimators/service/gate.py": ("tests/estimators/test_gate_bounds.py",),
-    "estimators/service/watchdog.py": ("tests/estimators/test_contact_bounds.py",),
+    "estimators/service/comparison/gate.py": ("tests/estimators/test_gate_bounds.py",),
+    "estimators/service/inference/contact.py": ("tests/estimators/test_contact_bounds.py",),
 }
 FORKS: Final = multiprocessing.get_context("forkserver")  # which imports what is no part of this
 COMPARISONS: Final = {

@@ -37,7 +37,7 @@ from service_processes import (
     wait_for,
 )
 
-from estimators.service.store import ModelStore
+from estimators.service.store.store import ModelStore
 from limo_driver.errors import LimoError, RecordingError
 from limo_driver.mcap_log import log_files, read_mcap
 from limo_driver.messages import (

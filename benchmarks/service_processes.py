@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
     from limo_driver.recording import Recording
 
 ARM = "bench"
@@ -202,7 +202,7 @@ class Answers:
 
 def two_versions(root: Path, model: Path, motion: Motion) -> ModelStore:
     """Make a store of two versions of the same model."""
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
 
     store = ModelStore(root)
     for _ in range(2):

@@ -13,13 +13,13 @@ import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
-from estimators.service.arm_service import ArmService, Window
-from estimators.service.log_watch import LogWatch
+from estimators.service.inference.arm_service import ArmService, Window
+from estimators.service.inference.log_watch import LogWatch
+from estimators.service.inference.outlet import NetworkOutlet
+from estimators.service.inference.source import FollowedSource, Silence
 from estimators.service.opening import Opening
-from estimators.service.outlet import NetworkOutlet
 from estimators.service.queries import ModelQueries
-from estimators.service.source import FollowedSource, Silence
-from estimators.service.vetting import Demand
+from estimators.service.store.vetting import Demand
 from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
 from limo_driver.messages import Attachment, Level, decode_joint_state
 from limo_driver.readiness import ServicePhase
@@ -28,11 +28,11 @@ from limo_driver.ros import RosReader
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from estimators.service.bulletin import Bulletin
-    from estimators.service.keeper import Keeper
-    from estimators.service.live_model import LiveModel
-    from estimators.service.models import ServedModels
+    from estimators.service.inference.bulletin import Bulletin
+    from estimators.service.inference.live_model import LiveModel
+    from estimators.service.retraining.keeper import Keeper
     from estimators.service.settings import ServiceSettings
+    from estimators.service.store.served_models import ServedModels
     from limo_driver.mcap_log import McapLog
     from limo_driver.ros import RosTopic
 

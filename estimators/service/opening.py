@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.service.arm_service import ArmService, ServedArm
-from estimators.service.live_model import LiveModel
-from estimators.service.rate import RateFinder
-from estimators.service.watchdog import ContactWatchdog
+from estimators.service.inference.arm_service import ArmService, ServedArm
+from estimators.service.inference.contact import ContactWatchdog
+from estimators.service.inference.live_model import LiveModel
+from estimators.service.inference.rate import RateFinder
 from estimators.stream import Stream
 from limo_driver.causal_differentiation import RATE_TOLERANCE
 from limo_driver.errors import LimoError
@@ -18,9 +18,9 @@ from limo_driver.messages import Level
 from limo_driver.types import readonly
 
 if TYPE_CHECKING:
-    from estimators.service.arm_service import Outlet
-    from estimators.service.models import ServedModels
+    from estimators.service.inference.arm_service import Outlet
     from estimators.service.settings import ServiceSettings
+    from estimators.service.store.served_models import ServedModels
 
 PHYSICS: Final = "physics"  # version of estimates without a learned part
 _USUAL_RATE: Final = 1000.0  # [Hz]

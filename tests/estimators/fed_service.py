@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.service.arm_service import ArmService, ServedArm
-from estimators.service.live_model import LiveModel
-from estimators.service.watchdog import ContactWatchdog
+from estimators.service.inference.arm_service import ArmService, ServedArm
+from estimators.service.inference.contact import ContactWatchdog
+from estimators.service.inference.live_model import LiveModel
 from estimators.stream import Stream
 from limo_driver.messages import (
     Attachment,

@@ -11,10 +11,10 @@ from sessions import wait_until
 from wandering import wander
 
 from estimators.service.arm_server import ArmServer
-from estimators.service.bulletin import Bulletin
-from estimators.service.keeper import Keeper
-from estimators.service.models import StoreModels
+from estimators.service.inference.bulletin import Bulletin
+from estimators.service.retraining.keeper import Keeper
 from estimators.service.settings import ServiceSettings
+from estimators.service.store.served_models import StoreModels
 from limo_driver.mcap_log import LogLimits, McapLog
 from limo_driver.messages import Attachment, JointStateCodec
 from limo_driver.streaming import Keys, open_session
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.service.settings import RetrainingSettings
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
     from limo_driver.messages import Event
     from limo_driver.physics import Simulation
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from fed_service import DELAY, NAMES, START, feed, live, messages, service_of
 
+from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.settings import ServiceSettings
-from estimators.service.watchdog import ContactWatchdog
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.messages import (
     Attachment,

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimators.service.comparison.shadow import Shadow
+from estimators.service.inference.contact import Contact, ContactWatchdog
 from estimators.service.settings import ServiceSettings
-from estimators.service.shadow import Shadow
-from estimators.service.watchdog import Contact, ContactWatchdog
 from limo_driver.errors import ConfigError, ShapeError
 
 THRESHOLD = np.array([4.0, 0.5])  # [N m]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.service.arm_service import Window
-from estimators.service.drift import DriftDetector
-from estimators.service.drift_watch import DriftWatch
-from estimators.service.history import History
+from estimators.service.inference.arm_service import Window
+from estimators.service.inference.history import History
+from estimators.service.retraining.drift import DriftDetector
+from estimators.service.retraining.drift_watch import DriftWatch
 from limo_driver.errors import BackendUnavailableError, ShapeError
 
 RATE = 100.0

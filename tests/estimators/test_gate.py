@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.service.gate import FEWEST_BLOCKS, LEVEL, accuracy, compare
+from estimators.service.comparison.gate import FEWEST_BLOCKS, LEVEL, accuracy, compare
 from limo_driver.errors import DivergedError, ShapeError
 
 RATE = 20.0  # [Hz]

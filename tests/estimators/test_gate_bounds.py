@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from estimators.service.gate import Comparison, Interval, accuracy, compare, plain
-from estimators.service.shadow import Shadow
+from estimators.service.comparison.gate import Comparison, Interval, accuracy, compare, plain
+from estimators.service.comparison.shadow import Shadow
 from limo_driver.errors import DivergedError, ShapeError
 
 TINY = 1e-12

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.service.history import History
+from estimators.service.inference.history import History
 
 
 class TestHistory:

@@ -17,7 +17,7 @@ from estimators.joint_physics.evidence import Evidence, most_probable_prior
 from estimators.joint_physics.regions import REGIONS, Regions
 from estimators.joint_physics.tolerances import tolerances
 from estimators.manifest import MANIFEST, as_manifest, read_manifest
-from estimators.service.version import digest
+from estimators.service.store.version import digest
 from limo_driver.physics import JointElasticity, PreslidingHysteresis, Simulation, TorqueOffset
 from limo_driver.recording import Recording
 

@@ -11,7 +11,7 @@ from safetensors.numpy import load_file, save_file
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.memory import UnknownMemory, any_moments, remembered
 from estimators.manifest import MANIFEST, as_manifest, read_manifest
-from estimators.service.version import digest
+from estimators.service.store.version import digest
 from estimators.stream import Stream
 from limo_driver.errors import ModelStoreError
 from limo_driver.physics import PreslidingHysteresis, Simulation

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from sessions import wait_until
 
-from estimators.service import log_watch
-from estimators.service.log_watch import LogWatch
+from estimators.service.inference import log_watch
+from estimators.service.inference.log_watch import LogWatch
 from limo_driver.mcap_log import McapLog
 from limo_driver.messages import LOG, Event, Level
 

@@ -15,8 +15,8 @@ import pytest
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
-from estimators.service.models import StoreModels
-from estimators.service.store import ModelStore
+from estimators.service.store.served_models import StoreModels
+from estimators.service.store.store import ModelStore
 from estimators.stream import Stream
 from limo_driver.errors import ConfigError, ModelStoreError, RecordingError
 from limo_driver.recording import Recording
@@ -257,7 +257,7 @@ KILLED = """
 import os, random, signal, sys, time
 from limo_driver.recording import Recording
 from estimators.joint_physics import JointPhysics
-from estimators.service.store import ModelStore
+from estimators.service.store.store import ModelStore
 
 root, folder, golden = sys.argv[1], sys.argv[2], Recording.load(sys.argv[3])
 store = ModelStore(root)
@@ -315,7 +315,7 @@ ADDS = """
 import sys
 from limo_driver.recording import Recording
 from estimators.joint_physics import JointPhysics
-from estimators.service.store import ModelStore
+from estimators.service.store.store import ModelStore
 
 store, golden = ModelStore(sys.argv[1]), Recording.load(sys.argv[3])
 for _ in range(6):

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
-from estimators.service.store import ModelStore
+from estimators.service.store.store import ModelStore
 from limo_driver.cli.models import command
 from limo_driver.errors import ModelStoreError, RecordingError
 

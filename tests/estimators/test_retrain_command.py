@@ -9,7 +9,7 @@ import pytest
 from test_trainer import write_keys, write_log
 from typer.testing import CliRunner
 
-from estimators.service.store import ModelStore
+from estimators.service.store.store import ModelStore
 from limo_driver.cli.models import command
 from limo_driver.errors import ConfigError, ModelStoreError
 

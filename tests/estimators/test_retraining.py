@@ -16,7 +16,7 @@ from limo_driver.recording import Recording
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
     from limo_driver.physics import Simulation
 
 SETTINGS = RetrainingSettings(
@@ -165,7 +165,9 @@ class TestOtherReasons:
     def test_the_schedule_calls_for_training_now_and_then(
         self, store, tmp_path, true_arm, monkeypatch
     ) -> None:
-        monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FakeTraining)
+        monkeypatch.setattr(
+            "estimators.service.retraining.retraining.TrainingProcess", FakeTraining
+        )
         arm, settings = Arm(30.0), RetrainingSettings(every=10.0, pause=1.0)
         with served(store, tmp_path, settings, arm, true_arm) as run:
             run.feed(arm.states(true_arm, 25.0))
@@ -176,7 +178,9 @@ class TestOtherReasons:
     def test_a_failure_of_the_program_is_told_and_life_goes_on(
         self, store, tmp_path, true_arm, monkeypatch
     ) -> None:
-        monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FakeTraining)
+        monkeypatch.setattr(
+            "estimators.service.retraining.retraining.TrainingProcess", FakeTraining
+        )
         monkeypatch.setattr(FakeTraining, "error", ZeroDivisionError("of ours"))
         arm, settings = Arm(30.0), RetrainingSettings(every=10.0, pause=1.0)
         with served(store, tmp_path, settings, arm, true_arm) as run:

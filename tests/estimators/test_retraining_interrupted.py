@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 import pytest
 from served_arm import Arm, served
 
-from estimators.service import unfinished
-from estimators.service.settings import RetrainingSettings
-from estimators.service.unfinished import (
+from estimators.service.retraining import unfinished
+from estimators.service.retraining.unfinished import (
     GATHERING,
     PROBATION,
     TRAINING,
     RetrainingFile,
     Unfinished,
 )
+from estimators.service.settings import RetrainingSettings
 from limo_driver.errors import LimoError, ModelStoreError
 from limo_driver.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
     from limo_driver.physics import Simulation
 
 SETTINGS = RetrainingSettings(
@@ -47,7 +47,7 @@ class FailingTraining:
 
 @pytest.fixture
 def training_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FailingTraining)
+    monkeypatch.setattr("estimators.service.retraining.retraining.TrainingProcess", FailingTraining)
 
 
 def left(store: ModelStore, what: Unfinished | None = None) -> RetrainingFile:
@@ -170,7 +170,9 @@ class TestTraining:
         true_arm: Simulation,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        monkeypatch.setattr("estimators.service.retraining.TrainingProcess", FailingTraining)
+        monkeypatch.setattr(
+            "estimators.service.retraining.retraining.TrainingProcess", FailingTraining
+        )
         monkeypatch.setattr(FailingTraining, "result", lambda _: None)  # goes on for ever
         left(store, Unfinished(GATHERING, "drift on joint 1", tries=3))
         arm = Arm(10.0)

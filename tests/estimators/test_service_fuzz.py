@@ -14,12 +14,12 @@ from malformed import KINDS, NAMES, PERIOD, START, mutated, state
 from sessions import sessions_of_two, wait_until
 
 from estimators.service.arm_server import ArmServer
-from estimators.service.arm_service import ArmService, ServedArm
-from estimators.service.bulletin import Bulletin
-from estimators.service.live_model import LiveModel
-from estimators.service.models import OneFolder
+from estimators.service.inference.arm_service import ArmService, ServedArm
+from estimators.service.inference.bulletin import Bulletin
+from estimators.service.inference.contact import ContactWatchdog
+from estimators.service.inference.live_model import LiveModel
 from estimators.service.settings import ServiceSettings
-from estimators.service.watchdog import ContactWatchdog
+from estimators.service.store.served_models import OneFolder
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.messages import (
@@ -314,7 +314,7 @@ class TestOverTheNetwork:
             assert [event.kind for event in served.events].count("foreign") == 1
 
     def test_silence_is_told_and_its_end(self, rigid, tmp_path, monkeypatch) -> None:
-        monkeypatch.setattr("estimators.service.source._DEAD", 0.5)
+        monkeypatch.setattr("estimators.service.inference.source._DEAD", 0.5)
         with Served(tmp_path, rigid) as served:
             assert served.server.status()["state"] == "waiting for joint states"
             sent = served.begin(lambda t: served.put(t, PERIOD))

@@ -41,7 +41,7 @@ class TestLosses:
         feed(service, [sent[t] for t in range(0, 400, 20)])
         assert service.counts["resets"] == 19
         assert kept.events == [("reset", {"count": 1})]
-        monkeypatch.setattr("estimators.service.arm_service._RESET_PAUSE", 0.0)
+        monkeypatch.setattr("estimators.service.inference.arm_service._RESET_PAUSE", 0.0)
         service._next_reset = 0.0
         feed(service, [sent[420]])
         assert kept.events[1:] == [("reset", {"count": 19})]

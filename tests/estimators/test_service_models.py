@@ -10,7 +10,7 @@ import pytest
 from fed_service import DELAY, RATE, feed, live, messages, service_of
 
 from estimators.joint_physics import JointPhysics
-from estimators.service.live_model import LiveModel
+from estimators.service.inference.live_model import LiveModel
 from estimators.stream import Stream
 from limo_driver.errors import DivergedError
 

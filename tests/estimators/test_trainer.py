@@ -21,14 +21,14 @@ from cryptography.hazmat.primitives.serialization import (
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
-from estimators.service import store as store_module
-from estimators.service.learning import learned
-from estimators.service.logged_motion import Span, newest_motion
 from estimators.service.settings import RetrainingSettings
-from estimators.service.signature import check_signing
-from estimators.service.store import ModelStore
-from estimators.service.trainer import train
-from estimators.service.training_process import TrainingProcess
+from estimators.service.store import store as store_module
+from estimators.service.store.signature import check_signing
+from estimators.service.store.store import ModelStore
+from estimators.service.training.learning import learned
+from estimators.service.training.logged_motion import Span, newest_motion
+from estimators.service.training.process import TrainingProcess
+from estimators.service.training.trainer import train
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.mcap_log import LogLimits, McapLog
 from limo_driver.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level

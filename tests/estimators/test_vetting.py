@@ -15,11 +15,11 @@ import pytest
 from estimators.hybrid import HybridModel
 from estimators.hybrid.scaling import Scaling
 from estimators.hybrid.training.fit import TrainingSettings
-from estimators.service import vetting
-from estimators.service.adding import as_json
-from estimators.service.store import ModelStore
-from estimators.service.version import described
-from estimators.service.vetting import Demand, check, vet
+from estimators.service.store import vetting
+from estimators.service.store.adding import as_json
+from estimators.service.store.store import ModelStore
+from estimators.service.store.version import described
+from estimators.service.store.vetting import Demand, check, vet
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def test_a_good_version_passes_in_a_process_of_its_own(filled: ModelStore) -> No
 
 
 def test_its_command_prints_json(filled: ModelStore) -> None:
-    command = [sys.executable, "-m", "estimators.service.vetting", str(filled.root), "2"]
+    command = [sys.executable, "-m", "estimators.service.store.vetting", str(filled.root), "2"]
     found = subprocess.run(
         [*command, "--rate", "100", "--delay", "0.1"], capture_output=True, text=True, check=True
     )

@@ -10,7 +10,7 @@ import pytest
 from wandering import wander
 
 from estimators.joint_physics import JointPhysics
-from estimators.service.store import ModelStore
+from estimators.service.store.store import ModelStore
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
 from limo_driver.recording import Recording
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from processes import Network
 
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
 
 ORDER = ["loading", "compiling", "waiting", "preparing", "serving"]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from processes import Network
 
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
 
 
 def run(*arguments: object):

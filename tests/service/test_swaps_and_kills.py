@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from processes import Network
 
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
 
 pytestmark = pytest.mark.slow("real processes, which start, serve and are killed")
 

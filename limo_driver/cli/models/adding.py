@@ -39,7 +39,7 @@ def add(
     Example:
         limo models add model/ --golden run.parquet --test test.parquet
     """
-    from estimators.service.comparison import metrics
+    from estimators.service.comparison.comparison import metrics
     from limo_driver.recording import Recording
 
     motion = Recording.load(golden)

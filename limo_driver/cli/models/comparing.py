@@ -21,8 +21,8 @@ from limo_driver.cli.models.options import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from estimators.service.gate import Comparison
-    from estimators.service.version import Version
+    from estimators.service.comparison.gate import Comparison
+    from estimators.service.store.version import Version
 
 
 def compare(
@@ -46,7 +46,7 @@ def compare(
     Example:
         limo models compare champion 2 --data test.parquet --out difference.png
     """
-    from estimators.service.comparison import compare_versions, difference_figure
+    from estimators.service.comparison.comparison import compare_versions, difference_figure
     from limo_driver.outputs import require_file, whole
     from limo_driver.recording import Recording
 

@@ -15,8 +15,8 @@ from limo_driver.cli.models.options import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from estimators.service.aliases import Aliases
-    from estimators.service.version import Version
+    from estimators.service.store.aliases import Aliases
+    from estimators.service.store.version import Version
 
 
 @with_place
@@ -30,7 +30,7 @@ def list_versions(
         limo models list --store models/
         limo models list --arm iiwa14
     """
-    from estimators.service.remote_store import RemoteStore
+    from estimators.service.store.remote_store import RemoteStore
 
     with place.reached() as models:
         versions, aliases = models.versions(), models.aliases

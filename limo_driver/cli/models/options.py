@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from estimators.service.remote_store import RemoteStore
-    from estimators.service.store import ModelStore
+    from estimators.service.store.remote_store import RemoteStore
+    from estimators.service.store.store import ModelStore
     from limo_driver.model_client import ModelClient
 
 StoreOption = Annotated[Path, typer.Option("--store", help="Folder of the store.")]
@@ -47,7 +47,7 @@ MODELS = Path("models")
 
 def opened(store: Path, robot: str | None, trust: list[Path] | None = None) -> ModelStore:
     """Open a store."""
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
 
     return ModelStore(store, robot, trust or ())
 
@@ -75,7 +75,7 @@ class Place:
         if self.arm is None:
             yield self.opened()
             return
-        from estimators.service.remote_store import RemoteStore
+        from estimators.service.store.remote_store import RemoteStore
 
         with self.asked() as client:
             yield RemoteStore(client)

@@ -18,7 +18,7 @@ from limo_driver.cli.models.options import (
 from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
-    from estimators.service.aliases import Aliases
+    from estimators.service.store.aliases import Aliases
 
 
 def load(

@@ -11,7 +11,7 @@ import typer
 from limo_driver.cli.models.options import JsonOption, Place, ReasonOption, print_found, with_place
 
 if TYPE_CHECKING:
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
 
 _NAME = re.compile(r"(.+)_\d{8}T\d{6}\.\d{6}Z")
 
@@ -82,11 +82,11 @@ def _trained(
     delay: float,
     sign: Path | None,
 ) -> dict[str, Any]:
-    from estimators.service.learning import check_kind
-    from estimators.service.logged_motion import Span, newest_motion
-    from estimators.service.signature import check_signing
-    from estimators.service.store import ModelStore
-    from estimators.service.trainer import train
+    from estimators.service.store.signature import check_signing
+    from estimators.service.store.store import ModelStore
+    from estimators.service.training.learning import check_kind
+    from estimators.service.training.logged_motion import Span, newest_motion
+    from estimators.service.training.trainer import train
 
     check_kind(kind)
     if sign is not None:

@@ -225,8 +225,8 @@ def _close(log: McapLog) -> None:
 
 
 def _keep(server: ArmServer, log: Path | None, settings: RetrainingSettings) -> None:
-    from estimators.service.keeper import Keeper
-    from estimators.service.models import StoreModels
+    from estimators.service.retraining.keeper import Keeper
+    from estimators.service.store.served_models import StoreModels
 
     assert isinstance(server.models, StoreModels)  # noqa: S101  # checked by `_retraining`
     assert log is not None  # noqa: S101

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from estimators.service.models import ServedModels
     from estimators.service.settings import RetrainingSettings
+    from estimators.service.store.served_models import ServedModels
     from limo_driver.mcap_log import LogLimits
 
 _BYTES_PER_GB = 1e9
@@ -36,7 +36,7 @@ class SigningKeys:
         if model is not None and (self.trusted or self.own is not None):
             raise ConfigError("--trust and --sign are for the versions of a --store")
         if self.own is not None:
-            from estimators.service.signature import check_signing
+            from estimators.service.store.signature import check_signing
 
             check_signing(self.own, self.trusted)
 
@@ -120,8 +120,8 @@ def load_models(
     Raises:
         LimoError: A store has no version that can be read, or a folder does not fit together.
     """
-    from estimators.service.models import OneFolder, StoreModels
-    from estimators.service.store import ModelStore
+    from estimators.service.store.served_models import OneFolder, StoreModels
+    from estimators.service.store.store import ModelStore
     from limo_driver.physics import Simulation
 
     if model is not None:
@@ -155,7 +155,7 @@ def retraining_of(
     if possible and wanted is not False:
         _refuse_shared_stores(roots)
     if kind != "same":
-        from estimators.service.learning import check_kind
+        from estimators.service.training.learning import check_kind
 
         check_kind(kind)
     every = None if hours is None else 3600.0 * hours

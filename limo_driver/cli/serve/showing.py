@@ -26,7 +26,7 @@ class Bulletins:
     """
 
     def __init__(self, arms: Sequence[str], *, as_json: bool) -> None:
-        from estimators.service.bulletin import Bulletin
+        from estimators.service.inference.bulletin import Bulletin
         from limo_driver.streaming import Keys
 
         several = len(arms) > 1

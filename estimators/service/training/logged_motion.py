@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.service.logged_rate import LoggedRates
-from estimators.service.watchdog import MARGIN
+from estimators.service.inference.contact import MARGIN
+from estimators.service.training.logged_rate import LoggedRates
 from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.joint_state_log import joint_states
 from limo_driver.mcap_log import log_files

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.model_folder import load_model
-from estimators.service.golden import Golden
-from estimators.service.signature import check_signature
+from estimators.service.store.golden_motion import Golden
+from estimators.service.store.signature import check_signature
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Final, cast
 
-from estimators.service.durable import replace
+from estimators.service.store.atomic_files import replace
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

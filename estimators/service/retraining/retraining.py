@@ -21,19 +21,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.service.drift_watch import DriftWatch
-from estimators.service.judging import Judge
-from estimators.service.logged_motion import Span
-from estimators.service.stage import Stage
-from estimators.service.training_process import TrainingProcess
-from estimators.service.unfinished import (
+from estimators.service.inference.contact import MARGIN
+from estimators.service.retraining.drift_watch import DriftWatch
+from estimators.service.retraining.judge import Judge
+from estimators.service.retraining.stage import Stage
+from estimators.service.retraining.unfinished import (
     GATHERING,
     PROBATION,
     TRAINING,
     RetrainingFile,
     Unfinished,
 )
-from estimators.service.watchdog import MARGIN
+from estimators.service.training.logged_motion import Span
+from estimators.service.training.process import TrainingProcess
 from limo_driver.errors import BackendUnavailableError, LimoError, ModelStoreError
 from limo_driver.messages import Level
 
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.service.arm_server import ArmServer
-    from estimators.service.arm_service import ArmService, Window
+    from estimators.service.inference.arm_service import ArmService, Window
     from estimators.service.settings import RetrainingSettings
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
     from limo_driver.types import FloatArray
 
 _HOUR: Final = 3600.0  # [s]

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.service.gate import BLOCK, compare
-from estimators.service.watchdog import MARGIN
+from estimators.service.comparison.gate import BLOCK, compare
+from estimators.service.inference.contact import MARGIN
 
 if TYPE_CHECKING:
     import threading
 
     from numpy.typing import NDArray
 
-    from estimators.service.arm_service import ArmService
-    from estimators.service.gate import Comparison
-    from estimators.service.history import Rows
-    from estimators.service.live_model import LiveModel
+    from estimators.service.comparison.gate import Comparison
+    from estimators.service.inference.arm_service import ArmService
+    from estimators.service.inference.history import Rows
+    from estimators.service.inference.live_model import LiveModel
     from limo_driver.types import FloatArray
 
 MOVES: Final = 1e-3  # [rad] of travel within a second; less says of friction what one pose does

@@ -9,15 +9,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from estimators.model_folder import load_model, provenance
-from estimators.service.gate import LEVEL, accuracy, compare, plain
+from estimators.service.comparison.gate import LEVEL, accuracy, compare, plain
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.residual_model import ResidualModel
-    from estimators.service.gate import Comparison
-    from estimators.service.version import Version
+    from estimators.service.comparison.gate import Comparison
+    from estimators.service.store.version import Version
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 

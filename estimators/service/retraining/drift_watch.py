@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.service.drift import DriftDetector
-from estimators.service.shadow import MOVES
+from estimators.service.comparison.shadow import MOVES
+from estimators.service.retraining.drift import DriftDetector
 
 if TYPE_CHECKING:
-    from estimators.service.arm_service import ArmService, Window
+    from estimators.service.inference.arm_service import ArmService, Window
 
 _KEPT: Final = 60  # windows that may wait to be looked at
 _RECENT: Final = 2.0  # [s] in which a joint has to have moved

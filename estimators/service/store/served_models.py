@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 from estimators.model_folder import load_model
-from estimators.service.vetting import Demand, vet
+from estimators.service.store.vetting import Demand, vet
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from typing import Self
 
     from estimators.residual_model import ResidualModel
-    from estimators.service.store import ModelStore
-    from estimators.service.version import Version
+    from estimators.service.store.store import ModelStore
+    from estimators.service.store.version import Version
     from limo_driver.physics import Simulation
 
 

@@ -1,6 +1,6 @@
 """What has to hold before a version may serve, checked in a process of its own.
 
-    python -m estimators.service.vetting models 3 --rate 1000 --delay 0.1
+    python -m estimators.service.store.vetting models 3 --rate 1000 --delay 0.1
 
 
 Files → load → fits robot and rate → golden motion as on the day it was added → at the rate of the
@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.service.background import give_way
-from estimators.service.golden import replay
-from estimators.service.store import ModelStore
+from estimators.service.store.golden_motion import replay
+from estimators.service.store.store import ModelStore
 from estimators.stream import Stream
 from limo_driver.errors import LimoError, ModelStoreError
 
@@ -40,7 +40,7 @@ _LOOK: Final = 0.2  # [s] between two looks whether it has to end
 TIMEOUT: Final = 120.0  # [s]; a fresh process compiles first
 _LONGEST: Final = 600.0  # [s]
 _NICE: Final = 10
-_COMMAND: Final = (sys.executable, "-m", "estimators.service.vetting")
+_COMMAND: Final = (sys.executable, "-m", "estimators.service.store.vetting")
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from estimators.service.aliases import NAMES, Aliases, parsed_aliases
-from estimators.service.version import RECORD, Version, check_record
+from estimators.service.store.aliases import NAMES, Aliases, parsed_aliases
+from estimators.service.store.version import RECORD, Version, check_record
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

@@ -15,12 +15,12 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from estimators.service.adding import as_json, gather, recorded, robot_of
-from estimators.service.aliases import ALIASES, NAMES, Aliases, read_aliases
-from estimators.service.durable import draft, locked, replace, sync, write
-from estimators.service.golden import Golden
-from estimators.service.signature import sign
-from estimators.service.version import GOLDEN, RECORD, Version
+from estimators.service.store.adding import as_json, gather, recorded, robot_of
+from estimators.service.store.aliases import ALIASES, NAMES, Aliases, read_aliases
+from estimators.service.store.atomic_files import draft, locked, replace, sync, write
+from estimators.service.store.golden_motion import Golden
+from estimators.service.store.signature import sign
+from estimators.service.store.version import GOLDEN, RECORD, Version
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

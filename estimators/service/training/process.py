@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from estimators.service.logged_motion import Span
     from estimators.service.settings import RetrainingSettings
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
+    from estimators.service.training.logged_motion import Span
 
-_COMMAND: Final = (sys.executable, "-m", "estimators.service.trainer")
+_COMMAND: Final = (sys.executable, "-m", "estimators.service.training.trainer")
 _ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 _GLANCE: Final = 0.01  # [s] that a look at the process takes
 _LATE: Final = 10.0  # [s] beyond its limit, after which a process that did not end itself is killed
 
 
 class TrainingProcess:
-    """`estimators.service.trainer`, started at once, at low priority and with a time limit.
+    """The trainer in a process of its own, started at once, at low priority and with a time limit.
 
     Args:
         store: To learn the champion from, and to add to.

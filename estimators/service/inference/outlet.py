@@ -11,7 +11,7 @@ from limo_driver.streaming import declare_stream
 if TYPE_CHECKING:
     import zenoh
 
-    from estimators.service.bulletin import Bulletin
+    from estimators.service.inference.bulletin import Bulletin
     from limo_driver.mcap_log import McapLog
     from limo_driver.readiness import ServicePhase
 

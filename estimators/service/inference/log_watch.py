@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from limo_driver.messages import Level
 
 if TYPE_CHECKING:
-    from estimators.service.arm_service import Outlet
+    from estimators.service.inference.arm_service import Outlet
     from limo_driver.mcap_log import McapLog
 
 PAUSE: Final = 60.0  # [s] before a log that stopped is begun again

@@ -12,7 +12,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from estimators.service.durable import locked, replace
+from estimators.service.store.atomic_files import locked, replace
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

@@ -6,16 +6,16 @@ import threading
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
-from estimators.service.retraining import Retraining
+from estimators.service.retraining.retraining import Retraining
 from limo_driver.messages import Level
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.service.arm_server import ArmServer
-    from estimators.service.arm_service import ArmService, Window
+    from estimators.service.inference.arm_service import ArmService, Window
     from estimators.service.settings import RetrainingSettings
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
 
 _PERIOD: Final = 1.0  # [s] between two looks
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from estimators.manifest import MANIFEST, as_manifest, read_manifest
 from estimators.model_folder import SIMULATION, WEIGHTS, load_model
-from estimators.service.durable import sync, write
-from estimators.service.version import SCHEMA, described, digest
+from estimators.service.store.atomic_files import sync, write
+from estimators.service.store.version import SCHEMA, described, digest
 from limo_driver.errors import ModelStoreError
 from limo_driver.model import BUILT_IN
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.residual_model import ResidualModel
-    from estimators.service.golden import Golden, Replay
+    from estimators.service.store.golden_motion import Golden, Replay
 
 _NAME: Final = re.compile(r"\w[\w.+-]*")
 

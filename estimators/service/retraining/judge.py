@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.service.background import thread_aside
-from estimators.service.gate import FEWEST_BLOCKS
-from estimators.service.shadow import Shadow
+from estimators.service.comparison.gate import FEWEST_BLOCKS
+from estimators.service.comparison.shadow import Shadow
 from limo_driver.errors import LimoError
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from estimators.service.arm_server import ArmServer
-    from estimators.service.arm_service import ArmService
-    from estimators.service.gate import Comparison
+    from estimators.service.comparison.gate import Comparison
+    from estimators.service.inference.arm_service import ArmService
+    from estimators.service.retraining.stage import Stage
     from estimators.service.settings import RetrainingSettings
-    from estimators.service.stage import Stage
-    from estimators.service.store import ModelStore
+    from estimators.service.store.store import ModelStore
     from limo_driver.types import FloatArray
 
 _PAUSE: Final = 60.0  # seconds of joint states before a rollback that failed is tried again

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from estimators.service.history import History
-from estimators.service.rate import RateWatch
+from estimators.service.inference.history import History
+from estimators.service.inference.rate import RateWatch
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.messages import Attachment, JointStateCodec, Level, TorqueEstimateCodec
 from limo_driver.streaming import Arrivals
 
 if TYPE_CHECKING:
-    from estimators.service.live_model import Answer, LiveModel
-    from estimators.service.watchdog import Contact, ContactWatchdog
+    from estimators.service.inference.contact import Contact, ContactWatchdog
+    from estimators.service.inference.live_model import Answer, LiveModel
     from limo_driver.messages import JointStateMessage
     from limo_driver.types import FloatArray
 

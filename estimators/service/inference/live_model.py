@@ -13,7 +13,7 @@ from limo_driver.errors import DivergedError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.service.history import History, Rows
+    from estimators.service.inference.history import History, Rows
     from estimators.stream import LiveEstimate, Stream, StreamState
     from limo_driver.types import FloatArray
 

@@ -1,6 +1,6 @@
 """Train a challenger from the newest logs, in a process of its own.
 
-    python -m estimators.service.trainer models --logs logs --arm iiwa14 --seconds 300
+    python -m estimators.service.training.trainer models --logs logs --arm iiwa14 --seconds 300
 
 A model of the champion's kind, or of another one, learns what the champion's simulation leaves of
 the torque, outside of contact, from states of the newest rate. The last part of the motion is held
@@ -24,12 +24,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.service.background import end_when_abandoned, give_way
-from estimators.service.durable import draft
-from estimators.service.gate import BLOCK, accuracy, compare, plain
-from estimators.service.learning import SAME, learned
-from estimators.service.logged_motion import Span, newest_motion
-from estimators.service.store import ModelStore
-from estimators.service.watchdog import MARGIN
+from estimators.service.comparison.gate import BLOCK, accuracy, compare, plain
+from estimators.service.inference.contact import MARGIN
+from estimators.service.store.atomic_files import draft
+from estimators.service.store.store import ModelStore
+from estimators.service.training.learning import SAME, learned
+from estimators.service.training.logged_motion import Span, newest_motion
 from estimators.stream import Stream
 from limo_driver.errors import LimoError, ModelStoreError, RecordingError
 
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
     from estimators.base import LiveEstimator
     from estimators.residual_model import ResidualModel
-    from estimators.service.logged_motion import LoggedMotion
-    from estimators.service.version import Version
+    from estimators.service.store.version import Version
+    from estimators.service.training.logged_motion import LoggedMotion
     from limo_driver.recording import Recording
     from limo_driver.types import FloatArray
 

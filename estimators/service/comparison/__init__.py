@@ -1,0 +1,1 @@
+"""Comparison: whether a challenger is better than the champion."""

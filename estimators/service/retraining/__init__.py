@@ -1,0 +1,1 @@
+"""Retraining: from drift to a better champion, or back."""

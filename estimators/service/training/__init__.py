@@ -1,0 +1,1 @@
+"""Training: a challenger from the logs, in a process of its own."""
