@@ -19,7 +19,7 @@ from backends.simulated import (
     start_position,
 )
 from limo_driver.errors import BackendError
-from limo_driver.safety import START_TOLERANCE
+from limo_driver.robot.safety import START_TOLERANCE
 from limo_driver.types import (
     ImpedanceCommand,
     JointSample,

@@ -40,7 +40,7 @@ from backends.can.simulator import SimulatedDrives
 from backends.can.simulator.station import Station
 from limo_driver.errors import BackendError
 from limo_driver.physics import Simulation
-from limo_driver.safety import RANGE_TOLERANCE, VELOCITY_TOLERANCE
+from limo_driver.robot.safety import RANGE_TOLERANCE, VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ SIM = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
 # Inside the process: note the first sign of life, and at the end what was compiled.
 CHILD = """
 import atexit, json, os, sys, time
-from limo_driver import compilation, cli
+from limo_driver import cli; from limo_driver.machine_code import compilation
 begun, where, noted = float(os.environ["BEGUN"]), os.environ["NOTES"], {}
 def note(*_):
     noted.setdefault("sign", time.time() - begun)
@@ -54,7 +54,7 @@ def before(owner, name, place=None):
         return own(*given[:place], changed, *given[place + 1:], **named)
     setattr(owner, name, noting)
 if sys.argv[1] == "run":
-    from limo_driver.robot import Robot
+    from limo_driver.robot.robot import Robot
     before(Robot, "send")
 if sys.argv[1] == "diagnose":
     from limo_driver.cli import diagnose

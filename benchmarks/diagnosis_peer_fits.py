@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from diagnosis_peer_base import Array
 
     from limo_driver.model import Inertial
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import Motion
 
 LIMO = Path(sys.executable).with_name("limo")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from diagnosis_peer_base import Array
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 ROWS = 600  # of seven torques each, for 91 parameters
 ITERATIONS = 10

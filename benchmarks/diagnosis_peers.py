@@ -41,7 +41,7 @@ from rich.table import Table
 from limo_driver.cli.predict import write
 from limo_driver.errors import LimoError
 from limo_driver.physics import Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -33,7 +33,7 @@ from backends.fri.codec.codec import decode_monitoring, encode_command, encode_m
 from backends.fri.codec.template import CommandTemplate, MonitoringTemplate
 from backends.fri.codec.version import FriVersion
 from backends.fri.endpoint import Datagram
-from limo_driver.realtime import Realtime
+from limo_driver.robot.realtime import Realtime
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:

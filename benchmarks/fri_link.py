@@ -34,7 +34,7 @@ from backends.fri.codec.messages import MAX_DATAGRAM, SessionState
 from backends.fri.endpoint import Endpoint
 from limo_driver.errors import BackendError
 from limo_driver.latency import LatencyHistogram
-from limo_driver.realtime import Pace, Realtime
+from limo_driver.robot.realtime import Pace, Realtime
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from limo_driver.physics import Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 TRUTH = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
 BAR = 50.0

@@ -24,7 +24,7 @@ from estimators.rigid_body.normal_equations import CHUNK
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 RATE = 250.0  # [Hz]

@@ -32,7 +32,7 @@ from estimators.joint_physics import JointPhysics
 from estimators.model_folder import check_simulation
 from estimators.rigid_body import identify
 from limo_driver.model import RobotModel
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation

@@ -24,8 +24,8 @@ import numpy as np
 from mcap.writer import Writer
 from rosbags import typesys
 
-from limo_driver.mcap_log import LogLimits, McapLog
-from limo_driver.messages import (
+from limo_driver.logs.mcap_log import LogLimits, McapLog
+from limo_driver.network.messages import (
     JOINT_STATE,
     SCHEMAS,
     TORQUE_ESTIMATE,

@@ -44,11 +44,11 @@ BAR: Final = 0.95  # of the mutants of each file, which the tests have to notice
 TIMEOUT: Final = 120.0  # [s] for the tests of one mutant: a loop without an end is noticed, too
 SMALL: Final = 4  # whole numbers up to this are counts, places and bits: changed by one
 TESTS: Final = {
-    "limo_driver/safety.py": (
+    "limo_driver/robot/safety.py": (
         "tests/limo_driver/test_safety_limits.py",
         "tests/limo_driver/test_safety_turns.py",
     ),
-    "limo_driver/setpoints.py": (
+    "limo_driver/robot/setpoints.py": (
         "tests/limo_driver/test_setpoints.py",
         "tests/limo_driver/test_safety_limits.py",
     ),

@@ -27,9 +27,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pinocchio
 
-from limo_driver.differentiation import smooth
 from limo_driver.physics import Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

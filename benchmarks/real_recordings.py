@@ -23,9 +23,9 @@ import numpy as np
 
 from estimators.evaluation import evaluate
 from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
-from limo_driver.differentiation import smooth
 from limo_driver.model import RobotModel
-from limo_driver.recording import Recording
+from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ import typer
 from estimators.joint_physics import JointPhysics
 from estimators.stream import Stream
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

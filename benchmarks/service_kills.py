@@ -39,16 +39,16 @@ from service_processes import (
 
 from estimators.service.store.store import ModelStore
 from limo_driver.errors import LimoError, RecordingError
-from limo_driver.mcap_log import log_files, read_mcap
-from limo_driver.messages import (
+from limo_driver.logs.mcap_log import log_files, read_mcap
+from limo_driver.network.messages import (
     Attachment,
     decode_event,
     decode_joint_state,
     decode_torque_estimate,
 )
-from limo_driver.model_client import ModelClient
-from limo_driver.recorder import read_log
-from limo_driver.streaming import Keys, open_session
+from limo_driver.network.model_client import ModelClient
+from limo_driver.network.streaming import Keys, open_session
+from limo_driver.recordings.recorder import read_log
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:

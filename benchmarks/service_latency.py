@@ -31,9 +31,9 @@ from service_processes import (
 )
 from zenoh.handlers import Callback
 
-from limo_driver.messages import Attachment
-from limo_driver.readiness import wait_until_serving
-from limo_driver.streaming import declare_stream, open_session
+from limo_driver.network.messages import Attachment
+from limo_driver.network.readiness import wait_until_serving
+from limo_driver.network.streaming import declare_stream, open_session
 
 if TYPE_CHECKING:
     import zenoh

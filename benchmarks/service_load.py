@@ -40,7 +40,7 @@ from service_processes import (
     wait_for,
 )
 
-from limo_driver.streaming import Keys, open_session
+from limo_driver.network.streaming import Keys, open_session
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -188,7 +188,7 @@ def fit(model: Path, data: Path) -> None:
     """Fit over and over, and give way to everything else."""
     from estimators.joint_physics import JointPhysics
     from estimators.model_folder import load_model
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
     os.nice(NICE)
     Path("/proc/self/autogroup").write_text(str(NICE))

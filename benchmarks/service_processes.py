@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.messages import Attachment
-from limo_driver.streaming import JointStatePublisher, Keys
+from limo_driver.network.messages import Attachment
+from limo_driver.network.streaming import JointStatePublisher, Keys
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from estimators.service.store.store import ModelStore
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 ARM = "bench"
 RATE = 1000.0  # [Hz]
@@ -94,7 +94,7 @@ class Motion:
 
     def recording(self) -> Recording:
         """Return some seconds of it, without torque, for the golden motion of a version."""
-        from limo_driver.recording import Recording
+        from limo_driver.recordings.recording import Recording
 
         t = np.arange(int(_GOLDEN * RATE)) / RATE
         q = self.at(t)

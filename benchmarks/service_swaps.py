@@ -39,10 +39,10 @@ from service_processes import (
 from estimators.model_folder import load_model
 from estimators.stream import Stream
 from limo_driver.errors import LimoError
-from limo_driver.mcap_log import log_files, read_mcap
-from limo_driver.messages import decode_event, decode_joint_state, decode_torque_estimate
-from limo_driver.model_client import ModelClient
-from limo_driver.streaming import Keys, open_session
+from limo_driver.logs.mcap_log import log_files, read_mcap
+from limo_driver.network.messages import decode_event, decode_joint_state, decode_torque_estimate
+from limo_driver.network.model_client import ModelClient
+from limo_driver.network.streaming import Keys, open_session
 
 STEP_BAR = 1e-6  # [N m]
 START = 120.0  # [s] for the first estimate, at most

@@ -29,9 +29,9 @@ from estimators.hybrid.scaling import InputScaling, Scaling, normalise_inputs
 from estimators.joint_physics import JointPhysics
 from estimators.neural import LstmFcl, Mlp
 from estimators.stream import Stream
-from limo_driver.differentiation import differentiate
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
-from limo_driver.recording import Recording
+from limo_driver.recordings.differentiation import differentiate
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointSample, Motion
 
 if TYPE_CHECKING:

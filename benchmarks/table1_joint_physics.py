@@ -31,7 +31,7 @@ from limo_driver.physics import Simulation
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 
 def main(folders: Annotated[list[Path], typer.Argument(help="Data folders.")]) -> None:

@@ -23,7 +23,7 @@ import typer
 from real_recordings import DATA, cases
 
 if TYPE_CHECKING:
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 BANDWIDTH = 10.0  # [Hz] of the table's filter
 LONGEST_SEQUENCE = 500  # samples, T of the table

@@ -24,7 +24,7 @@ import torch
 from estimators.hybrid.training.fit import paper_settings, train
 from estimators.neural.modules import MlpModule
 from limo_driver.physics import Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 SAMPLES, EPOCHS, RATE = 804_205, 100, 223.4  # the paper's
 LENGTH, BATCH, INPUTS, JOINTS, HIDDEN = 500, 50, 35, 7, 100

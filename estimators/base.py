@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
 
 DEVIATIONS: Final = 1.959964  # of a normal distribution, that hold 95 %

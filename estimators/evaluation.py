@@ -10,15 +10,15 @@ from scipy.signal import welch
 
 from estimators.base import DEVIATIONS
 from estimators.model_folder import provenance
-from limo_driver.differentiation import ORDER
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.base import Estimate
     from estimators.residual_model import ResidualModel
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
 _NOISE_FROM: Final = 0.6  # of the Nyquist frequency; above, a torque is taken to be noise

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from estimators.residual_model import ResidualModel
     from limo_driver.model import RobotModel
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.model import RobotModel
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 _STILL: Final = 2e-3  # [rad], range of an arm that does not move
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from estimators.base import State
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
 
 _ROWS: Final = 1024  # estimated at a time, to bound memory

@@ -10,17 +10,17 @@ import numpy as np
 
 from estimators.base import Estimate
 from estimators.simulation_only import SimulationOnly
-from limo_driver.causal_differentiation import RATE_TOLERANCE, CausalDifferentiator
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.physics import Simulation
+from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE, CausalDifferentiator
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from estimators.base import LiveEstimator, State
-    from limo_driver.causal_differentiation import DelayLine
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.causal_differentiation import DelayLine
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from backends.can import ArmConfig
 from backends.can.simulator import SimulatedDrives
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 HERE = Path(__file__).parent
 TRUTH = HERE / "iiwa14_hysteretic.yaml"

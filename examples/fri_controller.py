@@ -20,7 +20,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
 
 OUT = Path("out")

@@ -25,14 +25,14 @@ from typing import TYPE_CHECKING, TextIO
 import matplotlib.pyplot as plt
 import numpy as np
 
-from limo_driver.mcap_log import read_mcap
-from limo_driver.messages import decode_event, decode_torque_estimate
+from limo_driver.logs.mcap_log import read_mcap
+from limo_driver.network.messages import decode_event, decode_torque_estimate
 from limo_driver.physics import ExternalContact, Simulation, TemperatureDependentFriction
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from limo_driver.messages import Event
+    from limo_driver.network.messages import Event
 
 TRUTH = Path(__file__).parent / "iiwa14_hysteretic.yaml"
 LIMO = [sys.executable, "-c", "from limo_driver.cli import main; main()"]

@@ -23,12 +23,12 @@ import numpy as np
 from live_service import PATIENCE, TRUTH, background, limo, network
 
 from limo_driver.errors import LimoError
-from limo_driver.mcap_log import read_mcap
-from limo_driver.messages import decode_event, decode_torque_estimate
+from limo_driver.logs.mcap_log import read_mcap
+from limo_driver.network.messages import decode_event, decode_torque_estimate
 from limo_driver.physics import ExternalContact, Simulation
 
 if TYPE_CHECKING:
-    from limo_driver.messages import Event
+    from limo_driver.network.messages import Event
 
 SECONDS = 20.0  # of stream
 # in the time of the motion, which begins once there are estimates

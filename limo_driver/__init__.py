@@ -8,9 +8,9 @@ if TYPE_CHECKING:
     from limo_driver.errors import LimoError
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
-    from limo_driver.registry import open_robot
-    from limo_driver.robot import Robot
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.robot.registry import open_robot
+    from limo_driver.robot.robot import Robot
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import (
         ImpedanceCommand,
@@ -27,14 +27,14 @@ _HOME = {
     "LimoError": "errors",
     "Motion": "types",
     "PositionCommand": "types",
-    "Recording": "recording",
-    "Robot": "robot",
+    "Recording": "recordings.recording",
+    "Robot": "robot.robot",
     "RobotModel": "model",
     "Simulation": "physics",
     "TorqueCommand": "types",
     "Trajectory": "trajectory",
     "WrenchCommand": "types",
-    "open_robot": "registry",
+    "open_robot": "robot.registry",
 }
 
 __all__ = [

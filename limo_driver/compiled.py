@@ -24,8 +24,8 @@ from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
-from limo_driver import compilation, kept_code
-from limo_driver.reached_sources import digest, reached
+from limo_driver.machine_code import compilation, kept_code
+from limo_driver.machine_code.reached_sources import digest, reached
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,8 +14,8 @@ from backends.can.config import CIA402, ArmConfig
 from backends.can.port import Port
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
-from limo_driver.robot import Robot
-from limo_driver.safety import START_TOLERANCE, VELOCITY_TOLERANCE, warm_up
+from limo_driver.robot.robot import Robot
+from limo_driver.robot.safety import START_TOLERANCE, VELOCITY_TOLERANCE, warm_up
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from backends.fri.wire_limits import numbers
 if TYPE_CHECKING:
     from backends.fri.codec.messages import CommandData, Joints, Monitoring
     from backends.fri.wire_limits import WireLimits
-    from limo_driver.safety import SafetyContract
+    from limo_driver.robot.safety import SafetyContract
     from limo_driver.types import FloatArray
 
 _ACTIVE: Final = SessionState.COMMANDING_ACTIVE

@@ -35,8 +35,8 @@ from limo_driver.errors import (
 )
 from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
-from limo_driver.robot import READY_TIMEOUT, Robot
-from limo_driver.safety import START_TOLERANCE, warm_up
+from limo_driver.robot.robot import READY_TIMEOUT, Robot
+from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.types import JointState, RobotSpec, WrenchLimits, readonly
 
 if TYPE_CHECKING:

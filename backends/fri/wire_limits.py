@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from limo_driver.safety import RANGE_TOLERANCE
+from limo_driver.robot.safety import RANGE_TOLERANCE
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, RobotSpec

@@ -14,18 +14,18 @@ import numpy as np
 
 from backends.mujoco_sim.robot import MujocoRobot
 from backends.simulated import DEFAULT_PERIOD
-from limo_driver.differentiation import smooth
 from limo_driver.errors import PathError
 from limo_driver.physics.changing_friction import TemperatureDependentFriction
 from limo_driver.physics.effect import JointMotion
 from limo_driver.physics.environment import ExternalContact
 from limo_driver.physics.sensing import Sensors, TorqueDrift
+from limo_driver.recordings.differentiation import smooth
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 LEAD_IN = 1.0  # [s] in which the arm gets from rest into the recorded motion

@@ -26,7 +26,7 @@ from backends.mujoco_sim.stability import (
 from backends.mujoco_sim.torque_sensors import TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, ShapeError
-from limo_driver.safety import START_TOLERANCE
+from limo_driver.robot.safety import START_TOLERANCE
 from limo_driver.types import (
     FloatArray,
     ImpedanceCommand,

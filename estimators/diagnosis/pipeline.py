@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.pushes import Push
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 SEVERAL = 3  # effects, of which one may stand for what two others make of one another

@@ -19,8 +19,8 @@ from scipy.ndimage import minimum_filter1d
 from estimators.diagnosis.hypotheses.responses import Response, Sharp, ready, sharp
 from estimators.diagnosis.residuals.observations import Observations  # noqa: TC001  # read by singledispatch
 from estimators.diagnosis.residuals.plausibility import doubtful_encoders
-from limo_driver.differentiation import smooth
 from limo_driver.physics import ExternalContact
+from limo_driver.recordings.differentiation import smooth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

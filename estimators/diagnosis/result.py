@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 _COUNTED, _MOST = 3, 99  # powers of ten: up to where odds are counted, and beyond which nobody does
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.training.fit import TrainingSettings
     from estimators.neural import Network
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
 _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from estimators.joint_physics.columns import Columns, Rows
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 FOLDS: Final = 5

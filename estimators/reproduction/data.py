@@ -19,7 +19,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.model import BUILT_IN, RobotModel
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.rigid_body.regressor import Chain
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 REMEMBERED = 2.0  # [s], that errors are correlated at most
 _TOLD_APART = 1e-6  # least eigenvalue of a correlation matrix that counts as a direction

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
     from limo_driver.physics import Tolerances
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 TOLERANCES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # relative, of inertias in a URDF

@@ -17,8 +17,8 @@ from estimators.recordings import check_recordings
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.folds import FOLDS, fold_of
 from estimators.rigid_body.regressor import PER_LINK, Chain
-from limo_driver.differentiation import smooth
 from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.recordings.differentiation import smooth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.model import RobotModel
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
 CHUNK = 1024  # samples whose regressor is held at a time; it stays in the processor's cache

@@ -21,9 +21,9 @@ from estimators.service.opening import Opening
 from estimators.service.queries import ModelQueries
 from estimators.service.store.vetting import Demand
 from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
-from limo_driver.messages import Attachment, Level, decode_joint_state
-from limo_driver.readiness import ServicePhase
-from limo_driver.ros import RosReader
+from limo_driver.network.messages import Attachment, Level, decode_joint_state
+from limo_driver.network.readiness import ServicePhase
+from limo_driver.network.ros import RosReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from estimators.service.retraining.keeper import Keeper
     from estimators.service.settings import ServiceSettings
     from estimators.service.store.served_models import ServedModels
-    from limo_driver.mcap_log import McapLog
-    from limo_driver.ros import RosTopic
+    from limo_driver.logs.mcap_log import McapLog
+    from limo_driver.network.ros import RosTopic
 
 _WAITING_FOR_STATES: Final = "waiting for joint states"
 _ANSWERING: Final = (ServicePhase.SERVING, ServicePhase.SILENT)

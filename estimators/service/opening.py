@@ -12,9 +12,9 @@ from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
 from estimators.service.inference.rate import RateFinder
 from estimators.stream import Stream
-from limo_driver.causal_differentiation import RATE_TOLERANCE
 from limo_driver.errors import LimoError
-from limo_driver.messages import Level
+from limo_driver.network.messages import Level
+from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE
 from limo_driver.types import readonly
 
 if TYPE_CHECKING:

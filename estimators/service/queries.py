@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import LimoError
-from limo_driver.streaming import to_json
+from limo_driver.network.streaming import to_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 
-from limo_driver.stopping import Stopping
+from limo_driver.console.stopping import Stopping
 
 NOT_READY = 1
 USAGE_ERROR = 2
@@ -22,8 +22,8 @@ def main() -> None:
     Where a service was waited for in vain, the status is 1.
     """
     with Stopping(INTERRUPTED):
-        from limo_driver.command_line import add_commands, app
-        from limo_driver.compilation_line import compilation_line
+        from limo_driver.console.command_line import add_commands, app
+        from limo_driver.console.compilation_line import compilation_line
         from limo_driver.errors import LimoError, ServiceNotReadyError
 
         # A program that reads figures from stdout need not read about compilation.

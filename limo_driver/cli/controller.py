@@ -75,8 +75,8 @@ def command(
     from backends.fri.simulator.port import Address
     from backends.fri.simulator.scenario import Scenario
     from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
-    from limo_driver.interrupts import interrupts
     from limo_driver.physics import Simulation
+    from limo_driver.robot.interrupts import interrupts
 
     settings = ControllerSettings(
         client=Address.parse(client, "--client"),

@@ -11,7 +11,7 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    from limo_driver.joint_state_log import JointStateLog
+    from limo_driver.logs.joint_state_log import JointStateLog
 
 _MCAP = ".mcap"
 _TOPIC = "/joint_states"
@@ -57,11 +57,11 @@ def _to_recording(
 ) -> None:
     from importlib.metadata import version
 
-    from limo_driver.data_gate import inspect
     from limo_driver.errors import RecordingError
-    from limo_driver.joint_state_log import joint_states
+    from limo_driver.logs.joint_state_log import joint_states
     from limo_driver.model import RobotModel
-    from limo_driver.recording_file import write_columns
+    from limo_driver.recordings.data_gate import inspect
+    from limo_driver.recordings.file import write_columns
 
     joints = None if robot is None else RobotModel.load(robot).joint_names
     with _progress(quiet=as_json) as progress:
@@ -100,9 +100,9 @@ def _counts(log: JointStateLog, usable: int) -> dict[str, Any]:
 
 def _to_log(files: list[Path], out: Path, robot: str | None, topic: str, *, as_json: bool) -> None:
     from limo_driver.errors import ConfigError
-    from limo_driver.joint_state_log import write_joint_states
+    from limo_driver.logs.joint_state_log import write_joint_states
     from limo_driver.model import RobotModel
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
     if len(files) > 1:
         raise ConfigError(f"{len(files)} files to make one log of, expected one recording")
@@ -128,7 +128,7 @@ def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
     """Return the joints and the stamp of time 0 [ns] that the header of a recording may name."""
     import pyarrow.parquet as pq
 
-    from limo_driver.recorder import read_header
+    from limo_driver.recordings.recorder import read_header
 
     numbered = tuple(f"joint_{j + 1}" for j in range(n))
     if path.suffix != ".parquet":
@@ -150,7 +150,7 @@ def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     console = terminal(stderr=True)
     columns = (
@@ -169,7 +169,7 @@ def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
 def _report(out: Path, counts: dict[str, Any], notes: list[str], *, as_json: bool) -> None:
     import json
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     if as_json:
         terminal().print_json(json.dumps({"file": str(out), **counts, "notes": notes}))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import Diagnosis, Replay
     from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 VERDICT, IMPROVED, REPORT = "verdict.json", "sim.yaml", "report.html"
 NEXT_MOTION = "next_motion.parquet"
@@ -51,10 +51,10 @@ def command(
     import json
     import sys
 
+    from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
-    from limo_driver.terminal import terminal
+    from limo_driver.recordings.recording import Recording
 
     simulation = Simulation.load(sim)
     measured = [Recording.load(path) for path in recordings]
@@ -212,8 +212,8 @@ def _progress(console: Console) -> Generator[Callable[[str, float], None]]:
 
 
 def _show(found: Diagnosis, out: Path) -> None:
+    from limo_driver.console.terminal import terminal
     from limo_driver.physics import spoken
-    from limo_driver.terminal import terminal
 
     console = terminal()
     verdict = found.verdict

@@ -41,10 +41,10 @@ def command(
 
     from estimators.evaluation import evaluate
     from estimators.model_folder import check_simulation, load_model
+    from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
-    from limo_driver.terminal import terminal
+    from limo_driver.recordings.recording import Recording
 
     if out is not None:
         require_folder(out, "the evaluation", FILES, [recording])

@@ -133,7 +133,7 @@ def _excite(
         TimeElapsedColumn,
     )
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
     from limopa.exciter import excite
 
     columns = (
@@ -154,7 +154,7 @@ def _excite(
 def _report(
     found: Excitation, conditioning: Conditioning, model: RobotModel, *, as_json: bool
 ) -> None:
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     motion, console = found.trajectory, terminal(soft_wrap=True)
     condition, scaled = conditioning.condition(motion), conditioning.scaled(motion)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from estimators.rigid_body import Identification, JointTerms, Rows
     from limo_driver.model import RobotModel
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 
 def command(  # one argument for each option
@@ -64,10 +64,10 @@ def command(  # one argument for each option
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body.report import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
+    from limo_driver.console.terminal import terminal
     from limo_driver.model import RobotModel
     from limo_driver.outputs import require_file
-    from limo_driver.recording import Recording
-    from limo_driver.terminal import terminal
+    from limo_driver.recordings.recording import Recording
 
     notes = terminal(stderr=True, soft_wrap=True)
     require_file(out, recordings)
@@ -128,7 +128,7 @@ def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
 
 def _show(found: Identification, out: Path, *, base: bool) -> None:
     from estimators.rigid_body.report import base_table, joint_table, link_table
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     console = terminal()
     console.print(

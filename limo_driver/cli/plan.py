@@ -119,7 +119,7 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
         TimeRemainingColumn,
     )
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
     from limopa import plan
 
     columns = (
@@ -134,7 +134,7 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
 
 
 def _report(statistics: Statistics, *, as_json: bool) -> None:
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     if as_json:
         import json

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from estimators.base import Estimate, LiveEstimator
     from estimators.residual_model import ResidualModel
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 BANDWIDTH = 10.0  # [Hz], with a simulation
@@ -59,9 +59,9 @@ def command(
     import json
 
     from estimators.simulation_only import SimulationOnly
+    from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_file
-    from limo_driver.recording import Recording
-    from limo_driver.terminal import terminal
+    from limo_driver.recordings.recording import Recording
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     physics, learned = _load(sim, model, bandwidth)

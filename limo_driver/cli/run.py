@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.cli import INTERRUPTED
-from limo_driver.network_options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
+from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    from limo_driver.playback import PlaybackSummary
+    from limo_driver.robot.playback import PlaybackSummary
     from limo_driver.trajectory import Trajectory
 
 _ANSWERED = {"p50": "p50", "p99": "p99", "p99_9": "p99.9", "longest": "longest"}
@@ -101,13 +101,13 @@ def command(
     from limo_driver.errors import ConfigError
     from limo_driver.outputs import require_apart
     from limo_driver.physics import Simulation
-    from limo_driver.playback import NotBegunError, Playback, open_for
+    from limo_driver.robot.playback import NotBegunError, Playback, open_for
     from limo_driver.trajectory import Trajectory
 
     if wait is not None:
         if not stream:
             raise ConfigError("--wait-for-estimates waits for what answers --stream; give both")
-        from limo_driver.readiness import require_wait
+        from limo_driver.network.readiness import require_wait
 
         require_wait("--wait-for-estimates", wait)
     if ros and not stream:
@@ -144,13 +144,13 @@ def command(
         }
         publish = answered = None
         if stream:
-            from limo_driver.readiness import FirstEstimate
-            from limo_driver.ros import RosPublisher, RosTopic
-            from limo_driver.streaming import JointStatePublisher, open_session
+            from limo_driver.network.readiness import FirstEstimate
+            from limo_driver.network.ros import RosPublisher, RosTopic
+            from limo_driver.network.streaming import JointStatePublisher, open_session
 
             topic = RosTopic(domain=ros_domain)
             if ros and config is not None:
-                from limo_driver.network_config import require_passage
+                from limo_driver.network.config import require_passage
 
                 require_passage(config, topic.key, "egress", "--ros")
             session = open_.enter_context(open_session(connect or (), listen or (), config))
@@ -218,7 +218,7 @@ def _shortened(motion: Trajectory, duration: float) -> Trajectory:
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     console = terminal(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
@@ -231,7 +231,7 @@ def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
 def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
     from rich.table import Table
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     console = terminal()
     if as_json:

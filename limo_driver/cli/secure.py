@@ -40,7 +40,7 @@ def command(
         limo run --stream --zenoh-config trust/driver/zenoh.json5 ...
         limo watch --zenoh-config trust/viewer/zenoh.json5
     """
-    from limo_driver.trust import ROLES, Host, write_trust
+    from limo_driver.network.trust import ROLES, Host, write_trust
 
     hosts = {
         "driver": Host.parse(driver, DRIVER_PORT),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.model import FittedNetwork
     from estimators.hybrid.training.fit import TrainingSettings
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 
 def command(  # one argument for each option
@@ -101,8 +101,8 @@ def command(  # one argument for each option
     from estimators.hybrid.training.fit import usual_settings
     from estimators.joint_physics import JointPhysics
     from estimators.neural import NETWORKS
+    from limo_driver.console.terminal import terminal
     from limo_driver.errors import ConfigError
-    from limo_driver.terminal import terminal
 
     if model == JointPhysics.name:
         _refuse_network_options(context)
@@ -145,10 +145,10 @@ def _load(
     recordings: list[Path], sim: Path, out: Path
 ) -> tuple[Simulation, list[Recording], Console]:
     """Read simulation and recordings; say on the console what is left out of them."""
+    from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
-    from limo_driver.terminal import terminal
+    from limo_driver.recordings.recording import Recording
 
     simulation = Simulation.load(sim)
     measured = [Recording.load(path) for path in recordings]
@@ -239,7 +239,7 @@ def _train_physics(
     from rich.table import Table
 
     from estimators.joint_physics import JointPhysics
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     simulation, measured, _ = _load(recordings, sim, out)
     model = JointPhysics(simulation, bandwidth).fit(measured)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+from limo_driver.network.options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.text import Text
 
-    from limo_driver.messages import Event
+    from limo_driver.network.messages import Event
 
 _EVENTS = 12  # shown
 _STALE = 3.0  # [s] without status, after which a service is shown as silent
@@ -69,8 +69,8 @@ def command(
         limo watch --arm iiwa14 --until serving --timeout 60
     """
     from limo_driver.errors import ConfigError
+    from limo_driver.network.streaming import Keys, follow_history, open_session
     from limo_driver.shortening import shortened
-    from limo_driver.streaming import Keys, follow_history, open_session
 
     if until is not None:
         if duration is not None:
@@ -101,8 +101,13 @@ def _wait(
     as_json: bool,
 ) -> None:
     """Wait for a service, and say how far it is."""
-    from limo_driver.readiness import PATIENCE, ServicePhase, require_wait, wait_until_serving
-    from limo_driver.streaming import open_session
+    from limo_driver.network.readiness import (
+        PATIENCE,
+        ServicePhase,
+        require_wait,
+        wait_until_serving,
+    )
+    from limo_driver.network.streaming import open_session
 
     phase, seconds = ServicePhase.named(until), PATIENCE if timeout is None else timeout
     require_wait("--timeout", seconds)
@@ -148,7 +153,7 @@ class Watched:
     def take_event(self, sample: zenoh.Sample) -> None:
         """Keep an event; what is none is counted."""
         from limo_driver.errors import WireFormatError
-        from limo_driver.messages import decode_event
+        from limo_driver.network.messages import decode_event
 
         arm = _arm_of(sample)
         try:
@@ -193,7 +198,7 @@ def _show(watched: Watched, duration: float | None) -> None:
     """Draw twice a second until the time is over."""
     from rich.live import Live
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     ends = math.inf if duration is None else time.monotonic() + duration
     pause = threading.Event()

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics.effect import (
@@ -26,12 +25,13 @@ from limo_driver.physics.effect import (
 from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.transmission import JointElasticity
+from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from limo_driver.differentiation import Derivatives
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.differentiation import Derivatives
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
 
 

@@ -17,7 +17,7 @@ from limo_driver.physics import (
     TemperatureDependentFriction,
     TorqueDrift,
 )
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 
 @pytest.fixture(scope="module")

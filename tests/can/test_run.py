@@ -8,7 +8,7 @@ from arms import NODES, virtual_bus
 from canopen_drives import CanopenArm
 
 from backends.can import ArmConfig
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Segment, Trajectory
 
 ARM = """

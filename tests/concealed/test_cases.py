@@ -14,7 +14,7 @@ from other_effects import UNKNOWN, WRONG
 from world import COULOMB, FRICTION, INERTIA, World, off_within
 
 from limo_driver.physics import Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 
 @pytest.fixture(scope="module")

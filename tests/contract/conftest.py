@@ -8,7 +8,7 @@ from importlib.metadata import entry_points
 import pytest
 from robot_commands import START
 
-from limo_driver.registry import ROBOTS, find, open_robot
+from limo_driver.robot.registry import ROBOTS, find, open_robot
 
 
 def simulated_backends():

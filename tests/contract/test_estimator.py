@@ -19,7 +19,7 @@ from estimators.stream import Stream
 from limo_driver.errors import NotFittedError, RecordingError, ShapeError
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointSample, Motion
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from limo_driver.errors import (
     JointLimitError,
     ShapeError,
 )
-from limo_driver.registry import ROBOTS, open_robot
+from limo_driver.robot.registry import ROBOTS, open_robot
 from limo_driver.types import TorqueCommand
 
 

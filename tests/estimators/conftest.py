@@ -12,7 +12,7 @@ from wandering import wander
 from estimators.joint_physics import JointPhysics
 from estimators.service.store.store import ModelStore
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
 from estimators.stream import Stream
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
     decode_joint_state,
@@ -20,9 +20,9 @@ from limo_driver.messages import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from limo_driver.messages import TorqueEstimate
+    from limo_driver.network.messages import TorqueEstimate
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 
 RATE, DELAY = 100.0, 0.1

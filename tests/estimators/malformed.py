@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.messages import Attachment, JointStateCodec
+from limo_driver.network.messages import Attachment, JointStateCodec
 
 if TYPE_CHECKING:
     from random import Random

@@ -15,9 +15,9 @@ from estimators.service.inference.bulletin import Bulletin
 from estimators.service.retraining.keeper import Keeper
 from estimators.service.settings import ServiceSettings
 from estimators.service.store.served_models import StoreModels
-from limo_driver.mcap_log import LogLimits, McapLog
-from limo_driver.messages import Attachment, JointStateCodec
-from limo_driver.streaming import Keys, open_session
+from limo_driver.logs.mcap_log import LogLimits, McapLog
+from limo_driver.network.messages import Attachment, JointStateCodec
+from limo_driver.network.streaming import Keys, open_session
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store.store import ModelStore
-    from limo_driver.messages import Event
+    from limo_driver.network.messages import Event
     from limo_driver.physics import Simulation
 
 RATE = 100.0

@@ -10,7 +10,7 @@ from wandering import wander
 
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, ViscousFriction
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path

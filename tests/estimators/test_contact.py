@@ -12,7 +12,7 @@ from fed_service import DELAY, NAMES, START, feed, live, messages, service_of
 from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.settings import ServiceSettings
 from limo_driver.errors import ConfigError, ShapeError
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
 )

@@ -13,7 +13,7 @@ from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.result import CHOSEN
 from limo_driver.physics import CoulombFriction, SpringLoad
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 FLOOR = np.full(2, 0.01)  # [N m]
 

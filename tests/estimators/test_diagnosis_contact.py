@@ -13,7 +13,7 @@ from estimators.diagnosis.judgement.judgement import Leftover
 from estimators.diagnosis.pushes import Push
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 FLOOR = np.full(7, 0.01)  # [N m]
 FIRST, SECOND = (4.0, 4.8), (2.0, 3.0)  # [s]

@@ -11,7 +11,7 @@ from estimators.diagnosis.hypotheses.catalogue import every, rivals
 from estimators.diagnosis.hypotheses.friction import friction, sign_width
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import AsymmetricFriction, CoulombFriction, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 DRY = (
     CoulombFriction(joint=2, tau_c=1.0, v_eps=0.02),

@@ -25,7 +25,7 @@ from limo_driver.physics import (
     TorqueGain,
     TorqueRipple,
 )
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 RATE, NOISE = 100.0, 0.02  # [Hz], [N m]
 

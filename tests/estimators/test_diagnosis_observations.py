@@ -17,7 +17,7 @@ from estimators.diagnosis.residuals.observations import (
 )
 from limo_driver.errors import RecordingError
 from limo_driver.physics import CoulombFriction, TorqueOffset
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 BANDWIDTH = 10.0  # [Hz]
 

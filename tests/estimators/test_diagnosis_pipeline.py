@@ -23,7 +23,7 @@ from limo_driver.physics import (
     TorqueGain,
     ViscousFriction,
 )
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 RATE = 100.0  # [Hz]

@@ -27,7 +27,7 @@ from limo_driver.physics import (
     TorqueGain,
     ViscousFriction,
 )
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 RATE, DURATION = 50.0, 40.0  # [Hz], [s]

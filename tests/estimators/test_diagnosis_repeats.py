@@ -9,7 +9,7 @@ import pytest
 
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.repeats import notes, repeats
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 NOISE = 0.02  # [N m], white, of which the filter keeps a part
 

@@ -30,15 +30,15 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from limo_driver.differentiation import smooth
 from limo_driver.errors import ConfigError
+from limo_driver.recordings.differentiation import smooth
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 BANDWIDTH = 10.0
 

@@ -18,7 +18,7 @@ from estimators.diagnosis.pushes import ContactIn, Push, covered, pushes, wrench
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation, TorqueRipple
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from limo_driver.physics import Effect

@@ -19,7 +19,7 @@ from limo_driver.physics import (
     Simulation,
     TorqueDrift,
 )
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from estimators.hybrid.training.fit import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.pictures import loop_figure, png, torque_figure
 from limo_driver.errors import RecordingError
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable

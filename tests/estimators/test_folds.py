@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.rigid_body.folds import FOLDS, fold_of, jackknife
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 
 def test_folds_cut_short_recordings_once_and_long_ones_often():

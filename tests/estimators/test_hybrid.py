@@ -20,7 +20,7 @@ from limo_driver.physics import CoulombFriction, Simulation
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 SETTINGS = TrainingSettings(
     model="lstm-fcl", features="drive", epochs=1, sequence_length=20, hidden=4

@@ -13,7 +13,7 @@ from estimators.hybrid import HybridModel
 from estimators.hybrid.training.fit import usual_settings
 from estimators.rigid_body import Rows, identify
 from limo_driver.model import RobotModel
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 

@@ -17,7 +17,7 @@ from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import load_model
 from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
 from limo_driver.physics import CoulombFriction, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointSample, Motion
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from estimators.joint_physics.tolerances import tolerances
 from estimators.manifest import MANIFEST, as_manifest, read_manifest
 from estimators.service.store.version import digest
 from limo_driver.physics import JointElasticity, PreslidingHysteresis, Simulation, TorqueOffset
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path

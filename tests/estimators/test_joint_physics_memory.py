@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 RATE = 100.0
 SECOND = slice(0, 100)

@@ -10,8 +10,8 @@ from sessions import wait_until
 
 from estimators.service.inference import log_watch
 from estimators.service.inference.log_watch import LogWatch
-from limo_driver.mcap_log import McapLog
-from limo_driver.messages import LOG, Event, Level
+from limo_driver.logs.mcap_log import McapLog
+from limo_driver.network.messages import LOG, Event, Level
 
 if TYPE_CHECKING:
     from pathlib import Path

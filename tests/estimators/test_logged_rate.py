@@ -11,9 +11,9 @@ import pytest
 from estimators.service.training.logged_motion import Span, newest_motion
 from estimators.service.training.logged_rate import LoggedRates
 from limo_driver.errors import RecordingError
-from limo_driver.mcap_file import LoggedMessage
-from limo_driver.mcap_log import LogLimits, McapLog
-from limo_driver.messages import JOINT_STATE, JointStateCodec
+from limo_driver.logs.mcap_file import LoggedMessage
+from limo_driver.logs.mcap_log import LogLimits, McapLog
+from limo_driver.network.messages import JOINT_STATE, JointStateCodec
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 NAN = float("nan")
 NETWORK = TrainingSettings(

@@ -19,7 +19,7 @@ from estimators.service.store.served_models import StoreModels
 from estimators.service.store.store import ModelStore
 from estimators.stream import Stream
 from limo_driver.errors import ConfigError, ModelStoreError, RecordingError
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -255,7 +255,7 @@ def test_a_golden_motion_of_another_robot_is_refused(store: ModelStore, folder: 
 
 KILLED = """
 import os, random, signal, sys, time
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from estimators.joint_physics import JointPhysics
 from estimators.service.store.store import ModelStore
 
@@ -313,7 +313,7 @@ def test_a_store_survives_writers_that_are_killed(
 
 ADDS = """
 import sys
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from estimators.joint_physics import JointPhysics
 from estimators.service.store.store import ModelStore
 

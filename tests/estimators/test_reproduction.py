@@ -23,7 +23,7 @@ from estimators.reproduction.workers import Advanced, Failed, Finished, Job, run
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,7 +16,7 @@ from limo_driver.errors import ConfigError, ModelStoreError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 
 def run(*arguments: object):

@@ -11,7 +11,7 @@ from served_arm import Arm, Served, served
 
 from estimators.service.settings import RetrainingSettings
 from limo_driver.errors import ConfigError, LimoError
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path

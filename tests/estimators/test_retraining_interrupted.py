@@ -19,7 +19,7 @@ from estimators.service.retraining.unfinished import (
 )
 from estimators.service.settings import RetrainingSettings
 from limo_driver.errors import LimoError, ModelStoreError
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -23,7 +23,7 @@ from limo_driver.physics import (
     TorqueOffset,
     ViscousFriction,
 )
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 RATE = 100.0

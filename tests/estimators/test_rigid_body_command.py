@@ -10,7 +10,7 @@ import pytest
 
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 TRUE = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=0.3 * j) for j in range(1, 8)))

@@ -9,12 +9,12 @@ import pytest
 from fed_service import DELAY, NAMES, RATE, START, feed, live, messages, service_of
 
 from estimators.stream import Stream
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
 )
 from limo_driver.physics import ExternalContact, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 

@@ -22,18 +22,18 @@ from estimators.service.settings import ServiceSettings
 from estimators.service.store.served_models import OneFolder
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
     RosAttachment,
     TorqueEstimate,
     decode_torque_estimate,
 )
-from limo_driver.ros import RosTopic
-from limo_driver.streaming import Keys
+from limo_driver.network.ros import RosTopic
+from limo_driver.network.streaming import Keys
 
 if TYPE_CHECKING:
-    from limo_driver.messages import Event
+    from limo_driver.network.messages import Event
     from limo_driver.physics import Simulation
 
 RATE, DELAY = 100.0, 0.1

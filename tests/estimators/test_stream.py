@@ -18,7 +18,7 @@ from limo_driver.errors import (
     ShapeError,
 )
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, ViscousFriction
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 POSE = np.deg2rad([10, 40, -20, -70, 30, 50, -40])
 NOMINAL = Simulation(

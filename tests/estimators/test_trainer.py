@@ -30,14 +30,14 @@ from estimators.service.training.logged_motion import Span, newest_motion
 from estimators.service.training.process import TrainingProcess
 from estimators.service.training.trainer import train
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
-from limo_driver.mcap_log import LogLimits, McapLog
-from limo_driver.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level
+from limo_driver.logs.mcap_log import LogLimits, McapLog
+from limo_driver.network.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 NAMES = ("shoulder", "elbow")
 START = 1_700_000_000_000_000_000  # [ns]

@@ -21,7 +21,7 @@ from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural import NETWORKS, Mlp, Network
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -21,7 +21,7 @@ from estimators.neural.modules import MlpModule
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 ROWS, BATCH, JOINTS = 6010, 50, 7  # about 100 batches an epoch, the last of which is smaller
 RATES = (1e-3, 5e-4)  # of two epochs

@@ -16,7 +16,7 @@ from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural.modules import LstmFclModule, Memory
 from estimators.neural.transformer_module import TransformerModule
 from limo_driver.errors import RecordingError
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 LATE = Demand(rate=100.0, delay=0.1, limit=1.0)
 SETTINGS = TrainingSettings(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from limo_driver.errors import HoldingError
-from limo_driver.safety import SafetyContract
+from limo_driver.robot.safety import SafetyContract
 from limo_driver.types import (
     ImpedanceCommand,
     JointLimits,

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from ports import free_port
 
-from limo_driver.streaming import open_session
+from limo_driver.network.streaming import open_session
 
 
 def configurations_of_two(folder):

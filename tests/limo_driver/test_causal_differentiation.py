@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from limo_driver.causal_differentiation import CausalDifferentiator
 from limo_driver.errors import ConfigError, RecordingError, ShapeError
-from limo_driver.recording import Recording
+from limo_driver.recordings.causal_differentiation import CausalDifferentiator
+from limo_driver.recordings.recording import Recording
 
 BANDWIDTH = 10.0  # [Hz]
 

@@ -8,7 +8,7 @@ from pkgutil import iter_modules
 import pytest
 
 from limo_driver import cli
-from limo_driver.command_line import app
+from limo_driver.console.command_line import app
 
 COMMANDS = sorted(module.name.replace("_", "-") for module in iter_modules(cli.__path__))
 HEAVY = {"numpy", "torch", "pinocchio", "mujoco", "numba", "scipy", "pyarrow", "matplotlib"}

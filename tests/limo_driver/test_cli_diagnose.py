@@ -21,9 +21,9 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from limo_driver.cli import main
-from limo_driver.differentiation import smooth
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import Motion
 

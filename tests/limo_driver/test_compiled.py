@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from limo_driver import compilation, kept_code, reached_sources
-from limo_driver.compilation_line import compilation_line
+from limo_driver.console.compilation_line import compilation_line
+from limo_driver.machine_code import compilation, kept_code, reached_sources
 
 INNER = """
     from limo_driver.compiled import compiled
@@ -116,7 +116,7 @@ def test_processes_find_the_same_names_in_whatever_order():
     code = (
         "from estimators.joint_physics.column_scan import scan\n"
         "from backends.mujoco_sim.engine import _advance\n"
-        "from limo_driver.reached_sources import digest\n"
+        "from limo_driver.machine_code.reached_sources import digest\n"
         "print(digest(scan), digest(_advance))"
     )
     found = {
@@ -235,8 +235,8 @@ def test_two_processes_that_compile_at_once(folder):
 
 WAITS = """
 import sys
-from limo_driver import compilation
-from limo_driver.stopping import Stopping
+from limo_driver.machine_code import compilation
+from limo_driver.console.stopping import Stopping
 
 def wait(state):
     if state.running:

@@ -12,10 +12,10 @@ from mcap.writer import Writer
 from rosbags import typesys
 
 from limo_driver.cli import main
-from limo_driver.mcap_log import LogLimits, McapLog, log_files, read_mcap
-from limo_driver.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level
-from limo_driver.recorder import read_header
-from limo_driver.recording import Recording
+from limo_driver.logs.mcap_log import LogLimits, McapLog, log_files, read_mcap
+from limo_driver.network.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level
+from limo_driver.recordings.recorder import read_header
+from limo_driver.recordings.recording import Recording
 
 NAMES = ("shoulder", "elbow")
 TOPIC = "limo/two/state/joints"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt_zi, sosfiltfilt, sosfreqz
 
-from limo_driver.differentiation import ORDER, _filter, smooth
+from limo_driver.recordings.differentiation import ORDER, _filter, smooth
 
 RATE, BANDWIDTH = 100.0, 5.0  # [Hz]
 

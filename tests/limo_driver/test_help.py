@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 import typer
 
-from limo_driver.command_line import add_commands, app, help_of
+from limo_driver.console.command_line import add_commands, app, help_of
 
 WIDTH = 80
 UNIT = re.compile(r"\[[^\]]+\]")

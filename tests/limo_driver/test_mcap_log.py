@@ -14,9 +14,9 @@ from rosbags import typesys
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.mcap_file import McapWriter
-from limo_driver.mcap_log import SYNC_PERIOD, LogLimits, McapLog, log_files, read_mcap
-from limo_driver.messages import JOINT_STATE, LOG, SCHEMAS, Event, JointStateCodec, Level
+from limo_driver.logs.mcap_file import McapWriter
+from limo_driver.logs.mcap_log import SYNC_PERIOD, LogLimits, McapLog, log_files, read_mcap
+from limo_driver.network.messages import JOINT_STATE, LOG, SCHEMAS, Event, JointStateCodec, Level
 
 CODEC = JointStateCodec(["a", "b"])
 TOPIC = "limo/two/state/joints"
@@ -25,8 +25,8 @@ START = 1_700_000_000_000_000_000
 WRITER = """
 import sys, time
 import numpy as np
-from limo_driver.mcap_log import McapLog
-from limo_driver.messages import JOINT_STATE, JointStateCodec
+from limo_driver.logs.mcap_log import McapLog
+from limo_driver.network.messages import JOINT_STATE, JointStateCodec
 
 codec, log, began = JointStateCodec(["a", "b"]), McapLog(sys.argv[1]), time.monotonic()
 for k in range(10**9):
@@ -41,8 +41,8 @@ for k in range(10**9):
 FULL_DISK = """
 import resource, sys, time
 import numpy as np
-from limo_driver.mcap_log import McapLog
-from limo_driver.messages import JOINT_STATE
+from limo_driver.logs.mcap_log import McapLog
+from limo_driver.network.messages import JOINT_STATE
 
 _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))

@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from limo_driver.errors import ConfigError, ShapeError, WireFormatError
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     Attachment,
     Event,
     JointStateCodec,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rosbags import typesys
 
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     JOINT_STATE,
     LOG,
     SCHEMAS,

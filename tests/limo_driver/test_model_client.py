@@ -5,10 +5,10 @@ import threading
 import pytest
 from sessions import PATIENCE, wait_until
 
-from limo_driver import model_client
 from limo_driver.errors import ConnectionLostError
-from limo_driver.model_client import ModelClient
-from limo_driver.streaming import Keys, is_alive, to_json
+from limo_driver.network import model_client
+from limo_driver.network.model_client import ModelClient
+from limo_driver.network.streaming import Keys, is_alive, to_json
 
 KEYS = Keys("arm")
 

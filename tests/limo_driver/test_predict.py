@@ -15,7 +15,7 @@ from estimators.hybrid.training.fit import TrainingSettings
 from estimators.stream import Stream
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 
 RATE = 100.0
 SIMULATION = Simulation(

@@ -9,14 +9,14 @@ import pytest
 from sessions import sessions_of_two, wait_until
 
 from limo_driver.errors import ConfigError, ServiceNotReadyError
-from limo_driver.messages import TorqueEstimateCodec
-from limo_driver.readiness import (
+from limo_driver.network.messages import TorqueEstimateCodec
+from limo_driver.network.readiness import (
     FirstEstimate,
     ServicePhase,
     ServiceWatch,
     wait_until_serving,
 )
-from limo_driver.streaming import Keys, claim, declare_history, to_json
+from limo_driver.network.streaming import Keys, claim, declare_history, to_json
 
 LONG = 60.0  # [s], for what comes; no test waits that long
 ORDER = ("loading", "compiling", "waiting", "preparing", "serving")

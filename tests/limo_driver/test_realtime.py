@@ -12,7 +12,7 @@ import time
 import pytest
 
 from limo_driver.errors import ConfigError
-from limo_driver.realtime import YOUNG_LIMIT, Pace, Realtime, sleeper
+from limo_driver.robot.realtime import YOUNG_LIMIT, Pace, Realtime, sleeper
 
 
 def test_wakes_come_at_absolute_times() -> None:

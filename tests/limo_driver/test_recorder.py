@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from limo_driver.errors import RecordingError
-from limo_driver.recorder import (
+from limo_driver.recordings.recorder import (
     FLUSH_PERIOD,
     METADATA_KEY,
     Recorder,
@@ -19,13 +19,13 @@ from limo_driver.recorder import (
     read_header,
     read_log,
 )
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointState
 
 WRITER = """
 import sys, time
 import numpy as np
-from limo_driver.recorder import Recorder
+from limo_driver.recordings.recorder import Recorder
 from limo_driver.types import JointState
 
 recorder = Recorder(sys.argv[1], 2, {"robot": "two"})

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded_columns import RATE, make_columns, write
 
-from limo_driver.data_gate import LeftOut
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.model import RobotModel
-from limo_driver.recording import Recording
+from limo_driver.recordings.data_gate import LeftOut
+from limo_driver.recordings.recording import Recording
 
 
 def reasons(recording):

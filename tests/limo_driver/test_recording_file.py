@@ -10,9 +10,9 @@ import pytest
 from recorded_columns import RATE, make_columns, write
 from sessions import wait_until
 
-from limo_driver import recorder
 from limo_driver.errors import RecordingError
-from limo_driver.recording import Recording
+from limo_driver.recordings import recorder
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointState
 
 

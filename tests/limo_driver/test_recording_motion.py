@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from limo_driver.differentiation import smooth
 from limo_driver.errors import RecordingError
-from limo_driver.recording import LIVELIER, Recording
+from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.recording import LIVELIER, Recording
 
 BANDWIDTH = 8.0  # [Hz]
 

@@ -6,14 +6,14 @@ import zenoh
 from sessions import configurations_of_two, wait_until
 
 from limo_driver.errors import ConfigError, WireFormatError
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
     RosAttachment,
     decode_joint_state,
 )
-from limo_driver.ros import RosPublisher, RosReader, RosTopic
-from limo_driver.streaming import JointStatePublisher, Keys, open_session
+from limo_driver.network.ros import RosPublisher, RosReader, RosTopic
+from limo_driver.network.streaming import JointStatePublisher, Keys, open_session
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 

@@ -13,7 +13,7 @@ import pytest
 from sessions import PATIENCE, wait_until
 
 from limo_driver.cli import main
-from limo_driver.recorder import partial_path, read_header
+from limo_driver.recordings.recorder import partial_path, read_header
 from limo_driver.trajectory import Segment, Trajectory
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml"

@@ -6,9 +6,9 @@ import sys
 WARM = """
 import numpy as np
 
-from limo_driver import setpoints
+from limo_driver.robot import setpoints
 from limo_driver.model import RobotModel
-from limo_driver.safety import SafetyContract, warm_up
+from limo_driver.robot.safety import SafetyContract, warm_up
 from limo_driver.types import (
     ImpedanceCommand, JointState, PositionCommand, RobotSpec, TorqueCommand, WrenchCommand,
     WrenchLimits,

@@ -33,7 +33,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
-from limo_driver.safety import SafetyContract, check_readable
+from limo_driver.robot.safety import SafetyContract, check_readable
 
 some = settings(max_examples=40)
 each_joint = pytest.mark.parametrize("j", range(3))

@@ -26,7 +26,7 @@ from contracts import (
 )
 
 from limo_driver.errors import JointLimitError
-from limo_driver.safety import SafetyContract, warm_up
+from limo_driver.robot.safety import SafetyContract, warm_up
 
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from limo_driver.setpoints import (
+from limo_driver.robot.setpoints import (
     LIMIT_NAMES,
     TORQUE,
     WRENCH,

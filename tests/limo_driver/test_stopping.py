@@ -88,7 +88,7 @@ def folder(tmp_path_factory):
     [
         ("help", LISTENING),
         ("help", "typer"),
-        ("plan", "limo_driver.command_line"),
+        ("plan", "limo_driver.console.command_line"),
         ("plan", "numpy"),
         ("excite", "pinocchio"),
         ("controller", "numba"),
@@ -133,7 +133,7 @@ def test_an_import_that_goes_on_regardless_is_stopped_at_the_next(tmp_path):
         "except KeyboardInterrupt: pass\nimport wave\nprint('not here')\n"
     )
     code = (
-        "from limo_driver.stopping import Stopping\n"
+        "from limo_driver.console.stopping import Stopping\n"
         "with Stopping(130):\n import deaf\n print('nor here')\n"
     )
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
@@ -146,7 +146,7 @@ def test_an_import_that_goes_on_regardless_is_stopped_at_the_next(tmp_path):
 def test_an_interrupt_that_nobody_can_raise_is_raised_again():
     code = (
         "import os, signal\n"
-        "from limo_driver.stopping import Stopping\n"
+        "from limo_driver.console.stopping import Stopping\n"
         "class Deaf:\n def __del__(self): os.kill(os.getpid(), signal.SIGINT)\n"
         "with Stopping(130):\n Deaf()\n signal.pause()\n"
     )
@@ -159,7 +159,7 @@ def test_an_interrupt_that_nobody_can_raise_is_raised_again():
 def test_an_interrupt_while_the_interpreter_ends_is_answered_at_once():
     code = (
         "import atexit, os, signal\n"
-        "from limo_driver.stopping import Stopping\n"
+        "from limo_driver.console.stopping import Stopping\n"
         "atexit.register(signal.raise_signal, signal.SIGINT)\n"
         "with Stopping(130): pass\n"
     )
@@ -172,7 +172,7 @@ def test_an_interrupt_while_the_interpreter_ends_is_answered_at_once():
 def test_a_command_that_ends_well_by_an_interrupt_says_nothing():
     code = (
         "import os, signal\n"
-        "from limo_driver.stopping import Stopping\n"
+        "from limo_driver.console.stopping import Stopping\n"
         "with Stopping(130):\n try: os.kill(os.getpid(), signal.SIGINT)\n"
         " except KeyboardInterrupt: pass\n"
     )

@@ -13,8 +13,8 @@ from sessions import PATIENCE, configurations_of_two, wait_until
 
 from limo_driver.errors import ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
-from limo_driver.messages import Attachment, decode_joint_state
-from limo_driver.streaming import (
+from limo_driver.network.messages import Attachment, decode_joint_state
+from limo_driver.network.streaming import (
     Arrivals,
     JointStatePublisher,
     Keys,

@@ -7,7 +7,7 @@ import pytest
 from rich.progress import Progress, TextColumn
 from rich.table import Table
 
-from limo_driver.terminal import terminal
+from limo_driver.console.terminal import terminal
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("limo_driver", "backends", "estimators", "limopa")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from limo_driver.recorder import Recorder
-from limo_driver.recording import Recording
+from limo_driver.recordings.recorder import Recorder
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointState
 
 STEPS = [0.32, 0.04]

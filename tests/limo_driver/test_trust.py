@@ -14,17 +14,17 @@ from typer.testing import CliRunner
 
 from limo_driver.cli.secure import command
 from limo_driver.errors import ConfigError, ConnectionLostError
-from limo_driver.messages import decode_joint_state
-from limo_driver.network_config import read_config, require_passage
-from limo_driver.ros import RosTopic
-from limo_driver.streaming import (
+from limo_driver.network.config import read_config, require_passage
+from limo_driver.network.messages import decode_joint_state
+from limo_driver.network.ros import RosTopic
+from limo_driver.network.streaming import (
     JointStatePublisher,
     Keys,
     declare_history,
     follow_history,
     open_session,
 )
-from limo_driver.trust import ROLES, Host, write_trust
+from limo_driver.network.trust import ROLES, Host, write_trust
 from limo_driver.types import JointState
 
 KEYS = Keys("arm")
@@ -412,7 +412,7 @@ class TestFolder:
             write_trust(tmp_path, self.HOSTS, days=0)
 
     def test_names_the_extra_that_is_not_installed(self, tmp_path, monkeypatch):
-        monkeypatch.delitem(sys.modules, "limo_driver.trust.certificates", raising=False)
+        monkeypatch.delitem(sys.modules, "limo_driver.network.trust.certificates", raising=False)
         monkeypatch.setitem(sys.modules, "cryptography", None)
         with pytest.raises(ConfigError, match=r"need the extra limo\[secure\]"):
             write_trust(tmp_path, self.HOSTS)

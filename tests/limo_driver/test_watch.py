@@ -11,8 +11,8 @@ from rich.console import Console
 from sessions import wait_until
 
 from limo_driver.cli import watch
-from limo_driver.messages import Event, Level
-from limo_driver.streaming import Keys, to_json
+from limo_driver.network.messages import Event, Level
+from limo_driver.network.streaming import Keys, to_json
 
 STATUS = {
     "arm": "arm",

@@ -14,7 +14,7 @@ from estimators.rigid_body.conditioning import Conditioning
 from limo_driver.cli.excite import command
 from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError
 from limo_driver.model import Inertial, RobotModel
-from limo_driver.playback import Playback, open_for
+from limo_driver.robot.playback import Playback, open_for
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import Motion
 from limopa import ExcitationRequest, Feasibility, Surroundings, Workspace, excite

@@ -18,7 +18,7 @@ from limo_driver.physics import (
     TorqueOffset,
 )
 from limo_driver.physics.effect import JointMotion, SensedTorque
-from limo_driver.recording import Recording
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 T = np.linspace(0, 4, 801)

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from limo_driver.cli import main
-from limo_driver.differentiation import smooth
 from limo_driver.physics import Simulation
-from limo_driver.recording import Recording
+from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.recording import Recording
 
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 UR10E = DATA / "ur10e"

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from ports import free_port
 
-from limo_driver.messages import Attachment, decode_torque_estimate
-from limo_driver.streaming import JointStatePublisher, Keys
+from limo_driver.network.messages import Attachment, decode_torque_estimate
+from limo_driver.network.streaming import JointStatePublisher, Keys
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ import pytest
 from processes import ARM, PATIENCE, driven, limo, served, wait_for
 
 from limo_driver.errors import ServiceNotReadyError
-from limo_driver.readiness import ServicePhase, wait_until_serving
-from limo_driver.streaming import Keys, open_session
+from limo_driver.network.readiness import ServicePhase, wait_until_serving
+from limo_driver.network.streaming import Keys, open_session
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:

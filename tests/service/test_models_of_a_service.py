@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from limo_driver.cli import serve
 from limo_driver.cli.models import command
 from limo_driver.errors import ConfigError, ConnectionLostError, LimoError, ModelStoreError
-from limo_driver.streaming import open_session
+from limo_driver.network.streaming import open_session
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,11 +13,11 @@ from processes import ARM, PATIENCE, RATE, Answers, driven, limo, served, wait_f
 
 from estimators.model_folder import load_model
 from estimators.stream import Stream
-from limo_driver.mcap_log import log_files, read_mcap
-from limo_driver.messages import decode_joint_state, decode_torque_estimate
-from limo_driver.model_client import ModelClient
-from limo_driver.recording import Recording
-from limo_driver.streaming import Keys, is_alive, open_session
+from limo_driver.logs.mcap_log import log_files, read_mcap
+from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
+from limo_driver.network.model_client import ModelClient
+from limo_driver.network.streaming import Keys, is_alive, open_session
+from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:

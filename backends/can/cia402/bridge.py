@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.setpoints import PositionLimits
+from limo_driver.robot.setpoints import PositionLimits
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits

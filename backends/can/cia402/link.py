@@ -33,7 +33,7 @@ from backends.can.frames import (
 )
 from backends.can.link import Link, Sample
 from limo_driver.errors import BackendError, ConfigError
-from limo_driver.safety import VELOCITY_TOLERANCE
+from limo_driver.robot.safety import VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:

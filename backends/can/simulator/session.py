@@ -16,8 +16,8 @@ from backends.can.frames import SDO_REPLY, SDO_REQUEST
 from backends.can.port import Port
 from backends.can.simulator.station import Station
 from limo_driver.errors import BackendError, ConfigError
-from limo_driver.interrupts import interrupts
-from limo_driver.realtime import Realtime
+from limo_driver.robot.interrupts import interrupts
+from limo_driver.robot.realtime import Realtime
 from limo_driver.types import same_robot
 
 if TYPE_CHECKING:

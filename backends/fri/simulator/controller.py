@@ -16,7 +16,7 @@ from backends.fri.simulator.report import ControllerReport, Findings
 from backends.fri.simulator.scenario import Now, Scenario, ScenarioClock
 from backends.fri.simulator.session import Circumstances, Session
 from limo_driver.closing import Closing
-from limo_driver.realtime import Pace, Realtime, sleeper
+from limo_driver.robot.realtime import Pace, Realtime, sleeper
 
 if TYPE_CHECKING:
     from backends.fri.simulator.session import Visit

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.setpoints import slow_down
+from limo_driver.robot.setpoints import slow_down
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimators.diagnosis.hypotheses.catalogue import rippling
-from limo_driver.differentiation import ORDER
+from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses.hypothesis import Hypothesis

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.fitting.problem import Bench, Solution
     from estimators.diagnosis.judgement.judgement import Leftover
     from estimators.diagnosis.verdict import Finding
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _PRICE = 10.0  # [nat] that an effect has to bring

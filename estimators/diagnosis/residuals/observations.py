@@ -17,10 +17,10 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
 from estimators.rigid_body.regressor import Chain
-from limo_driver.differentiation import smooth
 from limo_driver.errors import RecordingError
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.physics.friction import SIGN_WIDTH
+from limo_driver.recordings.differentiation import smooth
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from limo_driver.physics import Simulation
     from limo_driver.physics.effect import JointMotion, TorqueEffect
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 ROWS_PER_BANDWIDTH = 2.5  # [rows/(s Hz)]; 2 would be the least that keeps all information

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.features import Features
     from estimators.hybrid.training.settings import TrainingSettings
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _ROWS: Final = 50_000  # whose inputs are computed at once, to bound memory

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from estimators.neural import Network
     from estimators.neural.modules import Module
     from limo_driver.physics import Simulation
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 __all__ = [
     "Epoch",

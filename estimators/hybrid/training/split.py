@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 LEFT_OUT, TRAINING, HELD_OUT = 0, 1, 2
 _LONGEST_BLOCK: Final = 10.0  # [s] of held-out motion at a stretch: about a LIMO pose

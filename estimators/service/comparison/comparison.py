@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from estimators.residual_model import ResidualModel
     from estimators.service.comparison.gate import Comparison
     from estimators.service.store.version import Version
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 SECONDS: Final = 5.0  # of a block; longer than a slow motion takes to change its direction

@@ -14,13 +14,13 @@ from estimators.service.inference.history import History
 from estimators.service.inference.rate import RateWatch
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.latency import LatencyHistogram
-from limo_driver.messages import Attachment, JointStateCodec, Level, TorqueEstimateCodec
-from limo_driver.streaming import Arrivals
+from limo_driver.network.messages import Attachment, JointStateCodec, Level, TorqueEstimateCodec
+from limo_driver.network.streaming import Arrivals
 
 if TYPE_CHECKING:
     from estimators.service.inference.contact import Contact, ContactWatchdog
     from estimators.service.inference.live_model import Answer, LiveModel
-    from limo_driver.messages import JointStateMessage
+    from limo_driver.network.messages import JointStateMessage
     from limo_driver.types import FloatArray
 
 _TURNED: Final = 0.05  # [rad], after which how friction stood before hardly counts

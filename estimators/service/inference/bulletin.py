@@ -6,17 +6,17 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.messages import LOG, Event, Level
-from limo_driver.streaming import declare_history, to_json
+from limo_driver.network.messages import LOG, Event, Level
+from limo_driver.network.streaming import declare_history, to_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import zenoh.ext
 
-    from limo_driver.mcap_log import McapLog
-    from limo_driver.readiness import ServicePhase
-    from limo_driver.streaming import Keys
+    from limo_driver.logs.mcap_log import McapLog
+    from limo_driver.network.readiness import ServicePhase
+    from limo_driver.network.streaming import Keys
 
 
 class Bulletin:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.messages import Level
+from limo_driver.network.messages import Level
 
 if TYPE_CHECKING:
     from estimators.service.inference.arm_service import Outlet
-    from limo_driver.mcap_log import McapLog
+    from limo_driver.logs.mcap_log import McapLog
 
 PAUSE: Final = 60.0  # [s] before a log that stopped is begun again
 

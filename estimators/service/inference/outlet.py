@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.messages import JOINT_STATE, TORQUE_ESTIMATE, Level
-from limo_driver.streaming import declare_stream
+from limo_driver.network.messages import JOINT_STATE, TORQUE_ESTIMATE, Level
+from limo_driver.network.streaming import declare_stream
 
 if TYPE_CHECKING:
     import zenoh
 
     from estimators.service.inference.bulletin import Bulletin
-    from limo_driver.mcap_log import McapLog
-    from limo_driver.readiness import ServicePhase
+    from limo_driver.logs.mcap_log import McapLog
+    from limo_driver.network.readiness import ServicePhase
 
 
 class NetworkOutlet:

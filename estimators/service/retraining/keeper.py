@@ -7,7 +7,7 @@ from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.service.retraining.retraining import Retraining
-from limo_driver.messages import Level
+from limo_driver.network.messages import Level
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -35,7 +35,7 @@ from estimators.service.retraining.unfinished import (
 from estimators.service.training.logged_motion import Span
 from estimators.service.training.process import TrainingProcess
 from limo_driver.errors import BackendUnavailableError, LimoError, ModelStoreError
-from limo_driver.messages import Level
+from limo_driver.network.messages import Level
 
 if TYPE_CHECKING:
     from collections.abc import Generator

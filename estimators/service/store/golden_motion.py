@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.base import LiveEstimator
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 SECONDS: Final = 4.0  # of motion that are kept

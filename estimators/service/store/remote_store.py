@@ -10,7 +10,7 @@ from estimators.service.store.version import RECORD, Version, check_record
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
-    from limo_driver.model_client import ModelClient
+    from limo_driver.network.model_client import ModelClient
 
 
 class RemoteStore:

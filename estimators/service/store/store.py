@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 _NUMBER: Final = re.compile(r"[1-9][0-9]*")
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.residual_model import ResidualModel
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
 SAME: Final = "same"  # as the champion
 

@@ -13,18 +13,18 @@ import numpy as np
 from estimators.service.inference.contact import MARGIN
 from estimators.service.training.logged_rate import LoggedRates
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.joint_state_log import joint_states
-from limo_driver.mcap_log import log_files
-from limo_driver.messages import LOG, decode_event
-from limo_driver.recording import Recording
-from limo_driver.streaming import Keys
+from limo_driver.logs.joint_state_log import joint_states
+from limo_driver.logs.mcap_log import log_files
+from limo_driver.network.messages import LOG, decode_event
+from limo_driver.network.streaming import Keys
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from limo_driver.mcap_file import LoggedMessage
+    from limo_driver.logs.mcap_file import LoggedMessage
 
 _NANOSECONDS: Final = 1e9
 _SLACK: Final = 60.0  # [s] between clocks, and of what is about to be written

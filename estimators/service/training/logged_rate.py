@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.causal_differentiation import RATE_TOLERANCE
-from limo_driver.messages import JOINT_STATE
+from limo_driver.network.messages import JOINT_STATE
+from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from limo_driver.mcap_file import LoggedMessage
+    from limo_driver.logs.mcap_file import LoggedMessage
 
 _APART: Final = 25  # states whose stamps are compared, so that uneven ones count for less
 _AROUND: Final = 101  # states that say together what the rate is

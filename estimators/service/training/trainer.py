@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from estimators.residual_model import ResidualModel
     from estimators.service.store.version import Version
     from estimators.service.training.logged_motion import LoggedMotion
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _HELD_OUT: Final = 0.2  # of the motion, the last part

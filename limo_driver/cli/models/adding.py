@@ -40,7 +40,7 @@ def add(
         limo models add model/ --golden run.parquet --test test.parquet
     """
     from estimators.service.comparison.comparison import metrics
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
     motion = Recording.load(golden)
     record = {} if test is None else {"metrics": metrics(folder, Recording.load(test))}

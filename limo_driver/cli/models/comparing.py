@@ -48,7 +48,7 @@ def compare(
     """
     from estimators.service.comparison.comparison import compare_versions, difference_figure
     from limo_driver.outputs import require_file, whole
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
 
     if out is not None:
         require_file(out, [data])

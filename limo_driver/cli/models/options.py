@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+from limo_driver.network.options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from estimators.service.store.remote_store import RemoteStore
     from estimators.service.store.store import ModelStore
-    from limo_driver.model_client import ModelClient
+    from limo_driver.network.model_client import ModelClient
 
 StoreOption = Annotated[Path, typer.Option("--store", help="Folder of the store.")]
 ArmOption = Annotated[
@@ -147,8 +147,8 @@ def asked(
     arm: str, connect: list[str] | None, listen: list[str] | None, config: Path | None
 ) -> Generator[ModelClient]:
     """Open a session to ask the running service of an arm."""
-    from limo_driver.model_client import ModelClient
-    from limo_driver.streaming import open_session
+    from limo_driver.network.model_client import ModelClient
+    from limo_driver.network.streaming import open_session
 
     with open_session(connect or (), listen or (), config) as session:
         yield ModelClient(session, arm)
@@ -158,7 +158,7 @@ def print_found(values: Any, table: Table | str, *, as_json: bool) -> None:  # n
     """Print values as JSON, or else the table."""
     import json
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     if as_json:
         terminal().print_json(json.dumps(values))

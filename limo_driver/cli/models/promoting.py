@@ -15,7 +15,7 @@ from limo_driver.cli.models.options import (
     print_found,
     with_place,
 )
-from limo_driver.network_options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+from limo_driver.network.options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from estimators.service.store.aliases import Aliases

@@ -22,7 +22,7 @@ from limo_driver.physics import (
     StribeckFriction,
     ViscousFriction,
 )
-from limo_driver.playback import Playback, open_for
+from limo_driver.robot.playback import Playback, open_for
 from limopa import PlanRequest, plan
 from limopa.exciter import ExcitationRequest, excite
 from limopa.planner import REACHING

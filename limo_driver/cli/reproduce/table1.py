@@ -80,8 +80,8 @@ def command(
     from dataclasses import replace
 
     from estimators.reproduction.trial import Protocol
+    from limo_driver.console.terminal import terminal
     from limo_driver.outputs import only_writer, require_folder
-    from limo_driver.terminal import terminal
 
     notes = terminal(stderr=True, soft_wrap=True)
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
@@ -205,7 +205,7 @@ def _print(table: Table, out: Path) -> None:
     from estimators.reproduction.rows import PARTS, ROWS
     from estimators.reproduction.trial import SPLITS
     from estimators.reproduction.writing import cell, done
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     console = terminal()
     console.print(table.headline())

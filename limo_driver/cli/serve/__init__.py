@@ -18,12 +18,12 @@ from limo_driver.cli.serve.options import (
     stores_of,
 )
 from limo_driver.cli.serve.showing import Bulletins, status_printer
-from limo_driver.network_options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
+from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from estimators.service.arm_server import ArmServer
     from estimators.service.settings import RetrainingSettings
-    from limo_driver.mcap_log import McapLog
+    from limo_driver.logs.mcap_log import McapLog
 
 
 def command(
@@ -155,15 +155,15 @@ def command(
             --connect tcp/127.0.0.1:7447
         limo serve --arm left=models/left --arm right=models/right
     """
-    from limo_driver import compilation
     from limo_driver.errors import ConfigError
-    from limo_driver.readiness import ServicePhase
-    from limo_driver.ros import RosTopic
-    from limo_driver.streaming import Presence
+    from limo_driver.machine_code import compilation
+    from limo_driver.network.readiness import ServicePhase
+    from limo_driver.network.ros import RosTopic
+    from limo_driver.network.streaming import Presence
 
     topic = None if ros is None else RosTopic(ros, ros_domain)
     if topic is not None and config is not None:
-        from limo_driver.network_config import require_passage
+        from limo_driver.network.config import require_passage
 
         require_passage(config, topic.key_of_any_hash, "ingress", "--ros")
     keys = SigningKeys(tuple(trust or ()), sign)
@@ -188,7 +188,7 @@ def command(
         from estimators.service.opening import rehearse
         from estimators.service.server import serve
         from estimators.service.settings import ServiceSettings
-        from limo_driver.mcap_log import McapLog
+        from limo_driver.logs.mcap_log import McapLog
 
         arms = {name: load_models(own, model, sim, keys) for name, own in stores.items()}
         settings = ServiceSettings(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store.served_models import ServedModels
-    from limo_driver.mcap_log import LogLimits
+    from limo_driver.logs.mcap_log import LogLimits
 
 _BYTES_PER_GB = 1e9
 _SECONDS_PER_DAY = 86400.0
@@ -74,7 +74,7 @@ def log_limits(size: float, age: float, arms: int) -> LogLimits:
         ConfigError: A limit is not above 0.
     """
     from limo_driver.errors import ConfigError
-    from limo_driver.mcap_log import LogLimits
+    from limo_driver.logs.mcap_log import LogLimits
 
     for option, value, unit in (("--log-size", size, "GB"), ("--log-age", age, "days")):
         if not value > 0:
@@ -94,7 +94,7 @@ def stores_of(
         ConfigError: An arm is named twice, or has no store, or two.
     """
     from limo_driver.errors import ConfigError
-    from limo_driver.streaming import Keys
+    from limo_driver.network.streaming import Keys
 
     if model is not None and sim is not None:
         raise ConfigError("--model brings its own simulation; --sim is for --store")

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from limo_driver.compilation import Compilation
-    from limo_driver.messages import Event
-    from limo_driver.readiness import ServicePhase
+    from limo_driver.machine_code.compilation import Compilation
+    from limo_driver.network.messages import Event
+    from limo_driver.network.readiness import ServicePhase
 
 
 class Bulletins:
@@ -27,7 +27,7 @@ class Bulletins:
 
     def __init__(self, arms: Sequence[str], *, as_json: bool) -> None:
         from estimators.service.inference.bulletin import Bulletin
-        from limo_driver.streaming import Keys
+        from limo_driver.network.streaming import Keys
 
         several = len(arms) > 1
         self.of = {
@@ -49,7 +49,7 @@ class Bulletins:
 
     def tell_compiled(self, how_far: Compilation) -> None:
         """Let the status say how much is compiled."""
-        from limo_driver.readiness import ServicePhase
+        from limo_driver.network.readiness import ServicePhase
 
         state = f"compiling, {how_far.done} of at most {how_far.most} functions done"
         if state != self._state:
@@ -63,7 +63,7 @@ def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
     """
     import json
 
-    from limo_driver.terminal import terminal
+    from limo_driver.console.terminal import terminal
 
     console = terminal(stderr=not as_json)
 

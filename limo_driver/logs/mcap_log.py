@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError
-from limo_driver.mcap_file import LoggedMessage, McapWriter, read_mcap
-from limo_driver.messages.schemas import SCHEMAS
+from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
+from limo_driver.network.messages.schemas import SCHEMAS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
-from limo_driver.setpoints import (
+from limo_driver.robot.setpoints import (
     TORQUE,
     WRENCH,
     EffortLimits,

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.interrupts import interrupts
 from limo_driver.outputs import require_file
-from limo_driver.realtime import Realtime
-from limo_driver.recorder import Recorder
-from limo_driver.registry import ROBOTS, find
+from limo_driver.recordings.recorder import Recorder
+from limo_driver.robot.interrupts import interrupts
+from limo_driver.robot.realtime import Realtime
+from limo_driver.robot.registry import ROBOTS, find
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.physics import Simulation
-    from limo_driver.robot import Robot
+    from limo_driver.robot.robot import Robot
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import JointCommand, JointState
 

@@ -10,7 +10,7 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.compilation import Compilation, told
+from limo_driver.machine_code.compilation import Compilation, told
 
 if TYPE_CHECKING:
     from collections.abc import Generator

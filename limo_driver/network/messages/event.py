@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, cast
 
 from limo_driver.errors import ConfigError, WireFormatError
-from limo_driver.messages.cdr import CdrReader, CdrWriter
+from limo_driver.network.messages.cdr import CdrReader, CdrWriter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

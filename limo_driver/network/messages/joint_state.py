@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import WireFormatError
-from limo_driver.messages.cdr import (
+from limo_driver.network.messages.cdr import (
     LITTLE_ENDIAN,
     NANOSECONDS,
     CdrReader,

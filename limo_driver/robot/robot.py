@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConnectionLostError, CycleTimeoutError
-from limo_driver.safety import START_TOLERANCE, SafetyContract
+from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 
 READY_TIMEOUT = 60.0  # [s] for a person to start what has to be started on the robot's side
 

@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError, WireFormatError
-from limo_driver.messages import (
+from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
     JointStateMessage,
     RosAttachment,
 )
-from limo_driver.messages.attachment import GID_SIZE
-from limo_driver.streaming import declare_stream
+from limo_driver.network.messages.attachment import GID_SIZE
+from limo_driver.network.streaming import declare_stream
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

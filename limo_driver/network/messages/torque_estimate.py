@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from limo_driver.messages.cdr import (
+from limo_driver.network.messages.cdr import (
     LITTLE_ENDIAN,
     CdrReader,
     RobotCodec,

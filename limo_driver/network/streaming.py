@@ -31,8 +31,8 @@ import zenoh.ext
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError, ConnectionLostError
-from limo_driver.messages import Attachment, JointStateCodec
-from limo_driver.network_config import explained, read_config
+from limo_driver.network.config import explained, read_config
+from limo_driver.network.messages import Attachment, JointStateCodec
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

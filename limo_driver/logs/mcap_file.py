@@ -21,7 +21,7 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from zstandard import ZstdError
 
 from limo_driver.errors import RecordingError
-from limo_driver.messages.schemas import ENCODING, SCHEMAS
+from limo_driver.network.messages.schemas import ENCODING, SCHEMAS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.data_gate import SYSTEMATIC, Columns
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.mcap_file import LoggedMessage, McapWriter, read_mcap
-from limo_driver.messages import JOINT_STATE, JointStateCodec, JointStateMessage
+from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
+from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.outputs import whole
+from limo_driver.recordings.data_gate import SYSTEMATIC, Columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.recording import Recording
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _NANOSECOND = 1e-9  # [s]

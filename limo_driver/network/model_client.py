@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import ConnectionLostError, ModelStoreError
-from limo_driver.streaming import Keys, is_alive, to_json
+from limo_driver.network.streaming import Keys, is_alive, to_json
 
 if TYPE_CHECKING:
     import zenoh

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from limo_driver.errors import BackendNotFoundError
 
 if TYPE_CHECKING:
-    from limo_driver.robot import Robot
+    from limo_driver.robot.robot import Robot
 
 ROBOTS = "limo.robots"
 ESTIMATORS = "limo.estimators"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError, WireFormatError
-from limo_driver.messages.cdr import utf8
+from limo_driver.network.messages.cdr import utf8
 
 if TYPE_CHECKING:
     from typing import Self

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from limo_driver.data_gate import Columns
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import whole
 from limo_driver.recorded_time import seconds
+from limo_driver.recordings.data_gate import Columns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -83,7 +83,7 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
     """
     import pyarrow.parquet as pq
 
-    from limo_driver.recorder import METADATA_KEY
+    from limo_driver.recordings.recorder import METADATA_KEY
 
     quantities = {"position": columns.position, "torque": columns.torque, **columns.extras}
     if columns.velocity is not None:
@@ -102,7 +102,7 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
 
 def _header(table: pa.Table) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return what the header says, and a warning if there is a header but unreadable."""
-    from limo_driver.recorder import read_header
+    from limo_driver.recordings.recorder import read_header
 
     try:
         return read_header(table), ()
@@ -139,7 +139,7 @@ def _read_table(path: Path) -> pa.Table:
 
 def _read_format(path: Path) -> pa.Table:
     if path.suffix == _LOG_SUFFIX:
-        from limo_driver.recorder import read_log
+        from limo_driver.recordings.recorder import read_log
 
         return read_log(path)
     if path.suffix.lower() in {".csv", ".txt"}:

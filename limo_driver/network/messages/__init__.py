@@ -9,15 +9,15 @@
 Whatever comes off a wire is either decoded or a `WireFormatError` that names the offset.
 """
 
-from limo_driver.messages.attachment import Attachment, RosAttachment
-from limo_driver.messages.event import Event, Level, decode_event
-from limo_driver.messages.joint_state import (
+from limo_driver.network.messages.attachment import Attachment, RosAttachment
+from limo_driver.network.messages.event import Event, Level, decode_event
+from limo_driver.network.messages.joint_state import (
     JointStateCodec,
     JointStateMessage,
     decode_joint_state,
 )
-from limo_driver.messages.schemas import JOINT_STATE, LOG, SCHEMAS, TORQUE_ESTIMATE
-from limo_driver.messages.torque_estimate import (
+from limo_driver.network.messages.schemas import JOINT_STATE, LOG, SCHEMAS, TORQUE_ESTIMATE
+from limo_driver.network.messages.torque_estimate import (
     TorqueEstimate,
     TorqueEstimateCodec,
     decode_torque_estimate,

@@ -18,16 +18,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from limo_driver.errors import ConfigError
+from limo_driver.network.trust.roles import ROLES, access_control
 from limo_driver.outputs import require_folder, whole
-from limo_driver.trust.roles import ROLES, access_control
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.trust.certificates import Issued
-    from limo_driver.trust.hosts import Host
-    from limo_driver.trust.roles import Role
+    from limo_driver.network.trust.certificates import Issued
+    from limo_driver.network.trust.hosts import Host
+    from limo_driver.network.trust.roles import Role
 
 _Json: TypeAlias = dict[str, Any] | list[Any] | str | bool
 CONFIGURATION: Final = "zenoh.json5"
@@ -61,7 +61,7 @@ def write_trust(
         ConfigError: Something is there already or cannot be written, hosts or days cannot be
             used, or the extra limo[secure] is not installed.
     """
-    from limo_driver.trust.certificates import Authority
+    from limo_driver.network.trust.certificates import Authority
 
     _check(hosts, days)
     require_folder(folder, "certificates and configurations")

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError, ServiceNotReadyError, WireFormatError
-from limo_driver.messages import decode_torque_estimate
-from limo_driver.streaming import Keys, follow_history, is_alive
+from limo_driver.network.messages import decode_torque_estimate
+from limo_driver.network.streaming import Keys, follow_history, is_alive
 
 if TYPE_CHECKING:
     import zenoh

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.data_gate import Columns, LeftOut, contiguous, inspect
-from limo_driver.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.recorded_time import seconds
+from limo_driver.recordings.data_gate import Columns, LeftOut, contiguous, inspect
+from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class Recording:
         Raises:
             RecordingError: Names what cannot be used, where, and what was expected.
         """
-        from limo_driver.recording_file import read_columns
+        from limo_driver.recordings.file import read_columns
 
         columns = read_columns(Path(path))
         try:
@@ -130,7 +130,7 @@ class Recording:
 
     def save(self, path: Path | str) -> None:
         """Write Parquet that `load` reads back, without the rows that were left out."""
-        from limo_driver.recording_file import write_columns
+        from limo_driver.recordings.file import write_columns
 
         columns = Columns(
             self.time,

@@ -1,0 +1,1 @@
+"""Machine code of compiled functions: what it comes from, and where it is kept."""

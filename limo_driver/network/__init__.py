@@ -1,0 +1,1 @@
+"""The network: joint states, estimates and events on Zenoh and ROS 2, and who may."""

@@ -1,0 +1,7 @@
+"""Who may do what on the network: roles, certificates, and Zenoh's configuration for each role."""
+
+from limo_driver.network.trust.folder import TrustFolder, write_trust
+from limo_driver.network.trust.hosts import Host
+from limo_driver.network.trust.roles import ROLES, Role
+
+__all__ = ["ROLES", "Host", "Role", "TrustFolder", "write_trust"]

@@ -1,0 +1,1 @@
+"""Recordings: measured motion and torque, their files, gaps and derivatives."""
