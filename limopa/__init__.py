@@ -5,7 +5,7 @@ phases in joint space, checked for feasibility and time-parameterised with limit
 `excite` finds the motion that identifies the rigid body and simple friction.
 """
 
-from limopa.exciter import Excitation, ExcitationRequest, excite
+from limopa.excitation.search import Excitation, ExcitationRequest, excite
 from limopa.feasibility import Feasibility
 from limopa.picture import draw
 from limopa.planner import Plan, plan

@@ -99,7 +99,7 @@ def with_next_motion(found: Diagnosis) -> Diagnosis:
 
     from estimators.diagnosis.verdict import NextMotion
     from limo_driver.errors import LimoError
-    from limopa.separation import motion_for, purpose_of
+    from limopa.separation.separation import motion_for, purpose_of
 
     refused = ""
     for pair, joints in _ambiguous(found.verdict, found.before.model.n):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from estimators.rigid_body.conditioning import Conditioning
     from limo_driver.model import RobotModel
-    from limopa.exciter import Excitation, ExcitationRequest
+    from limopa.excitation.search import Excitation, ExcitationRequest
 
 PAPER = 68  # condition number that Çallar and Böttger 2022 state for their iiwa
 
@@ -86,8 +86,8 @@ def command(
 
     from estimators.rigid_body.conditioning import Conditioning
     from limo_driver.model import RobotModel
-    from limopa.exciter import ExcitationRequest
-    from limopa.exciter_picture import draw
+    from limopa.excitation.picture import draw
+    from limopa.excitation.search import ExcitationRequest
     from limopa.request import Surroundings, Workspace
 
     require_writable(out, picture, robot)
@@ -134,7 +134,7 @@ def _excite(
     )
 
     from limo_driver.console.terminal import terminal
-    from limopa.exciter import excite
+    from limopa.excitation.search import excite
 
     columns = (
         TextColumn("exciting"), BarColumn(), MofNCompleteColumn(), TextColumn("iterations"),

@@ -15,7 +15,7 @@ from limo_driver.cli.reproduce.simulated_data import (
 )
 from limo_driver.trajectory import Segment, Trajectory
 from limo_driver.types import Motion
-from limopa.exciter import ExcitationRequest
+from limopa.excitation.search import ExcitationRequest
 
 
 def swing(duration=2.0):

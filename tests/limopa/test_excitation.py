@@ -8,9 +8,9 @@ import pytest
 from backends.mujoco_sim import MujocoRobot
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.trajectory import Trajectory
-from limopa import excitation
 from limopa.feasibility import Feasibility
 from limopa.request import Surroundings, Workspace
+from limopa.separation import motions as excitation
 
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 KINDS = (

@@ -28,8 +28,8 @@ from limo_driver.physics import (
     TorqueRipple,
     ViscousFriction,
 )
-from limopa import excitation
-from limopa.separation import _PAIRS, motion_for, purpose_of, separation_of
+from limopa.separation import motions as excitation
+from limopa.separation.separation import _PAIRS, motion_for, purpose_of, separation_of
 
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 BASE = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))

@@ -24,7 +24,7 @@ from limo_driver.physics import (
 )
 from limo_driver.robot.playback import Playback, open_for
 from limopa import PlanRequest, plan
-from limopa.exciter import ExcitationRequest, excite
+from limopa.excitation.search import ExcitationRequest, excite
 from limopa.planner import REACHING
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from limopa.path import Line
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
-    from limopa.chain import Chain
+    from limopa.separation.chain import Chain
 
 _RANGE = 1.25  # [rad] to either side, of a wide sweep
 _POSES = 64  # random poses that are looked at

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
     from limo_driver.types import FloatArray
-    from limopa.excess import Excess
-    from limopa.fourier import Fourier, Sampled
+    from limopa.excitation.excess import Excess
+    from limopa.excitation.fourier import Fourier, Sampled
 
 _MEMORY = 20  # steps that L-BFGS remembers
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.physics import spoken
-from limopa.chain import first_feasible
-from limopa.excitation import (
+from limopa.separation.chain import first_feasible
+from limopa.separation.motions import (
     apart,
     creep,
     load_reversal,

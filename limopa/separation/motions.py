@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
-from limopa.chain import Chain, first_feasible
-from limopa.load_poses import heavy_and_light, range_of, reversing
 from limopa.path import Line
+from limopa.separation.chain import Chain, first_feasible
+from limopa.separation.load_poses import heavy_and_light, range_of, reversing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -20,10 +20,10 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.trajectory import Segment, Trajectory
-from limopa.descent import Candidate, Watch
-from limopa.excess import Excess
+from limopa.excitation.descent import Candidate, Watch
+from limopa.excitation.excess import Excess
+from limopa.excitation.fourier import Fourier, allot
 from limopa.feasibility import Condition, Feasibility
-from limopa.fourier import Fourier, allot
 from limopa.request import Surroundings, Workspace, require
 from limopa.scaffold import ScaffoldSampler
 
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray, JointLimits
-    from limopa.descent import Criterion
-    from limopa.fourier import Harmonics
+    from limopa.excitation.descent import Criterion
+    from limopa.excitation.fourier import Harmonics
 
 EXCITATION = "excitation"
 HIGHEST = 2.0  # [Hz] of any harmonic; above, slow arms are neither rigid nor fast enough

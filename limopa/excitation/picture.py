@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.model import RobotModel
-    from limopa.exciter import Excitation
+    from limopa.excitation.search import Excitation
 
 
 def draw(found: Excitation, model: RobotModel, path: Path | str) -> None:

@@ -1,0 +1,1 @@
+"""Excitation: the motion that identifies rigid body and friction best."""

@@ -1,0 +1,1 @@
+"""Separation: the motion in which two effects differ most."""
