@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from backends.fri import FriRobot
 
-SHARED = Path(__file__).parents[1] / "tests" / "fri"
+SHARED = Path(__file__).parents[1] / "tests" / "backends" / "fri"
 P50, P99 = 30.0, 80.0  # [µs], bars of a whole cycle
 WARM = 2000  # cycles before anything counts
 BURST = 1000  # calls in a row; the first few find the caches full of what ran before

@@ -228,7 +228,8 @@ def rebuilds(count: int) -> None:
 
 def fuzz_both(count: int) -> None:
     """Throw `count` datagrams at either side; the tests' own fuzzers judge what comes of it."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fri"))
+    tests = Path(__file__).parents[1] / "tests" / "backends" / "fri"
+    sys.path[:0] = [str(tests), str(tests / "simulator")]
     from controller_fuzzing import fuzz_controller
     from fri_fuzzing import fuzz
 

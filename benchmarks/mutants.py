@@ -45,19 +45,23 @@ TIMEOUT: Final = 120.0  # [s] for the tests of one mutant: a loop without an end
 SMALL: Final = 4  # whole numbers up to this are counts, places and bits: changed by one
 TESTS: Final = {
     "limo_driver/robot/safety.py": (
-        "tests/limo_driver/test_safety_limits.py",
-        "tests/limo_driver/test_safety_turns.py",
+        "tests/limo_driver/robot/test_safety_limits.py",
+        "tests/limo_driver/robot/test_safety_turns.py",
     ),
     "limo_driver/robot/setpoints.py": (
-        "tests/limo_driver/test_setpoints.py",
-        "tests/limo_driver/test_safety_limits.py",
+        "tests/limo_driver/robot/test_setpoints.py",
+        "tests/limo_driver/robot/test_safety_limits.py",
     ),
-    "backends/fri/wire_limits.py": ("tests/fri/test_fri_wire_limits.py",),
-    "backends/fri/session.py": ("tests/fri/test_fri_session.py",),
-    "backends/fri/connection.py": ("tests/fri/test_fri_limits.py",),
-    "backends/can/cia402/drive.py": ("tests/can/test_limits.py",),
-    "estimators/service/comparison/gate.py": ("tests/estimators/test_gate_bounds.py",),
-    "estimators/service/inference/contact.py": ("tests/estimators/test_contact_bounds.py",),
+    "backends/fri/wire_limits.py": ("tests/backends/fri/test_fri_wire_limits.py",),
+    "backends/fri/session.py": ("tests/backends/fri/test_fri_session.py",),
+    "backends/fri/connection.py": ("tests/backends/fri/test_fri_limits.py",),
+    "backends/can/cia402/drive.py": ("tests/backends/can/test_limits.py",),
+    "estimators/service/comparison/gate.py": (
+        "tests/estimators/service/comparison/test_gate_bounds.py",
+    ),
+    "estimators/service/inference/contact.py": (
+        "tests/estimators/service/inference/test_contact_bounds.py",
+    ),
 }
 FORKS: Final = multiprocessing.get_context("forkserver")  # which imports what is no part of this
 COMPARISONS: Final = {

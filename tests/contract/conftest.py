@@ -1,6 +1,7 @@
 """What the contract suites share: every registered backend that brings its arm along.
 
-Backends of real arms run the same tests against arms of their own; see tests/fri and tests/can.
+Backends of real arms run the same tests against arms of their own; see tests/backends/fri and
+tests/backends/can.
 """
 
 from importlib.metadata import entry_points

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 SAID = "limo: interrupted"
 SEED, MOMENTS = 18, 3  # of random moments for each command

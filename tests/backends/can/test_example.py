@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from ports import free_port
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from limo_driver.console.terminal import terminal
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PACKAGES = ("limo_driver", "backends", "estimators", "limopa")
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 TEXT = "[mrad] [rad/s] [N m] [s] [/] :smile:"

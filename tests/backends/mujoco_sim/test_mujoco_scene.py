@@ -12,7 +12,7 @@ from backends.mujoco_sim.scene import compile_model
 from limo_driver.errors import ConfigError
 from limo_driver.model import Inertial, RobotModel
 
-DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[4] / "shared" / "data"))
 
 GRIPPER = """<robot name="two">
   <link name="base"/>

@@ -7,7 +7,7 @@ import pytest
 from backends.can.config import ArmConfig, Bus, Cia402Joint, DamiaoJoint
 from limo_driver.errors import ConfigError
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 JOINTS = "\n".join(
     f"  - {{node: {11 + j}, counts_per_turn: 524288, rated_torque: 100}}" for j in range(7)
 )

@@ -14,7 +14,7 @@ from backends.fri.codec.version import FriVersion, Generation
 some = settings(max_examples=40, deadline=None)  # each runs for every generation
 GENERATIONS = tuple(Generation)
 VERSIONS = tuple(FriVersion)
-SCHEMA = Path(__file__).parents[2] / "backends" / "fri" / "codec" / "fri.proto"
+SCHEMA = Path(__file__).parents[3] / "backends" / "fri" / "codec" / "fri.proto"
 POSE = (0.0, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0)
 
 uint32 = st.integers(0, 2**32 - 1)

@@ -10,7 +10,7 @@ from limo_driver.physics import CATALOGUE
 from limo_driver.physics.changing_friction import VARIANTS
 from limo_driver.physics.hysteresis import LAWS
 
-TEXT = (Path(__file__).parents[2] / "docs" / "physics.md").read_text()
+TEXT = (Path(__file__).parents[3] / "docs" / "physics.md").read_text()
 
 
 def section(name: str) -> str:
