@@ -8,7 +8,8 @@ taper is corrected so that polynomials up to degree 5, or 7 for long delays, are
 exactly, as the zero-phase filter does: motion that is slow against the delay loses nothing.
 
 A shorter delay hears more of the encoder's noise. RMS against the zero-phase filter at 10 Hz, small
-motion of up to 1 Hz at 1 kHz, encoder steps of 1e-5 rad (printed by `benchmarks/step.py`):
+motion of up to 1 Hz at 1 kHz, encoder steps of 1e-5 rad (printed by
+`benchmarks/estimators/step.py`):
 
     delay      velocity [rad/s]   acceleration [rad/s^2]
      20 ms     1.8e-4             3.1e-2

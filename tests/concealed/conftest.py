@@ -4,6 +4,6 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-for folder in (HERE, HERE.parents[1] / "benchmarks"):
+for folder in (HERE, HERE.parents[1] / "benchmarks" / "diagnosis"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))

@@ -1,8 +1,8 @@
 """Confidence: how sure a name is, from its lead and its size.
 
 The weights are those of a logistic regression on 63 concealed cases that nothing is reported of (68
-names, of which 65 are right), by `benchmarks/diagnosis_calibration.py`; `benchmarks/diagnosis.py`
-measures on others how well they hold.
+names, of which 65 are right), by `benchmarks/diagnosis/diagnosis_calibration.py`;
+`benchmarks/diagnosis/diagnosis.py` measures on others how well they hold.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ above its minimum. Doubling the residual moves x by log 4 = 1.39, of which `STEP
 
 On recordings of real arms (KUKA LWR4+ and UR10e, `joint-physics`, motion held out), x scatters by
 0.6 to 1.35 from window to window, correlated by at most 0.5 with the next one. With that, printed
-by `benchmarks/drift.py` for one joint:
+by `benchmarks/service/drift.py` for one joint:
 
     scatter   correlation   false alarms a day   doubled, told after: median, 95 %
      0.70        0.2               0.0               48 s, 71 s

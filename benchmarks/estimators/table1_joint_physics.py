@@ -1,6 +1,6 @@
 """Joint physics on the data and the honest split of Table I, beside the rigid body alone.
 
-    python benchmarks/table1_joint_physics.py out/table1_real/*/data
+    python benchmarks/estimators/table1_joint_physics.py out/table1_real/*/data
 
 Fitted to what run 0 of the table trains on under the split by scaffold, on the rigid body that the
 table identifies from the same excitation; mean squared errors [(N m)²], mean over joints. Unlike

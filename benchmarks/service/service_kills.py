@@ -1,7 +1,7 @@
 """kill -9 of driver, service and a writer of the model store at random, and what that costs.
 
-    python benchmarks/service_kills.py --model model/ --kills 50
-    python benchmarks/service_kills.py --model model/ --kills 20 --only service
+    python benchmarks/service/service_kills.py --model model/ --kills 50
+    python benchmarks/service/service_kills.py --model model/ --kills 20 --only service
 
 `limo run --stream` drives an ideal arm, `limo serve` answers and logs, and a third process adds
 versions to the store and makes them challengers without end, as a trainer does when it is done.

@@ -1,6 +1,7 @@
 """Fit what a diagnosis says of its own certainty to concealed cases on which it may be tuned.
 
-`python benchmarks/diagnosis_calibration.py FOLDER...` reads finished cases, prints the weights that
+`python benchmarks/diagnosis/diagnosis_calibration.py FOLDER...` reads finished cases, prints the
+weights that
 `estimators/diagnosis/judgement/confidence.py` needs and by how much intervals have to be wider.
 Never give it cases whose figures are to be reported.
 """

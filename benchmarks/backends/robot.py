@@ -1,6 +1,6 @@
 """Figures of the simulated robot beside their bars: speed, cost of hysteresis, and its loop.
 
-    python benchmarks/robot.py
+    python benchmarks/backends/robot.py
 
 One core. Each time is the best of several short stretches, so that other work on the machine
 counts as little as possible; plain MuJoCo is timed on the same arm in the same run, to compare by.
@@ -27,7 +27,7 @@ STRETCH = 200  # cycles
 STRETCHES = 120
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 FREQUENCIES = np.array([0.2, 0.25, 0.3, 0.22, 0.35, 0.4, 0.45])  # [Hz]
-EXAMPLE = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml"
 
 
 def exploration(cycles: int) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Messages and logs beside their peers: rosbags' serializer, and mcap's writer without our queue.
 
-    python benchmarks/messages.py
+    python benchmarks/backends/messages.py
 
 One core. Messages are of seven joints. All are timed in turn in one run, so that they suffer alike
 from whatever else the machine does; wall time of each call. A log is written at 1 kHz, with joint

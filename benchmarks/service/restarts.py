@@ -1,6 +1,6 @@
 """How often an estimate is within what it says of itself, in the seconds after a restart.
 
-    python benchmarks/restarts.py [--restarts 400]
+    python benchmarks/service/restarts.py [--restarts 400]
 
 A service that begins anew, or has lost its states for a while, does not know how the friction of a
 joint stood. `joint-physics` learns an arm of two joints with presliding hysteresis, and is begun

@@ -1,6 +1,6 @@
 """Joint state in, estimate out, over Zenoh between processes, beside a bare echo in the same run.
 
-    python benchmarks/service_latency.py --model model/ --minutes 10
+    python benchmarks/service/service_latency.py --model model/ --minutes 10
 
 One process publishes joint states at 1 kHz and takes the time until their estimates come back from
 `limo serve`, in another process. Half a cycle later it sends as many bytes to a third process,

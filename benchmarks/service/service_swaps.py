@@ -1,6 +1,6 @@
 """Hot swaps under a stream of 1 kHz: what is lost, and by how much the estimate steps.
 
-    python benchmarks/service_swaps.py --model model/ --swaps 100
+    python benchmarks/service/service_swaps.py --model model/ --swaps 100
 
 One process publishes joint states and asks `limo serve`, in another, to let two versions serve in
 turn; they are the same model, so that no swap may show. Each version is vetted as always, which is

@@ -1,7 +1,7 @@
 """Hybrid against rigid body on a second simulated LIMOPA motion: MSE ratio, bar 50.
 
-    python benchmarks/hybrid.py --quick
-    python benchmarks/hybrid.py --scaffolds 60 --epochs 60
+    python benchmarks/estimators/hybrid.py --quick
+    python benchmarks/estimators/hybrid.py --scaffolds 60 --epochs 60
 
 Plans two motions with different seeds, runs them on the simulated iiwa 14 with hysteretic, elastic
 joints and sensor noise, identifies and trains on the first, and evaluates on the second. Beside the
@@ -24,7 +24,7 @@ import numpy as np
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 
-TRUTH = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
+TRUTH = Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml"
 BAR = 50.0
 
 

@@ -1,6 +1,6 @@
 """How often the gate promotes by luck, and how often it drops a challenger that is better.
 
-    python benchmarks/gate.py [--trials 300]
+    python benchmarks/service/gate.py [--trials 300]
 
 A verdict is looked for after 1, 2, 4, 8, 16 and 30 minutes, as a service does. Mean squares of
 blocks of 5 s scatter as those of real arms do: a part that both models share, and one of their own,

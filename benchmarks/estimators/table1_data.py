@@ -1,7 +1,7 @@
 """Make the recordings on which Table I is reproduced: a lifelike arm under the paper's motions.
 
-    python benchmarks/table1_data.py --out out/table1/data
-    python benchmarks/table1_data.py --scaffolds 15 --out out/table1/data_small
+    python benchmarks/estimators/table1_data.py --out out/table1/data
+    python benchmarks/estimators/table1_data.py --scaffolds 15 --out out/table1/data_small
 
 The arm is drawn from the seed; it lives in tests/concealed and shares no code with limo. Written
 are excitation.parquet (a minute that identifies the rigid body), limo.parquet (LIMOPA with 150
@@ -27,7 +27,7 @@ from limo_driver.model import RobotModel
 from limopa import ExcitationRequest, PlanRequest, excite, plan
 from limopa.planner import REACHING
 
-CONCEALED = Path(__file__).parents[1] / "tests" / "concealed"
+CONCEALED = Path(__file__).parents[2] / "tests" / "concealed"
 SAMPLES, SCAFFOLDS = 804_205, 150  # of the paper, in about an hour
 PERIOD = 1e-3  # [s] of the plant
 SEED = 2022

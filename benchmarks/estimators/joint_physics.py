@@ -1,8 +1,9 @@
 """Joint physics against LSTM-FCL 500 with tau_RBD and r, on the same motion: MSE, ratios and bars.
 
-    python benchmarks/table1_data.py --out out/table1/data
-    python benchmarks/joint_physics.py --data out/table1/data --lstm out/table1/lstm
-    python benchmarks/joint_physics.py --data out/table1/data --lstm out/table1/lstm --tenth
+    python benchmarks/estimators/table1_data.py --out out/table1/data
+    python benchmarks/estimators/joint_physics.py --data out/table1/data --lstm out/table1/lstm
+    python benchmarks/estimators/joint_physics.py --data out/table1/data \
+        --lstm out/table1/lstm --tenth
 
 Every fifth scaffold is test motion, which nothing is fitted to; both models learn from the others,
 on a rigid body identified on excitation.parquet, and --tenth leaves joint physics a tenth of all

@@ -1,6 +1,6 @@
 """One streaming step, features + rigid body + network or joint physics, beside bar and peers.
 
-    python benchmarks/step.py
+    python benchmarks/estimators/step.py
 
 One core, without torch. Weights are random for the timing, which does not depend on them. The peers
 run the same LSTM 35 -> 35 with its linear layer in the same run: torch eager, and onnxruntime where
@@ -41,7 +41,7 @@ RATE = 1000.0  # [Hz]
 BARS = (25.0, 60.0)  # [µs], p50 and p99
 WARM_UP = 50  # calls that compile and fill the caches
 ROUNDS = 10  # in turn, so that all suffer alike from whatever else the machine does
-EXAMPLE = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml"
 IDENTIFIED = Simulation(
     "iiwa14",
     tuple(

@@ -1,6 +1,6 @@
 """Encode and decode one cycle of seven CiA 402 drives, beside the bar and two peers.
 
-    python benchmarks/can_cycle.py
+    python benchmarks/backends/can_cycle.py
 
 From joint positions [rad] to seven RPDOs, and from seven TPDOs to positions [rad] and torques
 [N m]. `canopen` packs and unpacks the same PDOs by its object dictionary, `cantools` by a DBC with

@@ -1,7 +1,7 @@
 """Seven CiA 402 drives on a bus: 250 Hz between two processes, and a million frames of nonsense.
 
-    python benchmarks/can_bus.py --minutes 10            # udp_multicast, two processes
-    python benchmarks/can_bus.py --fuzz 1000000          # one process, without a clock
+    python benchmarks/backends/can_bus.py --minutes 10            # udp_multicast, two processes
+    python benchmarks/backends/can_bus.py --fuzz 1000000          # one process, without a clock
 
 The first moves an iiwa 14 at 250 Hz over `udp_multicast` and counts cycles in which a drive was not
 heard, and by how much cycles began late. Both processes get a real-time priority where the system
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "can_cia402.yaml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "can_cia402.yaml"
 LATENESS_BAR, LOST_BAR, FUZZ_BAR = 2.0, 0, 0  # [ms] at p99, cycles, violations
 PRIORITY = 10  # of SCHED_FIFO, above all that is not real-time
 AMPLITUDE, SWING = 0.1, 8.0  # [rad], [s]

@@ -1,7 +1,8 @@
 """What other tools reach on the concealed cases that `limo diagnose` is scored on.
 
-    python benchmarks/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
-    python benchmarks/diagnosis_peers.py out/concealed [--peers identify,sysid,pysindy,trees]
+    python benchmarks/diagnosis/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
+    python benchmarks/diagnosis/diagnosis_peers.py out/concealed \
+        [--peers identify,sysid,pysindy,trees]
 
 identify   `limo identify` fits every inertia, friction, armature and offset anew
 sysid      mujoco.sysid fits ten inertial parameters a link and damping, frictionloss and armature

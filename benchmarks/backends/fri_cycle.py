@@ -1,7 +1,7 @@
 """One cycle of the FRI driver beside generated protobuf code, and fuzzing of the driver.
 
-    python benchmarks/fri_cycle.py
-    python benchmarks/fri_cycle.py --fuzz 1000000
+    python benchmarks/backends/fri_cycle.py
+    python benchmarks/backends/fri_cycle.py --fuzz 1000000
 
 One core. A cycle is what stands between the socket and the socket: decode a monitoring message,
 check it, keep the session's books, make the joint state, apply the safety contract to a position
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from backends.fri import FriRobot
 
-SHARED = Path(__file__).parents[1] / "tests" / "backends" / "fri"
+SHARED = Path(__file__).parents[2] / "tests" / "backends" / "fri"
 P50, P99 = 30.0, 80.0  # [µs], bars of a whole cycle
 WARM = 2000  # cycles before anything counts
 BURST = 1000  # calls in a row; the first few find the caches full of what ran before

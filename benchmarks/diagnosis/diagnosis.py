@@ -1,15 +1,15 @@
 """Diagnosis on concealed cases: make them, run the commands on them, score the verdicts.
 
-`python benchmarks/diagnosis.py` does all three on seeds that nothing was tuned to and prints each
-figure beside its bar. The plant that makes the cases lives in tests/concealed and shares no code
-with the catalogue of effects.
+`python benchmarks/diagnosis/diagnosis.py` does all three on seeds that nothing was tuned to and
+prints each figure beside its bar. The plant that makes the cases lives in tests/concealed and
+shares no code with the catalogue of effects.
 
-    python benchmarks/diagnosis.py --quick
-    python benchmarks/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
-    python benchmarks/diagnosis.py run out/concealed --jobs 2
-    python benchmarks/diagnosis.py follow out/concealed --jobs 2
-    python benchmarks/diagnosis.py score out/concealed
-    python benchmarks/diagnosis.py time
+    python benchmarks/diagnosis/diagnosis.py --quick
+    python benchmarks/diagnosis/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
+    python benchmarks/diagnosis/diagnosis.py run out/concealed --jobs 2
+    python benchmarks/diagnosis/diagnosis.py follow out/concealed --jobs 2
+    python benchmarks/diagnosis/diagnosis.py score out/concealed
+    python benchmarks/diagnosis/diagnosis.py time
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-CONCEALED = Path(__file__).parents[1] / "tests" / "concealed"
+CONCEALED = Path(__file__).parents[2] / "tests" / "concealed"
 LIMO = Path(sys.executable).with_name("limo")
 FRESH = 1_000_000  # first of the seeds that nothing was tuned to
 FULL = {"null": 200, "single": 225, "set": 100, "unknown": 50, "wrong_parameter": 50}

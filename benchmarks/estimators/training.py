@@ -1,7 +1,7 @@
 """Minutes to train each network by the paper's protocol, beside a bar and a bare loop of PyTorch.
 
-    python benchmarks/training.py
-    python benchmarks/training.py --samples 804205 --epochs 3 --models lstm-fcl
+    python benchmarks/estimators/training.py
+    python benchmarks/estimators/training.py --samples 804205 --epochs 3 --models lstm-fcl
 
 Trains on a synthetic motion of the iiwa 14, sub-sequences of 500 samples, batches of 50, one thread
 of the CPU. An epoch is timed from the end of the one before, so that neither the inputs, which are

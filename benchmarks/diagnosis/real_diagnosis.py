@@ -5,7 +5,7 @@ Each case runs the commands a user would type: `limo identify` on some recording
 mean square of the difference between predicted and measured torque, both low-passed forward and
 backward at 8 Hz. The folder with the recordings is named by LIMO_DATA, or is ../shared/data.
 
-    python benchmarks/real_diagnosis.py [--only CASE]
+    python benchmarks/diagnosis/real_diagnosis.py [--only CASE]
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 BANDWIDTH = 8.0  # [Hz]
-DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[1] / ".." / "shared" / "data"))
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 EXAMPLE_ROBOTS = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots"
 UR10E = DATA / "ur10e"
 LWR4 = DATA / "kuka_lwr4"

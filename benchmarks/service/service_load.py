@@ -1,9 +1,10 @@
 """What burdens the service: training beside it, hours of stream, and more arms.
 
-    python benchmarks/service_load.py training --model model/ --data train.parquet --minutes 2
-    python benchmarks/service_load.py memory --model model/ --minutes 120
-    python benchmarks/service_load.py memory --model model/ --hours 24 --rate 100
-    python benchmarks/service_load.py arms --model model/ --arms 1,2,4,8 --minutes 1
+    python benchmarks/service/service_load.py training --model model/ --data train.parquet \
+        --minutes 2
+    python benchmarks/service/service_load.py memory --model model/ --minutes 120
+    python benchmarks/service/service_load.py memory --model model/ --hours 24 --rate 100
+    python benchmarks/service/service_load.py arms --model model/ --arms 1,2,4,8 --minutes 1
 
 `training` measures round trips at 1 kHz alone and then while a niced process fits joint-physics to
 a recording, over and over, as retraining does. `memory` measures the resident memory of `limo

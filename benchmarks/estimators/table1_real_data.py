@@ -2,7 +2,7 @@
 
 The folder with the recordings is named by LIMO_DATA, or is ../shared/data.
 
-    python benchmarks/table1_real_data.py --out out/table1_real
+    python benchmarks/estimators/table1_real_data.py --out out/table1_real
     limo reproduce table1 --data out/table1_real/ur10e/data --out out/table1_real/ur10e --runs 1
 
 None of these arms played LIMOPA motion, and each recording is one motion without scaffolds. So

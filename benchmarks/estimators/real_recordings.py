@@ -5,7 +5,7 @@ mean square difference between predicted and measured torque, both low-passed fo
 at 8 Hz (Butterworth, order 4). The baseline: all base parameters and per joint viscous friction,
 tanh(v / 0.01), offset and armature, by least squares.
 
-    python benchmarks/real_recordings.py [--hybrid | --physics]
+    python benchmarks/estimators/real_recordings.py [--hybrid | --physics]
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
 
 BANDWIDTH = 8.0  # [Hz]
-DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[1] / ".." / "shared" / "data"))
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 BAR = 1.05  # of the baseline, each joint
 
 Predict = Callable[[Recording], FloatArray]

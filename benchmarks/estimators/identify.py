@@ -4,7 +4,7 @@ The motion is a sum of sinusoids, the torque that of a simulation with friction,
 filters every sample to 10 Hz and sums the regressor of those at 80 Hz or more, since the rest hold
 nothing new; the loop over pinocchio's regressor is reckoned over every sample.
 
-    python benchmarks/identify.py [--samples 804205]
+    python benchmarks/estimators/identify.py [--samples 804205]
 """
 
 from __future__ import annotations

@@ -1,9 +1,13 @@
 """The FRI driver against the simulated controller, two processes over UDP on this machine.
 
-    python benchmarks/fri_link.py --minutes 10            # cycles of 1 ms: answered late, lost
-    python benchmarks/fri_link.py --minutes 10 --fifo     # the same with SCHED_FIFO on both sides
-    python benchmarks/fri_link.py --rebuilds 200          # sessions lost and regained under motion
-    python benchmarks/fri_link.py --fuzz 1000000          # datagrams that are none, on both sides
+    python benchmarks/backends/fri_link.py \
+        --minutes 10            # cycles of 1 ms: answered late, lost
+    python benchmarks/backends/fri_link.py --minutes 10 \
+        --fifo     # the same with SCHED_FIFO on both sides
+    python benchmarks/backends/fri_link.py \
+        --rebuilds 200          # sessions lost and regained under motion
+    python benchmarks/backends/fri_link.py \
+        --fuzz 1000000          # datagrams that are none, on both sides
 
 Every figure is printed beside its bar. An answer is late if the controller has it more than 0.5 ms
 after it sent the packet, by the kernel's time of arrival. Before the link, the same packets go to
@@ -228,7 +232,7 @@ def rebuilds(count: int) -> None:
 
 def fuzz_both(count: int) -> None:
     """Throw `count` datagrams at either side; the tests' own fuzzers judge what comes of it."""
-    tests = Path(__file__).parents[1] / "tests" / "backends" / "fri"
+    tests = Path(__file__).parents[2] / "tests" / "backends" / "fri"
     sys.path[:0] = [str(tests), str(tests / "simulator")]
     from controller_fuzzing import fuzz_controller
     from fri_fuzzing import fuzz

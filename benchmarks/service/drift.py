@@ -1,6 +1,6 @@
 """False alarms of the drift detector, and how soon it tells a doubled residual.
 
-    python benchmarks/drift.py [--days 5]
+    python benchmarks/service/drift.py [--days 5]
 
 The logarithm of the mean squared residual of a joint, second by second, is simulated as a
 first-order autoregression. Its scatter and correlation are those of `joint-physics` on recordings
