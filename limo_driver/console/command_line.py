@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver import cli
-
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
+_COMMANDS = "limo_driver.cli"  # imported by name, as each command is: it imports this module
 _UNWRAPPED = "\b\n"  # before a paragraph that keeps its lines
 
 # Without markup: it would take a unit in brackets for a style, and wraps examples within a word.
@@ -59,6 +58,7 @@ def limo(
 @cache  # a program that calls `main` again would add every command again
 def add_commands() -> None:
     """Add every command of the folder, with the help that its docstring is."""
+    cli = import_module(_COMMANDS)
     for module in sorted(iter_modules(cli.__path__), key=lambda item: item.name):
         command = import_module(f"{cli.__name__}.{module.name}").command
         name = module.name.replace("_", "-")
