@@ -14,18 +14,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+
+import yaml
 
 from backends.can.entries import FLAG, REAL, TEXT, WHOLE, Section, entry
 from limo_driver.errors import ConfigError
-from limo_driver.model import RobotModel
+from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.types import RobotSpec
+from limo_driver.yaml_reader import YamlReader, is_null
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from limo_driver.types import FloatArray
 
@@ -36,6 +39,8 @@ LARGEST_COUNT: Final = 2**31 - 1  # of a position in 32 bits
 REPLY_OFFSET: Final = 0x10  # of Damiao's replies, as OpenArm sets it
 
 Option = bool | int | float | str
+OF_CIA402: Final = {"master", "on_lost", "status_every", "temperature"}  # and of nobody else
+_Section = TypeVar("_Section", bound=Section)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,9 +156,7 @@ class ArmConfig(Section):
         Raises:
             ConfigError: Names the line, what was given and what exists.
         """
-        from backends.can.config_file import load
-
-        return load(path)
+        return _Reader(Path(path)).arm()
 
     @cached_property
     def model(self) -> RobotModel:
@@ -200,3 +203,101 @@ class ArmConfig(Section):
                     f"joint {j + 1}: {furthest:.3g} rad from its zero are {count:.3g} counts, "
                     f"more than 32 bits hold ({LARGEST_COUNT})"
                 )
+
+
+class _Reader(YamlReader):
+    """Makes an arm of the nodes of one file."""
+
+    def arm(self) -> ArmConfig:
+        if self.root is None:
+            raise ConfigError("is empty; it needs bus, robot and joints", path=self.path)
+        given = self._mapping(self.root, "the file", [item.name for item in fields(ArmConfig)])
+        self._require(self.root, "the file", ArmConfig, given)
+        convention = self._text(given["convention"]) if "convention" in given else CIA402
+        if convention not in CONVENTIONS:
+            known = ", ".join(CONVENTIONS)
+            self._fail(given["convention"], f"convention is {convention}, expected one of {known}")
+        if convention != CIA402:
+            self._refuse_of_cia402(given, convention)
+        parts: dict[str, Any] = {
+            "bus": self._bus(given.pop("bus")),
+            "joints": self._joints(given.pop("joints"), convention),
+            "robot": self._robot(given.pop("robot")),
+        }
+        if (temperature := given.pop("temperature", None)) is not None and not is_null(temperature):
+            parts["temperature"] = self._section(temperature, "temperature", Temperature)
+        return self._made(self.root, ArmConfig, given, parts)
+
+    def _refuse_of_cia402(self, given: dict[str, yaml.Node], convention: str) -> None:
+        for name in OF_CIA402 & given.keys():
+            self._fail(
+                given[name], f"{name} is for CiA 402 drives; {convention} motors have no such thing"
+            )
+
+    def _robot(self, node: yaml.Node) -> str:
+        name = self._text(node)
+        beside = self.path.parent / name
+        return name if name in BUILT_IN or not beside.is_file() else str(beside.resolve())
+
+    def _bus(self, node: yaml.Node) -> Bus:
+        given = self._mapping(node, "bus", [item.name for item in fields(Bus)])
+        self._require(node, "bus", Bus, given)
+        options = self._optional(given.pop("options", None), "options", None)
+        parts = {"options": {key: self._option(value) for key, value in options.items()}}
+        return self._made(node, Bus, given, parts)
+
+    def _option(self, node: yaml.Node) -> Option:
+        self._text(node)
+        value: Option = yaml.SafeLoader("").construct_object(node)
+        return value
+
+    def _joints(self, node: yaml.Node, convention: str) -> tuple[Joint, ...]:
+        if not isinstance(node, yaml.SequenceNode):
+            self._fail(node, "joints: has to be a list of `- {node: ..., ...}`")
+        kind = Cia402Joint if convention == CIA402 else DamiaoJoint
+        return tuple(
+            self._section(item, f"joint {j}", kind) for j, item in enumerate(node.value, start=1)
+        )
+
+    def _section(self, node: yaml.Node, what: str, kind: type[_Section]) -> _Section:
+        given = self._mapping(node, what, [item.name for item in _entries(kind)])
+        self._require(node, what, kind, given)
+        return self._made(node, kind, given, {})
+
+    def _require(
+        self, node: yaml.Node, what: str, kind: type[Section], given: dict[str, yaml.Node]
+    ) -> None:
+        missing = [
+            item.name
+            for item in _entries(kind)
+            if item.default is MISSING and item.default_factory is MISSING
+        ]
+        if missing := [name for name in missing if name not in given]:
+            self._fail(node, f"{what} lacks {', '.join(missing)}")
+
+    def _made(
+        self,
+        node: yaml.Node,
+        kind: type[_Section],
+        given: dict[str, yaml.Node],
+        parts: dict[str, Any],
+    ) -> _Section:
+        known = {item.name: item.metadata["kind"] for item in _entries(kind) if item.metadata}
+        values = {name: self._value(value, known[name]) for name, value in given.items()}
+        try:
+            return kind(**parts, **values)
+        except ConfigError as error:
+            # The message begins with the name of the entry that is wrong, where it is one entry.
+            name = str(error).split(maxsplit=1)[0]
+            self._fail(given.get(name, node), str(error))
+
+    def _value(self, node: yaml.Node, kind: str) -> Any:  # noqa: ANN401  # of the field's own type
+        if kind == FLAG:
+            return self._flag(node)
+        if kind == WHOLE:
+            return self._whole(node)
+        return self._number(node) if kind == REAL else self._text(node)
+
+
+def _entries(kind: type[Section]) -> tuple[Any, ...]:
+    return fields(kind)  # type: ignore[arg-type]  # each section is a dataclass
