@@ -37,7 +37,8 @@ from limo_driver.physics.sensing import (
     TorqueGain,
     TorqueOffset,
 )
-from limo_driver.physics.simulation import Simulation, Tolerances
+from limo_driver.physics.simulation import Simulation
+from limo_driver.physics.simulation_file import Tolerances
 from limo_driver.physics.transmission import Armature, Backlash, JointElasticity, TorqueRipple
 
 __all__ = [

@@ -24,6 +24,7 @@ from limo_driver.physics.effect import (
 )
 from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save
 from limo_driver.physics.transmission import JointElasticity
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
 
@@ -33,14 +34,6 @@ if TYPE_CHECKING:
     from limo_driver.recordings.differentiation import Derivatives
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """How well the nominal values are known (relative, 1 sigma)."""
-
-    inertia: float = 0.02
-    friction: float = 0.15
 
 
 @dataclass(frozen=True)
@@ -101,15 +94,14 @@ class Simulation:
         Raises:
             ConfigError: Names the line, what was given and what exists.
         """
-        from limo_driver.physics.simulation_file import load
-
-        return load(Path(path))
+        read = load(Path(path))
+        return Simulation(read.robot, read.effects, read.inertials, read.tolerances, read.sensors)
 
     def save(self, path: Path | str) -> None:
         """Write a `sim.yaml` that `load` reads back to an equal simulation."""
-        from limo_driver.physics.simulation_file import save
-
-        save(self, Path(path))
+        robot = self.model.reference(Path(path).parent)  # relative to the file, if it is one
+        content = SimulationFile(robot, self.effects, self.inertials, self.tolerances, self.sensors)
+        save(content, Path(path))
 
     def without_effects(self) -> Simulation:
         """Return the rigid body alone."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
@@ -13,11 +13,10 @@ from limo_driver.outputs import whole
 from limo_driver.physics.catalogue import CATALOGUE
 from limo_driver.physics.effect import JOINT, TEXT
 from limo_driver.physics.sensing import Sensors
-from limo_driver.physics.simulation import Simulation, Tolerances
 from limo_driver.yaml_reader import YamlReader, is_null
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from limo_driver.physics.effect import Effect, Parameter
@@ -27,8 +26,27 @@ _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "effects")
 _INERTIAL = ("mass", "com", "inertia")
 
 
-def load(path: Path) -> Simulation:
-    """Read a `sim.yaml`.
+@dataclass(frozen=True)
+class Tolerances:
+    """How well the nominal values are known (relative, 1 sigma)."""
+
+    inertia: float = 0.02
+    friction: float = 0.15
+
+
+@dataclass(frozen=True)
+class SimulationFile:
+    """What a `sim.yaml` says, section by section."""
+
+    robot: str  # built-in name or path of a URDF
+    effects: tuple[Effect, ...]
+    inertials: Mapping[str, Inertial]  # by link
+    tolerances: Tolerances
+    sensors: Sensors
+
+
+def load(path: Path) -> SimulationFile:
+    """Read a `sim.yaml`; the path of its robot no longer depends on where it lies.
 
     Raises:
         ConfigError: Names the line, what was given and what exists.
@@ -36,9 +54,9 @@ def load(path: Path) -> Simulation:
     return _Reader(path).simulation()
 
 
-def save(simulation: Simulation, path: Path) -> None:
-    """Write a `sim.yaml`; a robot given as a file is referred to relative to it."""
-    content: dict[str, Any] = {"robot": simulation.model.reference(path.parent)}
+def save(simulation: SimulationFile, path: Path) -> None:
+    """Write a `sim.yaml`; its robot as it is given."""
+    content: dict[str, Any] = {"robot": simulation.robot}
     if simulation.inertials:
         content["inertials"] = {
             link: {"mass": body.mass, "com": list(body.com), "inertia": list(body.inertia)}
@@ -82,14 +100,14 @@ def _has_joint(effect: type[Effect]) -> bool:
 class _Reader(YamlReader):
     """Makes a simulation of the nodes of one file."""
 
-    def simulation(self) -> Simulation:
+    def simulation(self) -> SimulationFile:
         if self.root is None:
             raise ConfigError("is empty; it needs at least `robot:`", path=self.path)
         sections = self._mapping(self.root, "the file", _SECTIONS)
         if "robot" not in sections:
             self._fail(self.root, "lacks `robot:`, a built-in name or a URDF file")
         robot, model = self._robot(sections["robot"])
-        return Simulation(
+        return SimulationFile(
             robot=robot,
             inertials=self._inertials(sections.get("inertials"), model),
             tolerances=self._tolerances(sections.get("tolerances")),
