@@ -9,14 +9,14 @@ Source: Schwarz, "Estimating the dimension of a model", Annals of Statistics 6(2
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.contribution import TELLABLE
 from estimators.diagnosis.fitting.refinement import refine
 from estimators.diagnosis.hypotheses.catalogue import rivals
-from estimators.diagnosis.judgement.judgement import TELLABLE
+from estimators.diagnosis.selection.candidates import LawEvidence
 from estimators.diagnosis.wording import times
 
 if TYPE_CHECKING:
@@ -27,14 +27,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
 
 REFINABLE = 100.0  # [nat] that a refinement may make up for, where no law has a name
-
-
-@dataclass(frozen=True)
-class LawEvidence:
-    """One law at its best settings."""
-
-    law: str  # in words
-    log_evidence: float  # less what its settings cost [nat]
 
 
 def likeliest(

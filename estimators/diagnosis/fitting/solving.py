@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.contribution import MATERIAL, material
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     Bench,
@@ -18,7 +19,6 @@ from estimators.diagnosis.fitting.problem import (
 )
 from estimators.diagnosis.fitting.refinement import Setting, replaced
 from estimators.diagnosis.hypotheses.ripple import ripples
-from estimators.diagnosis.judgement.judgement import MATERIAL, material
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import entered

@@ -7,15 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.contribution import contribution, material
 from estimators.diagnosis.fitting.laws import sentence_of
 from estimators.diagnosis.judgement.confidence import OF_UNKNOWN, Signs, confidence_of
-from estimators.diagnosis.judgement.judgement import (
-    contribution,
-    equivalents,
-    identical,
-    margin,
-    material,
-)
+from estimators.diagnosis.judgement.judgement import equivalents, identical, margin
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.judgement.shares import left_at, shares_of
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.contribution import MATERIAL, TELLABLE, contribution, taken_off
 from estimators.diagnosis.judgement.surrogate import foretold
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import roughness
@@ -23,15 +24,10 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.result import Shift
     from estimators.diagnosis.selection.candidates import Candidate
-    from estimators.diagnosis.selection.evidence import Posterior
     from limo_driver.types import FloatArray
 
-MATERIAL = 0.5  # [errors left] that a finding has to take off the error of some joint
-TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
 FORETOLD = 0.45  # [noise floors] of foretellable rest that counts as unknown physics
 SMOOTHER, SMOOTH = 1.4, 1.9  # times the other joints', and least, ratio of a rest to its roughness
-_SEEN = 0.5  # of an effect's mean square, that rows held out have to have to judge it
-_SLIGHT = 0.1  # of what is gained over all rows, that may be lost on those held out
 _LOADS = ("payload", "link_inertia")
 _UNEVEN = ("asymmetric_friction", "torque_offset")
 _AT_LIMIT = 0.01  # [sigma]
@@ -76,41 +72,6 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     floor = np.where(smooth, usual * rough, floor)
     beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
     return Leftover(floor, beyond, np.where(smooth, left, series))
-
-
-def without(solution: Solution, member: int) -> Posterior:
-    """Fit the set without one of its members."""
-    rest = tuple(i for i in solution.members if i != member)
-    return solution.search.evidence.posterior(solution.search.prior(rest))
-
-
-def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
-    """Return how much held-out mean square a member takes off each joint, (n,) [N² m²]."""
-    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
-    return _taken_off(left, bare, bench.split.held_out)
-
-
-def _taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
-    return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
-
-
-def material(bench: Bench, solution: Solution, member: int) -> float:
-    """Return how much error a member takes off the joint where it does most [errors left].
-
-    Counted on rows held out. What fades within the first minute, or happens but now and then, may
-    miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
-    """
-    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
-    moving, held_out = bench.observed.moving, bench.split.held_out
-    gained, proven = _taken_off(left, bare, moving), _taken_off(left, bare, held_out)
-    misses = rmse(bare - left, held_out) ** 2 < _SEEN * rmse(bare - left, moving) ** 2
-    part = np.where(misses & (proven >= -_SLIGHT * gained), gained / _square(left, moving), 0.0)
-    part = np.where(misses, part, proven / _square(left, held_out))
-    return float(np.sqrt(max(part.max(), 0.0)))
-
-
-def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
-    return np.maximum(rmse(left, rows) ** 2, 1e-12)
 
 
 def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidate, ...]:
@@ -174,8 +135,8 @@ def abstained(
     """
     search = solution.search
     none = search.evidence.posterior(search.prior(()))
-    taken_off = _taken_off(bench.left(solution.fitted), bench.left(none), bench.split.held_out)
-    explained = taken_off / np.maximum(taken_off + rest.foretold**2, 1e-12)
+    removed = taken_off(bench.left(solution.fitted), bench.left(none), bench.split.held_out)
+    explained = removed / np.maximum(removed + rest.foretold**2, 1e-12)
     unknown = np.flatnonzero(rest.foretellable & (explained < PRECISE))
     doubtful = {int(j) for j in unknown if explained[j] < DOMINANT}
     stay = tuple(

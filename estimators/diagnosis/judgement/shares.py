@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.contribution import contribution
 from estimators.diagnosis.fitting.problem import fitted
-from estimators.diagnosis.judgement.judgement import contribution
 from estimators.diagnosis.residuals.held_out import reducible_removed
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.judgement.judgement import TELLABLE
+from estimators.diagnosis.fitting.contribution import TELLABLE
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.markup import (
     UNSAID,

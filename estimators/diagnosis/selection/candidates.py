@@ -24,7 +24,6 @@ from estimators.rigid_body.regressor import PER_LINK
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimators.diagnosis.fitting.laws import LawEvidence
     from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.hypotheses.responses import Response
@@ -40,6 +39,14 @@ _PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 s
 _PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
 _TINY = 1e-12
 _TOGETHER = 20  # hypotheses that pass the filter in one go
+
+
+@dataclass(frozen=True)
+class LawEvidence:
+    """One law at its best settings."""
+
+    law: str  # in words
+    log_evidence: float  # less what its settings cost [nat]
 
 
 @dataclass(frozen=True)

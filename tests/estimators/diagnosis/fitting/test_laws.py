@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis import diagnose
-from estimators.diagnosis.fitting.laws import LawEvidence, sentence_of
+from estimators.diagnosis.fitting.laws import sentence_of
 from estimators.diagnosis.hypotheses.catalogue import every, rivals
 from estimators.diagnosis.hypotheses.friction import STOP_WIDTHS
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.selection.candidates import LawEvidence
 from limo_driver.physics import (
     CoulombFriction,
     PreslidingHysteresis,

@@ -12,7 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from estimators.diagnosis.judgement.judgement import TELLABLE
+from estimators.diagnosis.fitting.contribution import TELLABLE
 from estimators.diagnosis.report import figures, worst_stretch, write_report
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.report.stretch import loop_stretch
