@@ -115,7 +115,7 @@ class Scores:
 
 def lstm(folder: Path, simulation: Simulation, training: Recording) -> HybridModel:
     """Return LSTM-FCL 500 with tau_RBD and r, from the folder or trained into it."""
-    from estimators.hybrid.training.fit import paper_settings
+    from estimators.hybrid.training.settings import paper_settings
 
     if folder.is_dir():
         model = HybridModel.load(folder)

@@ -132,7 +132,7 @@ def hybrid(case: Case) -> Iterator[tuple[str, Predict]]:
     First comes the rigid body of both.
     """
     from estimators.hybrid import HybridModel
-    from estimators.hybrid.training.fit import usual_settings
+    from estimators.hybrid.training.settings import usual_settings
 
     simulation = identify(RobotModel.load(case.urdf), case.train, rows=Rows(BANDWIDTH)).simulation
     model = HybridModel(simulation, usual_settings("drive")).fit(case.train)

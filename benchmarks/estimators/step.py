@@ -24,7 +24,7 @@ from step_peers import onnx_step, torch_step
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import FEATURE_SETS, feature_set
-from estimators.hybrid.model import FittedNetwork
+from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.hybrid.scaling import InputScaling, Scaling, normalise_inputs
 from estimators.joint_physics import JointPhysics
 from estimators.neural import LstmFcl, Mlp
@@ -192,7 +192,7 @@ def peers(network: LstmFcl) -> list[Timed]:
 
 def late(epochs: int) -> None:
     """Print how far a stream is from the zero-phase prediction, by delay."""
-    from estimators.hybrid.training.fit import TrainingSettings
+    from estimators.hybrid.training.settings import TrainingSettings
 
     truth = Simulation.load(EXAMPLE)
     train, test = motion(40.0, seed=1), motion(12.0, seed=2)

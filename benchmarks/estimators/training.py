@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from estimators.hybrid.training.fit import paper_settings, train
+from estimators.hybrid.model import train
+from estimators.hybrid.training.settings import paper_settings
 from estimators.neural.modules import MlpModule
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.hybrid.features import Feature, Features
-from estimators.hybrid.model import FittedNetwork, HybridModel
+from estimators.hybrid.fitted_network import FittedNetwork
+from estimators.hybrid.model import HybridModel
 from estimators.hybrid.scaling import InputScaling, Scaling
 from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from estimators.neural import NETWORKS

@@ -2,94 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from estimators.base import Estimate
+from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.hybrid.scaling import normalise_inputs
+from estimators.hybrid.training.data import prepare
+from estimators.hybrid.training.fit import Epoch, find_device, fit_prepared
+from estimators.hybrid.training.settings import TrainingSettings
+from estimators.hybrid.training.split import HELD_OUT, TRAINING
+from estimators.model_folder import provenance
 from estimators.residual_model import ResidualModel
 from limo_driver.compiled import compiled
-from limo_driver.errors import ConfigError, ModelStoreError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any, Self
+    from collections.abc import Callable, Sequence
+    from typing import Self
 
     from numpy.typing import NDArray
 
-    from estimators.hybrid.features import Features
-    from estimators.hybrid.scaling import InputScaling, Scaling
-    from estimators.hybrid.training.fit import TrainingSettings
-    from estimators.neural import Network
+    from estimators.hybrid.training.data import TrainingData
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
-_RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed
 _OUTSIDE: Final = 0.1  # standard deviations of an input beyond its range; nearer, noise may be
-
-
-@dataclass(frozen=True)
-class FittedNetwork:
-    """What training gives: a network and how to feed it."""
-
-    features: Features
-    network: Network
-    inputs: InputScaling
-    outputs: Scaling  # of the residual torque, or of the whole if it stands alone [N m]
-    gain: FloatArray  # (n,) in [0, 1], how much of its torque carried over to motion held out
-    rate: float  # rate of the samples that follow each other in the network's memory [Hz]
-    bandwidth: float  # of the filters on motion and torque in training [Hz]
-    record: Mapping[str, Any] = field(default_factory=dict)  # settings, data and metrics, as JSON
-    standalone: bool = False  # no rigid-body torque goes into it or is added to it
-
-    @cached_property
-    def columns(self) -> NDArray[np.int64]:
-        """Inputs that the network of each joint may use, (n, f)."""
-        return self.features.columns
-
-    @cached_property
-    def error(self) -> FloatArray:
-        """Root mean square error on motion not trained on, (n,) [N m]; NaN if there was none.
-
-        On stretches left out whole if there were any, else on what was held out: blocks, which
-        chose the weights that were kept, and whose neighbours are alike and were trained on.
-        """
-        rmse = self.record.get("rmse", {})
-        known = rmse.get("left_out", rmse.get("held_out", {})).get("hybrid")
-        return np.full(self.features.n, np.nan) if known is None else np.array(known)
-
-    @cached_property
-    def slope(self) -> FloatArray:
-        """Torque by the network's output, (n,) [N m]."""
-        return self.gain * self.outputs.std
-
-    @cached_property
-    def offset(self) -> FloatArray:
-        """Torque where the network's output is zero, (n,) [N m]."""
-        return self.gain * self.outputs.mean
-
-    def stride(self, rate: float) -> int:
-        """Return how many samples at `rate` [Hz] the network's memory spans at a time.
-
-        Raises:
-            ConfigError: The network has a memory, and the rate is no positive number.
-            ModelStoreError: The network has a memory and its rate cannot be reached.
-        """
-        if not self.network.recurrent:
-            return 1
-        if not 0 < rate < np.inf:
-            raise ConfigError(f"rate = {rate:g} Hz has to be above 0 and finite")
-        stride = max(1, round(rate / self.rate))
-        if abs(rate / stride / self.rate - 1.0) > _RATE_TOLERANCE:
-            raise ModelStoreError(
-                f"the model remembers at {self.rate:.4g} Hz, which samples at {rate:.4g} Hz cannot "
-                f"give; train one at {rate / stride:.4g} Hz, or record at a multiple of its rate"
-            )
-        return stride
 
 
 @dataclass(frozen=True)
@@ -147,8 +87,6 @@ class HybridModel(ResidualModel[FittedNetwork]):
             RecordingError: A recording is of another robot, or too short.
             DivergedError: The loss is no longer finite.
         """
-        from estimators.hybrid.training.fit import TrainingSettings, train
-
         self.fitted_ = train(self.simulation, recordings, self.settings or TrainingSettings())
         return self
 
@@ -209,3 +147,74 @@ def _torque(
     """
     std = np.sqrt(error**2 + (beyond * unknown) ** 2)
     return slope * y + offset, std, beyond > _OUTSIDE
+
+
+def train(
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    settings: TrainingSettings,
+    on_epoch: Callable[[Epoch], None] = lambda _: None,
+) -> FittedNetwork:
+    """Train a network on tau_meas - tau_RBD, or on tau_meas alone.
+
+    After it, networks that do not see a part of the motion show how much of what is learned carries
+    over to other motion: the gain of each joint.
+
+    The loss is the MSE of the normalised residual, so that every joint counts the same. AdamW
+    starts at `learning_rate`, which falls to zero along a cosine, or is halved when the training
+    loss stops falling. A recurrent network answers every sample of a sequence, not only the last,
+    so that each sequence gives as many targets as it has samples. Its memory is carried through
+    `carried` sequences: it is trained as it is used, scanning long motion.
+
+    Args:
+        simulation: Gives tau_RBD.
+        recordings: Measured motion and torque, at about one rate.
+        settings: How to train.
+        on_epoch: Called after each epoch, for a progress bar.
+
+    Raises:
+        ConfigError: The device is not there.
+        RecordingError: A recording is of another robot, or too short for a sequence.
+        DivergedError: The loss is no longer finite.
+
+    Source: Çallar and Böttger, RA-L 2022, sec. III-D, whose recurrent networks answer only the last
+    sample of each sequence.
+    """
+    find_device(settings.device)  # refused before the inputs are computed, which takes a while
+    data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
+    fitted = fit_prepared(data, settings, on_epoch)
+    record = {
+        **fitted.record,
+        "recordings": [provenance(recording) for recording in recordings],
+        "rmse": _rmse(simulation, fitted, recordings, data) | fitted.record.get("rmse", {}),
+    }
+    return replace(fitted, record=record)
+
+
+def _rmse(
+    simulation: Simulation,
+    fitted: FittedNetwork,
+    recordings: Sequence[Recording],
+    data: TrainingData,
+) -> dict[str, dict[str, list[float]]]:
+    """Return RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all.
+
+    Both are filtered as the measured torque is.
+    """
+    model = HybridModel(simulation)
+    model.fitted_ = fitted
+    bandwidth = fitted.bandwidth
+    found = [model.estimate(recording).filtered(recording, bandwidth) for recording in recordings]
+    torque = np.concatenate([r.filtered_torque(bandwidth) for r in recordings])
+    predicted = {
+        "rigid_body": np.concatenate([own.simulation for own in found]),
+        "hybrid": np.concatenate([own.torque for own in found]),
+    }
+    rows = {"training": data.use == TRAINING, "held_out": data.use == HELD_OUT}
+    return {
+        where: {
+            name: np.sqrt(np.mean((torque - values)[use] ** 2, axis=0)).tolist()
+            for name, values in predicted.items()
+        }
+        for where, use in rows.items()
+    }

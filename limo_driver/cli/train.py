@@ -10,8 +10,9 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from estimators.hybrid.model import FittedNetwork
-    from estimators.hybrid.training.fit import TrainingSettings
+    from estimators.hybrid.fitted_network import FittedNetwork
+    from estimators.hybrid.training.fit import Epoch
+    from estimators.hybrid.training.settings import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -98,7 +99,7 @@ def command(  # one argument for each option
     from dataclasses import replace
 
     from estimators.hybrid import HybridModel
-    from estimators.hybrid.training.fit import usual_settings
+    from estimators.hybrid.training.settings import usual_settings
     from estimators.joint_physics import JointPhysics
     from estimators.neural import NETWORKS
     from limo_driver.console.terminal import terminal
@@ -166,7 +167,7 @@ def _train(
 ) -> FittedNetwork:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from estimators.hybrid.training.fit import Epoch, train
+    from estimators.hybrid.model import train
 
     trainings = settings.folds + 1 if settings.folds > 1 else 1
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())

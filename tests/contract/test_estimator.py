@@ -11,7 +11,7 @@ import pytest
 from estimators.base import InverseDynamics
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import FEATURE_SETS
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.neural import NETWORKS
 from estimators.rigid_body import RigidBodyModel

@@ -11,7 +11,7 @@ from wandering import wander
 
 from estimators.evaluation import Evaluation, evaluate, noise_floor
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.pictures import loop_figure, png, torque_figure
 from limo_driver.errors import RecordingError

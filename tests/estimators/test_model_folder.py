@@ -11,7 +11,7 @@ import pytest
 from safetensors.numpy import load_file, save_file
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import load_model

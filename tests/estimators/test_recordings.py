@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.rigid_body import identify
 from limo_driver.errors import RecordingError

@@ -8,7 +8,7 @@ from wandering import wander
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import FEATURE_SETS
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.stream import Stream
 from limo_driver.errors import (
     ConfigError,

@@ -10,7 +10,7 @@ import pytest
 
 from estimators.evaluation import evaluate
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import usual_settings
+from estimators.hybrid.training.settings import usual_settings
 from estimators.rigid_body import Rows, identify
 from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording

@@ -9,23 +9,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.hybrid.model import FittedNetwork, HybridModel
+from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.hybrid.training.carry_over import carry_over
-from estimators.hybrid.training.data import prepare
 from estimators.hybrid.training.settings import (
     DEVICES,
     WIDTHS,
     TrainingSettings,
-    paper_settings,
-    usual_settings,
 )
-from estimators.hybrid.training.split import HELD_OUT, TRAINING
-from estimators.model_folder import provenance
+from estimators.hybrid.training.split import HELD_OUT
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError, DivergedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
+    from collections.abc import Callable, Generator
 
     import torch
 
@@ -35,18 +31,6 @@ if TYPE_CHECKING:
     from estimators.hybrid.training.passes import Passes
     from estimators.neural import Network
     from estimators.neural.modules import Module
-    from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
-
-__all__ = [
-    "Epoch",
-    "TrainingSettings",
-    "find_device",
-    "fit_prepared",
-    "paper_settings",
-    "train",
-    "usual_settings",
-]
 
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
@@ -61,48 +45,6 @@ class Epoch:
     held_out_loss: float
     learning_rate: float
     fold: int = 0  # 0: of the network that is kept; else of one that judges how it carries over
-
-
-def train(
-    simulation: Simulation,
-    recordings: Sequence[Recording],
-    settings: TrainingSettings,
-    on_epoch: Callable[[Epoch], None] = lambda _: None,
-) -> FittedNetwork:
-    """Train a network on tau_meas - tau_RBD, or on tau_meas alone.
-
-    After it, networks that do not see a part of the motion show how much of what is learned carries
-    over to other motion: the gain of each joint.
-
-    The loss is the MSE of the normalised residual, so that every joint counts the same. AdamW
-    starts at `learning_rate`, which falls to zero along a cosine, or is halved when the training
-    loss stops falling. A recurrent network answers every sample of a sequence, not only the last,
-    so that each sequence gives as many targets as it has samples. Its memory is carried through
-    `carried` sequences: it is trained as it is used, scanning long motion.
-
-    Args:
-        simulation: Gives tau_RBD.
-        recordings: Measured motion and torque, at about one rate.
-        settings: How to train.
-        on_epoch: Called after each epoch, for a progress bar.
-
-    Raises:
-        ConfigError: The device is not there.
-        RecordingError: A recording is of another robot, or too short for a sequence.
-        DivergedError: The loss is no longer finite.
-
-    Source: Çallar and Böttger, RA-L 2022, sec. III-D, whose recurrent networks answer only the last
-    sample of each sequence.
-    """
-    find_device(settings.device)  # refused before the inputs are computed, which takes a while
-    data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
-    fitted = fit_prepared(data, settings, on_epoch)
-    record = {
-        **fitted.record,
-        "recordings": [provenance(recording) for recording in recordings],
-        "rmse": _rmse(simulation, fitted, recordings, data) | fitted.record.get("rmse", {}),
-    }
-    return replace(fitted, record=record)
 
 
 def fit_prepared(
@@ -154,35 +96,6 @@ def _left_out(carried: CarryOver) -> dict[str, Any]:
     if np.isnan(carried.rmse).any():
         return {}
     return {"rmse": {"left_out": {"hybrid": carried.rmse.tolist()}}}
-
-
-def _rmse(
-    simulation: Simulation,
-    fitted: FittedNetwork,
-    recordings: Sequence[Recording],
-    data: TrainingData,
-) -> dict[str, dict[str, list[float]]]:
-    """Return RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all.
-
-    Both are filtered as the measured torque is.
-    """
-    model = HybridModel(simulation)
-    model.fitted_ = fitted
-    bandwidth = fitted.bandwidth
-    found = [model.estimate(recording).filtered(recording, bandwidth) for recording in recordings]
-    torque = np.concatenate([r.filtered_torque(bandwidth) for r in recordings])
-    predicted = {
-        "rigid_body": np.concatenate([own.simulation for own in found]),
-        "hybrid": np.concatenate([own.torque for own in found]),
-    }
-    rows = {"training": data.use == TRAINING, "held_out": data.use == HELD_OUT}
-    return {
-        where: {
-            name: np.sqrt(np.mean((torque - values)[use] ** 2, axis=0)).tolist()
-            for name, values in predicted.items()
-        }
-        for where, use in rows.items()
-    }
 
 
 def find_device(name: str) -> torch.device:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import check_simulation
 from estimators.neural import NETWORKS

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.stream import Stream
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation

@@ -8,15 +8,10 @@ import pytest
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import feature_set
+from estimators.hybrid.model import train
 from estimators.hybrid.training.carry_over import carry_over
 from estimators.hybrid.training.data import TrainingData, prepare
-from estimators.hybrid.training.fit import (
-    Epoch,
-    TrainingSettings,
-    paper_settings,
-    train,
-    usual_settings,
-)
+from estimators.hybrid.training.settings import TrainingSettings, paper_settings, usual_settings
 from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural import NETWORKS, Mlp, Network
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
@@ -27,7 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from estimators.hybrid.model import FittedNetwork
+    from estimators.hybrid.fitted_network import FittedNetwork
+    from estimators.hybrid.training.fit import Epoch
 
 QUICK = TrainingSettings(features="own-joint", epochs=2, rate=100.0, hidden=8)
 

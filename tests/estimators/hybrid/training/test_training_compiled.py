@@ -11,15 +11,17 @@ import pytest
 import torch
 
 from estimators.hybrid.features import feature_set
+from estimators.hybrid.model import train
 from estimators.hybrid.scaling import InputScaling, Scaling
 from estimators.hybrid.training.compiled_passes import CompiledRowPasses
 from estimators.hybrid.training.data import TrainingData
-from estimators.hybrid.training.fit import Epoch, TrainingSettings, train
 from estimators.hybrid.training.passes import RowPasses
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural.modules import MlpModule
 
 if TYPE_CHECKING:
+    from estimators.hybrid.training.fit import Epoch
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 

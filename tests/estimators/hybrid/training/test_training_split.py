@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from estimators.hybrid.features import feature_set
+from estimators.hybrid.model import train
 from estimators.hybrid.training.data import prepare
-from estimators.hybrid.training.fit import TrainingSettings, paper_settings, train
 from estimators.hybrid.training.passes import BlockPasses, SequencePasses
+from estimators.hybrid.training.settings import TrainingSettings, paper_settings
 from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural.modules import LstmFclModule, Memory
 from estimators.neural.transformer_module import TransformerModule

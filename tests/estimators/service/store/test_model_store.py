@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.service.store.served_models import StoreModels
 from estimators.service.store.store import ModelStore

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.service.store.store import ModelStore
 from limo_driver.cli.models import command

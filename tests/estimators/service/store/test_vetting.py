@@ -14,7 +14,7 @@ import pytest
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.scaling import Scaling
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.service.store import vetting
 from estimators.service.store.adding import as_json
 from estimators.service.store.store import ModelStore

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.training.fit import TrainingSettings
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.service.settings import RetrainingSettings
 from estimators.service.store import store as store_module
