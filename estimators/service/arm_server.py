@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from estimators.service.inference.bulletin import Bulletin
     from estimators.service.inference.live_model import LiveModel
-    from estimators.service.retraining.keeper import Keeper
+    from estimators.service.roles import Retrainer
     from estimators.service.settings import ServiceSettings
     from estimators.service.store.served_models import ServedModels
     from limo_driver.logs.mcap_log import McapLog
@@ -80,7 +80,7 @@ class ArmServer:
         self._failures = 0  # of this program
         self._opener: threading.Thread | None = None
         self._source, self._silence = FollowedSource(), Silence()
-        self.keeper: Keeper | None = None  # retrains the champion, where there is one
+        self.keeper: Retrainer | None = None  # retrains the champion, where there is one
         self._changing = threading.RLock()  # one change of models after the other
         self._ros = None if ros is None else RosReader(self._physics.model.joint_names, self.arm)
         key = self.keys.joints if ros is None else ros.key_of_any_hash

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from estimators.service.arm_server import ArmServer
+    from estimators.service.roles import ModelChanges
 
 _LONGEST: Final = 4096  # bytes of a query
 
@@ -29,7 +29,7 @@ class ModelQueries:
         server: Whose models.
     """
 
-    def __init__(self, session: zenoh.Session, server: ArmServer) -> None:
+    def __init__(self, session: zenoh.Session, server: ModelChanges) -> None:
         verbs: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
             "index": lambda _: server.index(),
             "load": lambda asked: server.load(_version(asked)),

@@ -1,0 +1,55 @@
+"""Roles: what the parts of a served arm ask of each other, so that none has to know the rest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from estimators.service.inference.arm_service import Window
+    from limo_driver.network.streaming import Keys
+
+
+class Retrainer(Protocol):
+    """What keeps the champion of a server up to date, see `Keeper`."""
+
+    def watch(self, window: Window) -> None:
+        """Take what the service summed up over the last second or so."""
+        ...
+
+    def status(self) -> dict[str, Any]:
+        """Return the stage and what is known of it, as JSON values."""
+        ...
+
+    def ask(self, reason: str) -> dict[str, Any]:
+        """Train as soon as can be, and return the status."""
+        ...
+
+    def close(self) -> None:
+        """Stop, and end a training that is under way."""
+        ...
+
+
+class ModelChanges(Protocol):
+    """What can be asked of a running service about its models, see `ArmServer`."""
+
+    keys: Keys
+
+    def index(self) -> dict[str, Any]:
+        """Return which models there are and which serves, as JSON values."""
+        ...
+
+    def load(self, version: str) -> dict[str, Any]:
+        """Let a version serve."""
+        ...
+
+    def promote(self, version: str, reason: str) -> dict[str, Any]:
+        """Let a version serve, and make it the champion."""
+        ...
+
+    def rollback(self, reason: str) -> dict[str, Any]:
+        """Let the champion before serve again."""
+        ...
+
+    def retrain(self, reason: str) -> dict[str, Any]:
+        """Train a challenger as soon as can be."""
+        ...
