@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.diagnosis.contact import contact_of
+from estimators.diagnosis.contact import contact_of, covered, overlap, pushes
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.linearised import polished
 from estimators.diagnosis.fitting.problem import Bench, Progress, Solution, fitted, improve, quiet
 from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
+from estimators.diagnosis.judgement.findings import left_by_tolerances
 from estimators.diagnosis.judgement.judgement import (
     Leftover,
     abstained,
@@ -24,8 +25,6 @@ from estimators.diagnosis.judgement.judgement import (
     worse,
 )
 from estimators.diagnosis.judgement.questions import tests_of
-from estimators.diagnosis.judgement.shares import left_by_tolerances
-from estimators.diagnosis.pushes import covered, overlap, pushes
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
@@ -35,7 +34,7 @@ from limo_driver.errors import RecordingError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.pushes import Push
+    from estimators.diagnosis.contact import Push
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray

@@ -14,8 +14,7 @@ import zenoh
 from zenoh.handlers import RingChannel
 
 from estimators.service.inference.arm_service import ArmService, Window
-from estimators.service.inference.log_watch import LogWatch
-from estimators.service.inference.outlet import NetworkOutlet
+from estimators.service.inference.outlet import LogWatch, NetworkOutlet
 from estimators.service.inference.source import FollowedSource, Silence
 from estimators.service.opening import Opening
 from estimators.service.queries import ModelQueries

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import MATERIAL
-from estimators.diagnosis.judgement.findings import findings_of, unknown_of
-from estimators.diagnosis.judgement.shares import left_at
+from estimators.diagnosis.judgement.findings import findings_of, left_at, unknown_of
 from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.residuals.plausibility import notes_on

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from estimators.service.arm_server import ArmServer
     from estimators.service.comparison.gate import Comparison
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.retraining.stage import Stage
+    from estimators.service.retraining.unfinished import Stage
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store.store import ModelStore
     from limo_driver.types import FloatArray

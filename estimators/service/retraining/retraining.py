@@ -22,14 +22,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.service.inference.contact import MARGIN
-from estimators.service.retraining.drift_watch import DriftWatch
+from estimators.service.retraining.drift import DriftWatch
 from estimators.service.retraining.judge import Judge
-from estimators.service.retraining.stage import Stage
 from estimators.service.retraining.unfinished import (
     GATHERING,
     PROBATION,
     TRAINING,
     RetrainingFile,
+    Stage,
     Unfinished,
 )
 from estimators.service.training.logged_motion import Span

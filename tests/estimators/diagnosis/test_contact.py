@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from wandering import wander
 
-from estimators.diagnosis.contact import contact_of
+from estimators.diagnosis.contact import Push, contact_of
 from estimators.diagnosis.judgement.judgement import Leftover
-from estimators.diagnosis.pushes import Push
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation
 from limo_driver.recordings.recording import Recording

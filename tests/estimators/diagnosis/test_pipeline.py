@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from estimators.diagnosis import diagnose, pipeline
-from estimators.diagnosis.pushes import Push
+from estimators.diagnosis.contact import Push
 from estimators.diagnosis.residuals.observations import REST
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import RecordingError

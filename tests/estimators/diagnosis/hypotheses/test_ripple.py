@@ -12,9 +12,9 @@ from lanes import sampled
 from scipy.signal import lfilter
 from wandering import wander
 
+from estimators.diagnosis.contact import ContactIn, Push, covered, pushes, wrench_of
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.hypotheses.ripple import ripples
-from estimators.diagnosis.pushes import ContactIn, Push, covered, pushes, wrench_of
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation, TorqueRipple

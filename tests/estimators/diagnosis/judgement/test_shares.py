@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.fitting.problem import Bench, fitted, quiet
-from estimators.diagnosis.judgement.shares import left_at, left_by_tolerances, shares_of
+from estimators.diagnosis.judgement.findings import left_at, left_by_tolerances, shares_of
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations

@@ -11,8 +11,7 @@ import pytest
 
 from estimators.service.inference.arm_service import Window
 from estimators.service.inference.history import History
-from estimators.service.retraining.drift import DriftDetector
-from estimators.service.retraining.drift_watch import DriftWatch
+from estimators.service.retraining.drift import DriftDetector, DriftWatch
 from limo_driver.errors import BackendUnavailableError, ShapeError
 
 RATE = 100.0
