@@ -2,10 +2,10 @@
 
 `compiled` stands for `numba.njit(cache=True)`, whose cache runs old machine code after a change in
 a file that a function calls into, and falls over half-written files and folders that cannot be
-written. Here the name of a file holds a digest of all that its code comes from: the sources of the
-function and of every compiled function that it reaches, the values of the constants they use, and
-the versions of the compiler. What cannot be read is compiled anew; what cannot be kept is compiled
-in every process.
+written. Here the name of a file holds a digest of all that its code comes from: the byte code of
+the function and of every compiled function that it reaches, the values of the constants they use,
+and the versions of the compiler. What cannot be read is compiled anew; what cannot be kept is
+compiled in every process.
 
 All that limo knows about the inside of numba stands in this file.
 """
@@ -107,6 +107,7 @@ class _MachineCode:
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:  # noqa: ANN401
         """Return the kept code of a signature, or None."""
         target_context.refresh()
+        self._place = None  # a constant may have another value than when it was asked for
         kept = self.place().read(_key(sig, target_context.codegen()))
         if kept is None:
             return None
@@ -119,10 +120,11 @@ class _MachineCode:
         """Keep the code of a signature, if that can be done."""
         if data.library.has_dynamic_globals or any(not x.can_cache for x in data.lifted):
             return  # it holds addresses of this process
+        self._place = None
         self.place().write(_key(sig, data.codegen), lambda: dumps(data._reduce()))
 
     def place(self) -> kept_code.Place:
-        """Return where the code is kept, which is known once all modules are imported."""
+        """Return where the code is kept that is made from what the function uses now."""
         if self._place is None:
             source = self._dispatcher.py_func.__code__.co_filename
             name, made_from = _name(self._dispatcher), digest(self._dispatcher)

@@ -1,12 +1,13 @@
-"""What the machine code of a function comes from: its sources, and those of all that it calls."""
+"""What the machine code of a function comes from: its byte code, and that of all that it calls.
+
+Not files: one may have changed since it was imported, and numba compiles what is in memory.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import sys
 from enum import Enum
-from functools import cache
-from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _PLAIN: Final = (bool, int, float, complex, str, bytes, type(None), np.generic, Enum, Type)
+_NUMBAS_OWN: Final = {"numpy", "math"}  # modules whose functions numba has itself
 _COMPILER: Final = (numba.__version__, llvmlite.__version__, sys.version)
 
 
@@ -41,27 +43,52 @@ def reached(dispatcher: Dispatcher) -> tuple[Dispatcher, ...]:
 
 
 def _described(dispatcher: Dispatcher) -> tuple[object, ...]:
-    """Return a function's options, its file, and the values of what it uses."""
+    """Return a function's options, its byte code, and the values of what it uses."""
     function = dispatcher.py_func
     used = sorted((name, _value(value)) for name, value in _used(function))
     options = sorted((name, _value(value)) for name, value in dispatcher.targetoptions.items())
-    source = _content(function.__code__.co_filename) or function.__code__.co_code
-    return function.__module__, function.__qualname__, options, source, used
+    return function.__module__, function.__qualname__, options, _body(function.__code__), used
+
+
+def _body(code: CodeType) -> tuple[object, ...]:
+    """Return what byte code does, the same in every process."""
+    return (
+        code.co_code,
+        code.co_names,
+        code.co_varnames,
+        code.co_argcount,
+        _constant(code.co_consts),
+    )
+
+
+def _constant(value: Any) -> object:  # noqa: ANN401
+    """Return a constant of byte code, the same in every process."""
+    if isinstance(value, CodeType):
+        return _body(value)
+    if isinstance(value, tuple):
+        return tuple(_constant(each) for each in value)
+    return sorted(map(repr, value)) if isinstance(value, frozenset) else repr(value)
 
 
 def _used(function: FunctionType) -> Iterator[tuple[str, Any]]:
     """Yield what a function finds by name outside of itself, also in modules that it names."""
     names = {name for code in _codes(function.__code__) for name in code.co_names}
-    for name in sorted(names & function.__globals__.keys()):
-        value = function.__globals__[name]
-        yield name, value
-        if isinstance(value, ModuleType) and not value.__name__.startswith(("numpy", "math")):
-            members = vars(value)
-            yield from (
-                (f"{name}.{member}", members[member]) for member in sorted(names & members.keys())
-            )
+    yield from _found(names, function.__globals__)
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         yield name, cell.cell_contents
+
+
+def _found(
+    names: set[str], among: dict[str, Any], path: tuple[str, ...] = ()
+) -> Iterator[tuple[str, Any]]:
+    """Yield what names stand for, with the members that modules among it have of these names."""
+    for name in sorted(names & among.keys()):
+        value = among[name]
+        yield ".".join((*path, name)), value
+        if not isinstance(value, ModuleType) or name in path:  # a module may name itself
+            continue
+        if value.__name__.partition(".")[0] not in _NUMBAS_OWN:
+            yield from _found(names, vars(value), (*path, name))
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
@@ -85,13 +112,4 @@ def _value(value: Any) -> str:  # noqa: ANN401
         return repr((value.__qualname__, getattr(value, "_fields", ())))
     defined = getattr(value, "_defn", value)  # an intrinsic's
     code = getattr(defined, "__code__", None)
-    return repr((type(value).__qualname__, _content(code.co_filename) if code else ""))
-
-
-@cache  # read once for a process: what is imported does not change any more
-def _content(path: str) -> bytes:
-    """Return a digest of a file, nothing if it cannot be read."""
-    try:
-        return hashlib.blake2b(Path(path).read_bytes(), digest_size=16).digest()
-    except OSError:
-        return b""
+    return repr((type(value).__qualname__, _body(code) if code else ""))

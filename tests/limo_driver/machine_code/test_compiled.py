@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from limo_driver.console.compilation_line import compilation_line
-from limo_driver.machine_code import compilation, kept_code, reached_sources
+from limo_driver.machine_code import compilation, kept_code
 
 INNER = """
     from limo_driver.compiled import compiled
@@ -61,7 +61,6 @@ def folder(tmp_path, monkeypatch):
 
 def ask(folder: Path):
     """Return the answer as a new process would, and whether that compiled."""
-    reached_sources._content.cache_clear()
     for name in ("inner", "outer"):
         place = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
         module = sys.modules[name] = importlib.util.module_from_spec(place)
@@ -91,7 +90,7 @@ def process(folder: Path, code=ASK, **environment):
 @pytest.fixture(autouse=True)
 def own_path(monkeypatch):
     """Have processes import the modules under test, wherever they stand."""
-    root = Path(compilation.__file__).parents[1]
+    root = Path(compilation.__file__).parents[2]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")]))
 
 
@@ -109,6 +108,42 @@ def test_a_change_of_the_sources_is_seen_whatever_their_times(folder, change):
     for name in ("inner.py", "outer.py"):
         os.utime(folder / name, ns=(times.st_atime_ns, times.st_mtime_ns))
     assert ask(folder) == (8.0, True)
+
+
+def test_a_file_that_changes_after_its_import_leaves_no_code_for_what_it_says_now(folder):
+    """As `git pull` does while a service runs."""
+    change = (
+        "import outer, pathlib, inner\n"
+        "path = pathlib.Path(inner.__file__)\n"
+        "path.write_text(path.read_text().replace('3.0', '4.0'))\n"
+        "print(outer.answer())"
+    )
+    assert process(folder, change).communicate()[0].split() == ["6.0"]
+    assert process(folder).communicate()[0].split() == ["8.0", "1"]
+
+
+def test_a_constant_that_a_process_changes_leaves_no_code_for_the_others(folder):
+    change = (
+        "import outer, numpy as np\n"
+        "outer.tripled(1.0)\n"  # asks what of the rest is kept
+        "outer.OFFSET = 5.0\n"
+        "print(outer.answer())"
+    )
+    assert process(folder, change).communicate()[0].split() == ["11.0"]
+    assert process(folder).communicate()[0].split() == ["6.0", "1"]
+
+
+def test_a_constant_in_a_module_of_a_module_is_seen(folder):
+    (folder / "constants.py").write_text("K = 1.0")
+    (folder / "package.py").write_text("import constants")
+    (folder / "user.py").write_text(
+        "import package\nfrom limo_driver.compiled import compiled\n"
+        "@compiled()\ndef plus(x):\n    return x + package.constants.K\n"
+    )
+    ask_user = "import user; print(user.plus(1.0))"
+    assert process(folder, ask_user).communicate()[0].split() == ["2.0"]
+    (folder / "constants.py").write_text("K = 2.5")
+    assert process(folder, ask_user).communicate()[0].split() == ["3.5"]
 
 
 def test_processes_find_the_same_names_in_whatever_order():
