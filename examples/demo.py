@@ -12,11 +12,14 @@ import html
 import json
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import time
-from collections import deque
+from collections import Counter, deque
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING
@@ -24,12 +27,16 @@ from typing import TYPE_CHECKING
 import stream_and_push
 
 from limo_driver.errors import LimoError
+from limo_driver.outputs import require_folder
 from limo_driver.physics import Payload, QuadraticDrag, Simulation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
-FAILED = '<span class="failed">failed, see above</span>'
+MISSING = '<span class="failed">missing, see above</span>'
+PATIENCE = 3.0  # [s] for a part to end by Ctrl-C, before it is sent one and, last, killed
+SAID = "\nlimo demo: interrupted\n"
+INTERRUPTED, BAD_USAGE = 130, 2  # exit statuses
 LAST_LINES = 15  # of a part that fails, which the page and the terminal show
 HERE = Path(os.path.relpath(Path(__file__).parent))
 TRUTH = HERE / "iiwa14_hysteretic.yaml"
@@ -49,6 +56,15 @@ class Part:
     needs: tuple[str, ...] = ()
 
 
+class How(StrEnum):
+    """How a part ended."""
+
+    DONE = "done"
+    FAILED = "failed"
+    LEFT_OUT = "left out"
+    INTERRUPTED = "interrupted"
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a part went."""
@@ -56,17 +72,19 @@ class Outcome:
     part: Part
     seconds: float
     failure: str = ""  # its last lines, or why it was left out; empty where it went well
+    how: How = How.DONE
 
 
 def parts(out: Path, scaffolds: int) -> list[Part]:
     """Return what is run, in order."""
-    motion, other = f"{out}/train.traj.parquet", f"{out}/test.traj.parquet"
+    home, truth, examples = (shlex.quote(str(path)) for path in (out, TRUTH, HERE))
+    motion, other = f"{home}/train.traj.parquet", f"{home}/test.traj.parquet"
     return [
         Part(
             "plan",
             "Plan locally isotropic motion: small reversals around poses all over the workspace",
             f"limo plan --robot iiwa14 --scaffolds {scaffolds} --seed 1 --out {motion} "
-            f"--picture {out}/plan.png",
+            f"--picture {home}/plan.png",
         ),
         Part(
             "plan other motion",
@@ -76,54 +94,55 @@ def parts(out: Path, scaffolds: int) -> list[Part]:
         Part(
             "run",
             "Run the first on an iiwa 14 with friction, hysteresis and elastic joints, and record",
-            f"limo run --backend mujoco --trajectory {motion} --sim {TRUTH} "
-            f"--record {out}/train.parquet",
+            f"limo run --backend mujoco --trajectory {motion} --sim {truth} "
+            f"--record {home}/train.parquet",
             ("plan",),
         ),
         Part(
             "run other motion",
             "Run the second, with other sensor noise",
-            f"limo run --backend mujoco --trajectory {other} --sim {TRUTH} "
-            f"--record {out}/test.parquet --seed 2",
+            f"limo run --backend mujoco --trajectory {other} --sim {truth} "
+            f"--record {home}/test.parquet --seed 2",
             ("plan other motion",),
         ),
         Part(
             "identify",
             "Identify a rigid body with Coulomb and viscous friction from the first recording",
-            f"limo identify {out}/train.parquet --robot iiwa14 --out {out}/sim.yaml",
+            f"limo identify {home}/train.parquet --robot iiwa14 --out {home}/sim.yaml",
             ("run",),
         ),
         Part(
             "train",
             "Learn what the rigid body leaves unexplained, and how sure that is",
-            f"limo train {out}/train.parquet --sim {out}/sim.yaml --model joint-physics "
-            f"--bandwidth 20 --out {out}/model",
+            f"limo train {home}/train.parquet --sim {home}/sim.yaml --model joint-physics "
+            f"--bandwidth 20 --out {home}/model",
             ("identify",),
         ),
         Part(
             "evaluate",
             "Evaluate the rigid body and what was learned on the second motion",
-            f"limo evaluate {out}/test.parquet --model {out}/model --sim {out}/sim.yaml "
-            f"--out {out}/evaluation",
+            f"limo evaluate {home}/test.parquet --model {home}/model --sim {home}/sim.yaml "
+            f"--out {home}/evaluation",
             ("train", "run other motion"),
         ),
         Part(
             "run with something concealed",
             "Run the second motion on an arm in which a payload and a drag are concealed",
-            f"limo run --backend mujoco --trajectory {other} --sim {out}/concealed.yaml "
-            f"--record {out}/concealed.parquet --seed 3",
+            f"limo run --backend mujoco --trajectory {other} --sim {home}/concealed.yaml "
+            f"--record {home}/concealed.parquet --seed 3",
             ("plan other motion",),
         ),
         Part(
             "diagnose",
             "Diagnose that recording with the simulation that knows of neither",
-            f"limo diagnose {out}/concealed.parquet --sim {TRUTH} --out {out}/diagnosis",
+            f"limo diagnose {home}/concealed.parquet --sim {truth} --out {home}/diagnosis",
             ("run with something concealed",),
         ),
         Part(
             "stream",
             "Stream the second motion to a service of that model, and push the arm meanwhile",
-            f"python {HERE}/stream_and_push.py --model {out}/model --motion {other} --out {out}",
+            f"python {examples}/stream_and_push.py --model {home}/model --motion {other} "
+            f"--out {home}",
             ("train", "plan other motion"),
         ),
     ]
@@ -136,15 +155,26 @@ def conceal(path: Path) -> None:
 
 
 def run_all(wanted: list[Part]) -> list[Outcome]:
-    """Run one part after the other; where one fails, go on with what does not need it."""
+    """Run one part after the other; where one fails, go on with what does not need it.
+
+    After Ctrl-C, the rest is left out.
+    """
     outcomes: dict[str, Outcome] = {}
     for part in wanted:
         lost = [name for name in part.needs if outcomes[name].failure]
-        if lost:
-            outcomes[part.name] = Outcome(part, 0.0, f"left out: it needs {' and '.join(lost)}")
+        if interrupted(outcomes.values()):
+            outcomes[part.name] = Outcome(part, 0.0, "left out", How.LEFT_OUT)
+        elif lost:
+            why = f"left out: it needs {' and '.join(lost)}"
+            outcomes[part.name] = Outcome(part, 0.0, why, How.LEFT_OUT)
         else:
             outcomes[part.name] = run(part)
     return list(outcomes.values())
+
+
+def interrupted(outcomes: Iterable[Outcome]) -> bool:
+    """Say whether Ctrl-C was pressed while a part ran."""
+    return any(one.how is How.INTERRUPTED for one in outcomes)
 
 
 def run(part: Part) -> Outcome:
@@ -159,14 +189,29 @@ def run(part: Part) -> Outcome:
         text=True,
         errors="replace",
     ) as process:
-        for line in process.stderr or ():
-            sys.stderr.write(line)
-            said.append(line)
+        try:
+            for line in process.stderr or ():
+                sys.stderr.write(line)
+                said.append(line)
+            process.wait()
+        except KeyboardInterrupt:
+            end(process)
+            return Outcome(part, time.perf_counter() - start, "interrupted", How.INTERRUPTED)
     seconds = time.perf_counter() - start
     if process.returncode == 0:
         return Outcome(part, seconds)
     last = "".join(said).strip() or "it said nothing"
-    return Outcome(part, seconds, f"exit status {process.returncode}\n{last}")
+    return Outcome(part, seconds, f"exit status {process.returncode}\n{last}", How.FAILED)
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    """Wait until an interrupted part has ended; from a terminal, Ctrl-C reached it, too."""
+    for number in (signal.SIGINT, signal.SIGKILL):
+        with suppress(subprocess.TimeoutExpired, KeyboardInterrupt):
+            process.communicate(timeout=PATIENCE)
+            return
+        process.send_signal(number)
+    process.communicate()
 
 
 def picture(path: Path, caption: str) -> str:
@@ -236,6 +281,20 @@ def diagnosis(out: Path) -> str:
     )
 
 
+def summary(outcomes: list[Outcome]) -> str:
+    """Return how many parts failed and were left out."""
+    count = Counter(one.how for one in outcomes)
+    if count[How.INTERRUPTED]:
+        failed = f", {count[How.FAILED]} failed" if count[How.FAILED] else ""
+        return f"Interrupted: {count[How.DONE]} of {len(outcomes)} parts were done{failed}"
+    text = f"{count[How.FAILED]} of {len(outcomes)} parts failed"
+    if not count[How.LEFT_OUT]:
+        return text
+    need, were = ("needs", "was") if count[How.LEFT_OUT] == 1 else ("need", "were")
+    them = "it" if count[How.FAILED] == 1 else "them"
+    return f"{text}, {count[How.LEFT_OUT]} that {need} {them} {were} left out"
+
+
 def failures(outcomes: list[Outcome]) -> str:
     """Return which parts failed, and their last lines, as HTML; empty where all went well."""
     failed = [
@@ -247,8 +306,7 @@ def failures(outcomes: list[Outcome]) -> str:
     if not failed:
         return ""
     return (
-        f'<section class="failed"><h2>{len(failed)} of {len(outcomes)} parts failed</h2>'
-        f"<ol>{''.join(failed)}</ol></section>"
+        f'<section class="failed"><h2>{summary(outcomes)}</h2><ol>{"".join(failed)}</ol></section>'
     )
 
 
@@ -316,9 +374,9 @@ def sections(outcomes: list[Outcome], out: Path) -> tuple[dict[str, str], list[O
                 shown[name] = show(out)
             except (OSError, LookupError, ValueError, LimoError) as error:
                 failure = f"what it left cannot be shown: {error!r}"
-                known[part] = replace(known[part], failure=failure)
+                known[part] = replace(known[part], failure=failure, how=How.FAILED)
         if known[part].failure:
-            shown[name] = FAILED if name != "headline" else "The demo did not get through"
+            shown[name] = MISSING if name != "headline" else "The demo did not get through"
     return shown, list(known.values())
 
 
@@ -331,7 +389,7 @@ def page(shown: dict[str, str], outcomes: list[Outcome]) -> str:
         "friction, hysteresis and elasticity, while it creeps and reverses.",
         commands="\n".join(
             f"<li>{html.escape(one.part.purpose)} "
-            f"<span>({'failed' if one.failure else f'{one.seconds:.0f} s'})</span>"
+            f"<span>({one.how.value if one.failure else f'{one.seconds:.0f} s'})</span>"
             f"<pre>{html.escape(one.part.command)}</pre></li>"
             for one in outcomes
         ),
@@ -345,23 +403,33 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/demo"), help="folder to write")
     parser.add_argument("--scaffolds", type=int, default=12, help="poses that training explores")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    conceal(options.out / "concealed.yaml")
-    finish(run_all(parts(options.out, options.scaffolds)), options.out)
+    try:
+        require_folder(options.out, "the demo")
+        conceal(options.out / "concealed.yaml")
+        finish(run_all(parts(options.out, options.scaffolds)), options.out)
+    except LimoError as error:
+        sys.stderr.write(f"limo demo: {error}\n")
+        sys.exit(BAD_USAGE)
+    except KeyboardInterrupt:  # between parts, or while the page is written
+        sys.stderr.write(SAID)
+        sys.exit(INTERRUPTED)
 
 
 def finish(outcomes: list[Outcome], out: Path) -> None:
-    """Write the page and say how it went; exit with status 1 where a part failed."""
+    """Write the page and say how it went; exit with 1 where a part failed, 130 after Ctrl-C."""
     index = out / "index.html"
     shown, outcomes = sections(outcomes, out)
     index.write_text(page(shown, outcomes))
     print(f"\n{sum(one.seconds for one in outcomes):.0f} s in all; open {index}", flush=True)
+    if interrupted(outcomes):
+        sys.stderr.write(SAID)
+        sys.exit(INTERRUPTED)
     failed = [one for one in outcomes if one.failure]
     if not failed:
         return
-    sys.stderr.write(f"\n{len(failed)} of {len(outcomes)} parts failed:\n")
+    sys.stderr.write(f"\n{summary(outcomes)}:\n")
     for one in failed:
-        sys.stderr.write(f"\n$ {one.part.command}\n{one.failure}\n")
+        sys.stderr.write(f"\n{one.part.purpose}\n$ {one.part.command}\n{one.failure}\n")
     sys.exit(1)
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import llvmlite.binding as llvm
 import mujoco
 import numpy as np
-from numba import types  # pyright: ignore[reportPrivateImportUsage]
+from numba import config, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
 from backends.mujoco_sim import layout as row
@@ -35,6 +35,7 @@ from backends.mujoco_sim.friction_laws import friction_damping
 from backends.mujoco_sim.layout import SCRATCH_ROWS, Arrays, Scratch, Servo
 from backends.mujoco_sim.realisation import Plant
 from limo_driver.compiled import compiled
+from limo_driver.errors import ConfigError
 from limo_driver.physics.friction_laws import PARAMETERS
 
 if TYPE_CHECKING:
@@ -65,6 +66,9 @@ class Engine:
         memory: What the robot remembers, (9, n).
         command: Other rows of the command, (5, n).
         added: What effects without a native form add, (4, n).
+
+    Raises:
+        ConfigError: Compilation is switched off; the loop has no form in plain Python.
     """
 
     def __init__(
@@ -78,6 +82,10 @@ class Engine:
         command: FloatArray,
         added: FloatArray,
     ) -> None:
+        if config.DISABLE_JIT:
+            raise ConfigError(
+                "the simulated robot needs numba's compiler, which NUMBA_DISABLE_JIT switches off"
+            )
         sensors = (servo.torque_limit, servo.encoder_resolution, servo.torque_resolution)
         scratch = np.empty((SCRATCH_ROWS, memory.shape[1]))
         self._tables = (*arrays, *plant, *sensors, memory, command, added, scratch)

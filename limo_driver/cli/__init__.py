@@ -31,7 +31,7 @@ def main() -> None:
         try:
             add_commands()
             with compilation_line(silent=silent):
-                app()
+                app(prog_name="limo")  # `python -c` would call it -c
         except LimoError as error:
             sys.stderr.write(f"limo: {error}\n")
             sys.exit(NOT_READY if isinstance(error, ServiceNotReadyError) else USAGE_ERROR)

@@ -1,6 +1,7 @@
 """The demo where parts of it fail: the others run, the page is written, and both say which."""
 
 import json
+import shlex
 from dataclasses import replace
 
 import demo
@@ -55,7 +56,7 @@ def test_all_that_went_well_is_on_the_page(out, monkeypatch, capfd):
     assert "<h1>Torque error: 1.00 N m with a rigid body, 0.10 N m with what drives do</h1>" in page
     assert "&lt;one&gt;" in page
     assert "<i>streamed</i>" in page
-    assert "failed, see above" not in page
+    assert "missing, see above" not in page
     assert "parts failed" not in page
     assert page.count("<pre>") == 10
     assert capfd.readouterr().err == ""
@@ -66,15 +67,47 @@ def test_a_part_that_fails_takes_only_those_with_it_that_need_it(out, monkeypatc
         demo.finish(outcomes(out, monkeypatch, "identify"), out)
     page, said = (out / "index.html").read_text(), capfd.readouterr().err
     for text in (page, said):
-        assert "4 of 10 parts failed" in text
+        assert "1 of 10 parts failed, 3 that need it were left out" in text
+        assert "Identify a rigid body with Coulomb" in text
         assert text.count("exit status 2") == 1
         assert "No such command" in text
         assert "left out: it needs identify" in text
         assert "left out: it needs train" in text
     assert "<h1>The demo did not get through</h1>" in page
-    assert page.count("failed, see above") == 4
+    assert page.count("missing, see above") == 4
     assert "streamed" not in page  # of an earlier run
     assert "Concealed in the arm" in page
+
+
+def test_a_folder_with_a_space_is_one_word_of_every_command(tmp_path):
+    out = tmp_path / "a b"
+    words = [word for part in demo.parts(out, 1) for word in shlex.split(part.command)]
+    assert f"{out}/train.traj.parquet" in words
+    assert not [word for word in words if word.startswith("b/")]
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path, monkeypatch, capfd):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("sys.argv", ["demo.py", "--out", str(tmp_path / "file")])
+    with pytest.raises(SystemExit, match="2"):
+        demo.main()
+    said = capfd.readouterr().err
+    assert said == f"limo demo: {tmp_path / 'file'}: is a file, expected a folder for the demo\n"
+
+
+def test_ctrl_c_ends_with_a_page_of_what_there_is(tmp_path, monkeypatch, capfd):
+    child = tmp_path / "child.py"  # presses Ctrl-C in the demo, then waits for its own
+    child.write_text("import os, signal; os.kill(os.getppid(), signal.SIGINT); signal.pause()")
+    monkeypatch.setattr(demo, "PATIENCE", 0.01)
+    wanted = [
+        replace(part, command=f"python {child}" if part.name == "run" else "limo --version")
+        for part in demo.parts(tmp_path, 1)
+    ]
+    with pytest.raises(SystemExit, match="130"):
+        demo.finish(demo.run_all(wanted), tmp_path)
+    page, said = (tmp_path / "index.html").read_text(), capfd.readouterr().err
+    assert said.strip() == "limo demo: interrupted"
+    assert "Interrupted: 1 of 10 parts were done, 1 failed" in page  # it left no picture
 
 
 def test_what_cannot_be_shown_is_a_failure_too(out, monkeypatch, capfd):

@@ -17,7 +17,7 @@ from limo_driver.cli.serve.options import (
     retraining_of,
     stores_of,
 )
-from limo_driver.cli.serve.showing import Bulletins, status_printer
+from limo_driver.cli.serve.showing import COMPILING, Bulletins, status_printer
 from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def command(
     limits = log_limits(log_size, log_age, len(stores))
     retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
     bulletins = Bulletins(list(stores), as_json=as_json)
-    bulletins.enter(ServicePhase.LOADING, "models and physics are loaded")
+    bulletins.enter(ServicePhase.LOADING, "loading models and physics")
     with ExitStack() as open_:
         ends = connect or (), listen or (), config
         presence = open_.enter_context(
@@ -190,18 +190,17 @@ def command(
         from estimators.service.settings import ServiceSettings
         from limo_driver.logs.mcap_log import McapLog
 
-        arms = {name: load_models(own, model, sim, keys) for name, own in stores.items()}
-        settings = ServiceSettings(
-            rate=rate,
-            delay=delay,
-            bound=bound,
-            contact_torque=per_joint("--contact", contact, "N m", arms),
-            contact_duration=per_joint("--contact-for", contact_for, "s", arms),
-        )
-        presence.check()  # rather than after the rehearsal
-        text = "what the first estimate needs is compiled, or read from the cache"
-        bulletins.enter(ServicePhase.COMPILING, text)
-        with compilation.told(bulletins.tell_compiled):
+        with compilation.told(bulletins.tell_compiled):  # loading compiles, too
+            arms = {name: load_models(own, model, sim, keys) for name, own in stores.items()}
+            settings = ServiceSettings(
+                rate=rate,
+                delay=delay,
+                bound=bound,
+                contact_torque=per_joint("--contact", contact, "N m", arms),
+                contact_duration=per_joint("--contact-for", contact_for, "s", arms),
+            )
+            presence.check()  # rather than after the rehearsal
+            bulletins.enter(ServicePhase.COMPILING, COMPILING)
             for models in arms.values():
                 rehearse(models, settings)
         session = presence.session()

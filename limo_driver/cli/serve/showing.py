@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from limo_driver.network.messages import Event
     from limo_driver.network.readiness import ServicePhase
 
+COMPILING = "compiling what the first estimate needs, or reading it from the cache"
+
 
 class Bulletins:
     """What a service tells of all its arms, from before it is on the network.
@@ -53,7 +55,7 @@ class Bulletins:
 
         state = f"compiling, {how_far.done} of at most {how_far.most} functions done"
         if state != self._state:
-            self.enter(ServicePhase.COMPILING, "more is compiled", state)
+            self.enter(ServicePhase.COMPILING, COMPILING, state)
 
 
 def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 from simulated_runs import iiwa, play, rms
@@ -16,6 +17,12 @@ from limo_driver.physics import (
     TemperatureDependentFriction,
 )
 from limo_driver.types import ImpedanceCommand, PositionCommand
+
+
+def test_without_the_compiler_it_is_refused(monkeypatch):
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
+    with pytest.raises(ConfigError, match="needs numba's compiler, which NUMBA_DISABLE_JIT switc"):
+        MujocoRobot(robot="iiwa14")
 
 
 def test_whole_run_in_one_call_equals_cycle_by_cycle(hysteretic, exploration):

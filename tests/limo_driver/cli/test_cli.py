@@ -31,6 +31,15 @@ def test_help_lists_every_command(limo):
     assert all(f" {command} " in result.stdout for command in COMMANDS)
 
 
+def test_the_usage_names_the_command_however_it_is_begun():
+    program = "from limo_driver.cli import main; main()"
+    ended = subprocess.run(
+        [sys.executable, "-c", program, "plan", "--help"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert ended.stdout.split()[:3] == ["Usage:", "limo", "plan"]
+
+
 def test_commands_are_added_once_however_often_they_are_called(limo):
     def added():
         return [command.name for command in app.registered_commands + app.registered_groups]

@@ -91,6 +91,23 @@ def test_a_service_says_how_far_it_is_on_its_output_and_on_the_network(
     assert phases[: len(ORDER)] == ORDER
 
 
+@pytest.mark.slow("compiles all that a service needs")
+def test_a_service_that_compiles_while_it_loads_says_so_and_stays_there(
+    store: ModelStore, network: Network, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "empty"))  # so that it compiles
+    given = ["--arm", ARM, "--store", store.root]
+    with (
+        open_session(config=network.here) as session,
+        served(network, *given, stdout=subprocess.PIPE, text=True) as service,
+    ):
+        wait_until_serving(session, ARM, until="waiting", timeout=PATIENCE)
+        service.send_signal(signal.SIGINT)
+        lines = service.communicate(timeout=PATIENCE)[0].splitlines()
+    assert lines[0] == "loading: loading models and physics"
+    assert [line.split(":")[0] for line in lines[:3]] == ORDER[:3]
+
+
 def test_a_driver_stands_until_estimates_come_and_then_moves(
     store: ModelStore, network: Network, trajectory: Path
 ) -> None:
