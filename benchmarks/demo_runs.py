@@ -116,26 +116,33 @@ def tail(log: Path) -> str:
 
 def main() -> None:
     """Run them all and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--quiet", type=int, default=5, help="runs without busy loops")
     parser.add_argument("--busy", type=int, default=5, help="runs beside busy loops")
     parser.add_argument("--loops", type=int, default=4, help="busy loops beside each of those")
     parser.add_argument("--keep", action="store_true", help="keep the folders of all runs")
     given = parser.parse_args()
+    if min(given.quiet, given.busy, given.loops) < 0 or given.quiet + given.busy == 0:
+        parser.error("expected at least one run, quiet or busy, and no number below 0")
     loads = " ".join(f"{load:.1f}" for load in os.getloadavg())
     print(f"{os.cpu_count()} CPUs, load before {loads}; bar {BAR:g} s without busy loops")
     print("run  busy loops  install [s]  demo [s]  passed  what failed", flush=True)
     runs: list[Run] = []
     for loops in [0] * given.quiet + [given.loops] * given.busy:
         folder = Path(tempfile.mkdtemp(prefix="limo-demo-"))
-        runs.append(one := run(loops, folder))
+        try:
+            runs.append(one := run(loops, folder))
+        finally:
+            if not given.keep:
+                shutil.rmtree(folder, ignore_errors=True)
         verdict = "no" if one.failures else "yes"
         print(f"{len(runs):3d}  {loops:10d}  {one.install:11.0f}  {one.demo:8.0f}  {verdict:6}  "
               f"{'; '.join(one.failures) or '-'}", flush=True)  # fmt: skip
         if given.keep:
             print(f"     kept in {folder}")
-        else:
-            shutil.rmtree(folder)
     slow = [one for one in runs if not one.loops and one.install + one.demo > BAR]
     failed = sum(bool(one.failures) for one in runs)
     print(f"{len(runs) - failed} of {len(runs)} passed; {len(slow)} quiet ones above {BAR:g} s")

@@ -16,6 +16,7 @@ for a threshold of 0.02 is a factor of 51.
 from __future__ import annotations
 
 import ast
+import math
 import multiprocessing
 import os
 import random
@@ -297,25 +298,44 @@ def _said(reason: str | None, *, dead: bool) -> str:
     return f"survived: {reason or 'NOT EXPLAINED'}"
 
 
+def part_of(text: str) -> tuple[int, int]:
+    """Read which part of how many, for example 1/4."""
+    match = re.fullmatch(r"([0-9]+)/([0-9]+)", text)
+    first, parts = map(int, match.groups()) if match else (0, 0)
+    if not 1 <= first <= parts:
+        raise typer.BadParameter(f"--part is {text}, expected for example 1/4 or 4/4")
+    return first, parts
+
+
+def files_of(text: str) -> list[str]:
+    """Return the files whose name holds a text."""
+    if found := [name for name in TESTS if text in name]:
+        return found
+    raise typer.BadParameter(f"--file is {text}, expected part of one of {', '.join(TESTS)}")
+
+
 def main(
     file: Annotated[str, typer.Option(help="Only files whose name holds this.")] = "",
-    sample: Annotated[int, typer.Option(help="Mutants of each file; 0 for all.")] = 0,
+    sample: Annotated[int, typer.Option(min=0, help="Mutants of each file; 0 for all.")] = 0,
     seed: Annotated[int, typer.Option(help="Of the sample.")] = 1,
     factor: Annotated[float, typer.Option(help="By which numbers are changed.")] = 3.0,
     part: Annotated[
         str, typer.Option(help="For example 1/4: every fourth, from the first.")
     ] = "1/1",
     lines: Annotated[str, typer.Option(help="Only of lines that hold this.")] = "",
-    processes: Annotated[int, typer.Option(help="Tests that run at once.")] = 2,
+    processes: Annotated[int, typer.Option(min=1, help="Tests that run at once.")] = 2,
 ) -> None:
     """Print survivors and, for each file, how many mutants the tests notice beside the bar."""
+    first, parts = part_of(part)
+    files = files_of(file)
+    if not 1.0 < factor < math.inf:
+        raise typer.BadParameter(f"--factor is {factor:g}, expected above 1")
     os.environ["NUMBA_DISABLE_JIT"] = "1"
     FORKS.set_forkserver_preload(["hypothesis", "numba", "pinocchio", "pytest", "scipy.stats"])
     fine = True
-    for name in (name for name in TESTS if file in name):
+    for name in files:
         mutants = Finder(name, (ROOT / name).read_text(), factor).found
         reasons = listed(name, mutants)
-        first, parts = map(int, part.split("/"))
         mutants = [mutant for mutant in mutants if lines in mutant.line][first - 1 :: parts]
         if 0 < sample < len(mutants):
             mutants = random.Random(seed).sample(mutants, sample)  # noqa: S311  # no secret
@@ -325,4 +345,6 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    plain = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
+    plain.command()(main)
+    plain()

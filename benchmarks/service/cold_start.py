@@ -1,15 +1,17 @@
 """What each command compiles on a fresh machine, and how long it takes to get going.
 
-    python benchmarks/cold_start.py [run identify ...]
+    python benchmarks/service/cold_start.py [run identify ...]
 
 Each command runs in a process of its own, first with an empty cache of machine code and then with
 what the first one left. Beside the time to its first sign of life (the first command to an arm, the
 first estimate's service, the first stage) stands the bar, for two idle cores; the last lines name
-functions that were compiled for more than one signature by all commands together.
+functions that were compiled for more than one signature by all commands together. All of it takes
+a few minutes on two cores.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -20,9 +22,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
 from service_processes import ARM, Driver, Motion, configurations
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ COLD = {"run": 8.0, "serve": 15.0, "diagnose": 8.0}  # [s], bars
 WARM = {"run": 2.0, "serve": 2.0, "help": 0.35}
 SIGN = {"run": "first cycle", "serve": "serving", "diagnose": "first stage"}  # else the end
 ROUNDS = 3  # warm, of what has a bar; the best counts, the others met other work
-SIM = Path(__file__).parents[1] / "examples" / "iiwa14_hysteretic.yaml"
+SIM = Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml"
 # Inside the process: note the first sign of life, and at the end what was compiled.
 CHILD = """
 import atexit, json, os, sys, time
@@ -148,17 +149,31 @@ def several_signatures(cache: Path) -> dict[str, int]:
     return {name: count for name, count in sorted(counts.items()) if count > 1}
 
 
-def main(
-    only: Annotated[
-        list[str] | None, typer.Argument(help="Commands to show; the others only prepare.")
-    ] = None,
-) -> None:
+def chosen() -> list[str]:
+    """Return the commands that are asked for; all where none is."""
+    names = list(commands(Path()))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "command",
+        nargs="*",
+        help=f"to show: {', '.join(names)}; all if none is named. The others only prepare",
+    )
+    only: list[str] = parser.parse_args().command
+    if unknown := [name for name in only if name not in names]:
+        parser.error(f"no such command: {', '.join(unknown)}; expected {', '.join(names)}")
+    return only or names
+
+
+def main() -> None:
     """Print the table."""
+    only = chosen()
     print(f"{'command':10}{'compiled':>9}{'[s]':>6}  {'until':12}{'cold [s]':>12}{'warm [s]':>14}")
     with TemporaryDirectory() as name:
         folder = Path(name)
         for command, words in commands(folder).items():
-            shown = not only or command in only
+            shown = command in only
             if not shown and command in {"help", "serve", "diagnose", "excite"}:
                 continue
             cache = folder / f"cache_{command}"
@@ -186,4 +201,4 @@ def _bar(bars: dict[str, float], command: str) -> str:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    main()
