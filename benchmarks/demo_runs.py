@@ -117,7 +117,7 @@ def tail(log: Path) -> str:
 def main() -> None:
     """Run them all and print the table."""
     parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0],
+        description=(__doc__ or "").splitlines()[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--quiet", type=int, default=5, help="runs without busy loops")

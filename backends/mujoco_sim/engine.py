@@ -82,7 +82,7 @@ class Engine:
         command: FloatArray,
         added: FloatArray,
     ) -> None:
-        if config.DISABLE_JIT:
+        if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
             raise ConfigError(
                 "the simulated robot needs numba's compiler, which NUMBA_DISABLE_JIT switches off"
             )
