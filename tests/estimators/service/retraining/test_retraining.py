@@ -56,7 +56,8 @@ def test_friction_that_changed_is_learned_and_the_residual_falls(
         assert run.kinds[-1] == "probation_passed"
 
     assert " ".join(run.kinds) == (
-        "serving drift training trained shadow shadow swap promoted probation_passed"
+        "waiting preparing serving drift training trained shadow shadow swap promoted "
+        "probation_passed"
     )
     assert (rms(run.residual[-40:]) < 0.5 * worn).all()
     record = store.open("champion").record
