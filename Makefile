@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Processes that share the tests, file by file; 0 for none, as a debugger wants it.
 WORKERS ?= 2
-PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
+# More threads of BLAS than idle cores wait for each other, and take three times as long.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
 
 .PHONY: help demo test test-slow test-all lint format clean
 
