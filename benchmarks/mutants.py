@@ -226,9 +226,13 @@ def run_tests(tree: Path, tests: tuple[str, ...], *, changed: bool) -> NoReturn:
     sys.path.insert(0, str(tree))
     # What was compiled before is told from a change by its time; two changes in a second are not.
     sys.dont_write_bytecode = changed
+    import hypothesis
     import pytest
 
-    sys.exit(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--assert=plain", *tests]))
+    hypothesis.settings.register_profile("alike", derandomize=True, deadline=None, database=None)
+    hypothesis.settings.load_profile("alike")
+    quick = ("-x", "-q", "-p", "no:cacheprovider", "--assert=plain", "--noconftest")
+    sys.exit(pytest.main([*quick, *tests]))
 
 
 def fails(tree: Path, file: str, *, changed: bool = True) -> bool:

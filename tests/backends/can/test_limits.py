@@ -12,7 +12,7 @@ from sync_bus import SyncBus
 
 from backends.can import CanRobot
 from backends.can.cia402.bus_load import bus_load
-from backends.can.cia402.codec import MEASURED, STATUS, TEMPERATURE
+from backends.can.cia402.codec import MEASURED, STATUS, TEMPERATURE, Mode
 from backends.can.cia402.drive import Drive
 from backends.can.frames import BusLoad, Traffic, classic_bits, fd_bits
 from backends.can.link import Link
@@ -122,6 +122,35 @@ class TestDrive:
             if said:
                 assert said == f"lost its heartbeat for {late * timeout:.3g} s"
 
+    def test_may_be_without_a_heartbeat_for_just_as_long(self):
+        drive = heard()
+        drive.take_heartbeat(b"\x05", 2.0)
+        assert drive.complaint(2, 0.125, 2.125) == ""
+
+    def test_tells_what_is_known_of_it(self):
+        drive = heard(at=1.0)
+        assert drive.nmt == 0x05
+        told = drive.told(0.1, 0.2, 0.3, 0.5)
+        assert (told.node, told.enabled, told.status) == (13, True, "operation enabled")
+        assert (told.position, told.velocity, told.torque) == (0.1, 0.2, 0.3)
+        assert (told.mode, told.error, told.silent, told.stale) == ("", "", 0, False)
+        assert math.isnan(told.temperature)
+        drive.take_temperature(TEMPERATURE.pack(61))
+        drive.take_status(STATUS.pack(0, 0, Mode.TORQUE))
+        told = drive.told(0.1, 0.2, 0.3, 0.5)
+        assert (told.temperature, told.mode) == (30.5, "torque")
+        assert not heard(status=0x08).told(0.1, 0.2, 0.3, 0.5).enabled
+
+    def test_has_its_condition_in_words(self):
+        drive = heard()
+        assert drive.status == "operation enabled"
+        drive.open_cycle(0.01, math.inf)
+        drive.close_cycle()
+        assert drive.status == "silent for 1 cycle, before: operation enabled"
+        drive = heard()
+        drive.take_emergency(b"\x10\x43" + bytes(6))
+        assert drive.status.startswith("operation enabled: motor too hot")
+
     @each_way
     @pytest.mark.parametrize("before", [0, -70_000, 70_000])
     def test_moves_no_further_than_it_can(self, sign, before):
@@ -159,6 +188,7 @@ class TestDrive:
 
     def test_has_a_velocity_over_a_period_at_least(self):
         for seconds, speed in ((0.008, 100.0), (0.01, 100.0), (0.02, 50.0), (0.04, 25.0)):
+            assert Drive(3, 13).velocity(0.01) == 0.0
             drive = heard(5)
             assert drive.velocity(0.01) == 0.0
             drive.open_cycle(seconds, math.inf)

@@ -84,6 +84,14 @@ class TestOrder:
                 assert session.take(packet(10**6 + 1 + k, BEGAN)) is Order.NEXT
             assert session.take(packet(5000 + k, BEGAN - 10**9)) is Order.OLD
 
+    def test_of_strays_counts_from_the_first_after_that(self):
+        session = begun(10**6, BEGAN)
+        for k in range(5):
+            session.take(packet(5000 + k, BEGAN - 10**9))
+        assert session.take(packet(10**6 + 1, BEGAN)) is Order.NEXT
+        orders = [session.take(packet(5005 + k, BEGAN - 10**9)) for k in range(21)]
+        assert orders == [Order.OLD] * 20 + [Order.RESTARTED]
+
     def test_of_strays_counts_anew_where_they_do_not_follow_each_other(self):
         session = begun(10**6, BEGAN)
         for jump in (0, 50_000):
@@ -106,6 +114,11 @@ class TestRobotTime:
             assert session.time == pytest.approx(1e-9 * passed if believed else expected, rel=1e-9)
             assert session.figures.clock_steps == (not believed)
             assert session.packets == steps
+
+    def test_may_leap_by_just_a_second(self):
+        session = begun(7, BEGAN, period=0.25)
+        session.take(packet(8, BEGAN + 1_250_000_000))
+        assert (session.time, session.figures.clock_steps) == (1.25, 0)
 
     def test_is_the_send_period_where_it_tells_none(self):
         for first, second in ((None, None), (None, BEGAN), (BEGAN, None)):
@@ -183,6 +196,14 @@ class TestAnswers:
             assert len(session.visits) == min(k + 1, 256)
             both = (states.COMMANDING_WAIT, states.MONITORING_READY)
             session.take(packet(k + 1, state=both[k % 2]))
+
+
+def test_a_state_is_visited_when_it_is_entered_and_said():
+    session = begun(7)
+    for k in range(8, 11):
+        session.take(packet(k))
+    session.take(replace(packet(11), connection=None))
+    assert [visit.state for visit in session.visits] == [messages.SessionState.MONITORING_READY]
 
 
 def test_figures_begin_at_zero():

@@ -294,7 +294,7 @@ def test_a_file_that_cannot_be_written_is_said_in_one_line(tmp_path, recording, 
     (tmp_path / "out" / "verdict.json").mkdir(parents=True)
     status, _, notes = diagnose(recording)
     assert status == 2
-    assert "cannot be written to: " in notes
+    assert "cannot be written: " in notes
     assert notes.count("\n") == 1
 
 

@@ -93,6 +93,17 @@ class TestIntervals:
                 assert compare(champion, other * scale, ROWS, looks).surely_worse == worse
 
 
+@pytest.mark.parametrize("K", [10, 400])
+def test_blocks_that_share_nearly_all_count_as_if_they_shared_nine_tenths(K):
+    errors = np.repeat(np.sqrt(np.linspace(1.0, 2.0, K)), ROWS)[:, None]
+    a = means(errors)[:, 0]
+    off = a - a.mean()
+    assert (np.sum(off[1:] * off[:-1]) / np.sum(off**2) > 0.9) == (K == 400)
+    found, rmse = accuracy(errors, ROWS), np.sqrt(a.mean())
+    ends = (found.low[0], found.high[0])
+    assert ends == pytest.approx(interval(rmse, a / (2 * rmse)), rel=1e-9)
+
+
 def difference(champion, challenger):
     a, b = means(challenger), means(champion)
     logs = np.log(a.mean(axis=0) / b.mean(axis=0))
@@ -121,6 +132,13 @@ def test_ten_blocks_may_be_enough():
     assert np.isfinite(found.ratio.high).all()
 
 
+def test_one_look_is_taken_for_the_only_one():
+    champion, challenger = wandering(1, 20, 0.0), wandering(2, 20, 0.0)
+    once = compare(champion, challenger, ROWS).as_values()
+    assert once == compare(champion, challenger, ROWS, 1).as_values()
+    assert once != compare(champion, challenger, ROWS, 2).as_values()
+
+
 def test_what_remains_of_a_block_is_left_out():
     champion, challenger = wandering(1, 12, 0.0), wandering(2, 12, 0.0)
     whole = compare(champion, challenger, ROWS)
@@ -132,13 +150,14 @@ def test_what_remains_of_a_block_is_left_out():
 class TestNeeded:
     """The width falls with the root of the number of blocks."""
 
+    @pytest.mark.parametrize("K", [10, 40])
     @pytest.mark.parametrize("looks", [1, 6])
     @pytest.mark.parametrize("better", [0.9, 0.97, 1.0, 1.05])
-    def test_is_what_tells_the_mean_from_1(self, better, looks):
-        champion = wandering(1, 40, 0.0)
-        found = compare(champion, better * wandering(2, 40, 0.0), ROWS, looks)
+    def test_is_what_tells_the_mean_from_1(self, better, looks, K):
+        champion = wandering(1, K, 0.0)
+        found = compare(champion, better * wandering(2, K, 0.0), ROWS, looks)
         value, high = np.log(float(found.mean_ratio.value)), np.log(float(found.mean_ratio.high))
-        needed = 40 * ((high - value) / max(abs(value), 1e-3)) ** 2
+        needed = K * ((high - value) / max(abs(value), 1e-3)) ** 2
         assert found.needed == max(10, int(np.ceil(needed - 1e-6)))
 
     def test_is_no_more_than_for_a_change_of_a_thousandth(self):
@@ -220,7 +239,8 @@ class TestVerdict:
 
 class TestErrorsThatCannotBe:
     @pytest.mark.parametrize(
-        ("T", "block", "fine"), [(20, 2, 1), (20, 20, 1), (20, 21, 0), (20, 0, 0), (20, -1, 0)]
+        ("T", "block", "fine"),
+        [(20, 1, 1), (20, 2, 1), (20, 20, 1), (20, 21, 0), (20, 0, 0), (20, -1, 0)],
     )
     def test_have_no_block(self, T, block, fine):
         errors = np.ones((T, 2))
@@ -245,7 +265,7 @@ class TestErrorsThatCannotBe:
     @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
     def test_are_not_finite(self, bad):
         errors = np.ones((20, 2))
-        errors[7, 1] = bad
+        errors[7, 1] = errors[9, 0] = bad
         with pytest.raises(DivergedError, match=r"of the champion on joint 2 at sample 7 is"):
             compare(errors, np.ones((20, 2)), 2)
         with pytest.raises(DivergedError, match=r"of the model on joint 2 at sample 7 is"):
