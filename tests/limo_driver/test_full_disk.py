@@ -164,7 +164,10 @@ def disk(tmp_path):
         "identify run.parquet --robot iiwa14 --out {}/sim.yaml",
         "predict run.parquet --sim sim.yaml --out {}/torque.parquet",
         "convert run.parquet --out {}/run.mcap",
-        "train run.parquet --sim sim.yaml --model joint-physics --out {}/model",
+        pytest.param(
+            "train run.parquet --sim sim.yaml --model joint-physics --out {}/model",
+            marks=pytest.mark.slow("learns before it writes"),
+        ),
         "secure --out {}/trust --driver a --service b",
     ],
     ids=lambda command: command.split()[0],
