@@ -40,6 +40,7 @@ class Stopping:
         self.asked = False
         self.over = False
         self._lost = sys.unraisablehook
+        self._shown = sys.excepthook
 
     def __enter__(self) -> Self:
         """Listen, unless something else does or Ctrl-C is ignored, as behind `nohup` and `&`."""
@@ -49,6 +50,7 @@ class Stopping:
         except ValueError:  # not the main thread, which alone can listen
             return self
         sys.unraisablehook = self._ask_again
+        sys.excepthook = self._ask_again_unseen
         return self
 
     def __exit__(
@@ -58,7 +60,7 @@ class Stopping:
         trace: TracebackType | None,
     ) -> None:
         self.over = True
-        sys.unraisablehook = self._lost
+        sys.unraisablehook, sys.excepthook = self._lost, self._shown
         if self in sys.meta_path:
             sys.meta_path.remove(self)
         well = error is None or (isinstance(error, SystemExit) and not error.code)
@@ -85,6 +87,15 @@ class Stopping:
             start_new_thread(_signal_soon, (get_ident(),))  # here it would be lost again
         else:
             self._lost(lost)
+
+    def _ask_again_unseen(
+        self, kind: type[BaseException], error: BaseException, trace: TracebackType | None
+    ) -> None:
+        """Do the same for what a compiled module prints, and forgets, when it imports another."""
+        if self.asked and issubclass(kind, KeyboardInterrupt):
+            start_new_thread(_signal_soon, (get_ident(),))
+        else:
+            self._shown(kind, error, trace)
 
 
 def _signal_soon(thread: int) -> None:

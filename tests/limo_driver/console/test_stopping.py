@@ -158,6 +158,21 @@ def test_an_interrupt_that_nobody_can_raise_is_raised_again():
     assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
 
 
+def test_an_interrupt_that_a_compiled_module_prints_and_forgets_is_raised_again():
+    code = (
+        "import os, signal, sys\n"
+        "from limo_driver.console.stopping import Stopping\n"
+        "with Stopping(130):\n"
+        " try: os.kill(os.getpid(), signal.SIGINT)\n"
+        " except KeyboardInterrupt: sys.excepthook(*sys.exc_info())  # as PyErr_Print does\n"
+        " signal.pause()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
+
+
 def test_an_interrupt_while_the_interpreter_ends_is_answered_at_once():
     code = (
         "import atexit, os, signal\n"
