@@ -5,6 +5,7 @@ import shlex
 from dataclasses import replace
 
 import demo
+import demo_page
 import pytest
 import stream_and_push
 
@@ -37,7 +38,7 @@ def out(tmp_path, monkeypatch):
     (tmp_path / "evaluation" / "evaluation.json").write_text(json.dumps(EVALUATION))
     (tmp_path / "diagnosis").mkdir()
     (tmp_path / "diagnosis" / "verdict.json").write_text('{"findings": []}')
-    monkeypatch.setitem(demo.SECTIONS, "live", ("stream", lambda _: "<i>streamed</i>"))
+    monkeypatch.setitem(demo_page.SECTIONS, "live", ("stream", lambda _: "<i>streamed</i>"))
     return tmp_path
 
 

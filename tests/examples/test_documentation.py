@@ -231,7 +231,7 @@ def test_a_document_does_what_it_says(document, reader):
 
 
 def test_what_is_shortened_is_said(monkeypatch, capsys):
-    from limo_driver.shortening import VARIABLE, shortened
+    from limo_driver.console.shortening import VARIABLE, shortened
 
     monkeypatch.delenv(VARIABLE, raising=False)
     assert shortened("--duration", None, 5.0) is None
