@@ -10,10 +10,6 @@ import numpy as np
 from estimators.base import Estimate
 from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.hybrid.scaling import normalise_inputs
-from estimators.hybrid.training.data import prepare
-from estimators.hybrid.training.fit import Epoch, find_device, fit_prepared
-from estimators.hybrid.training.settings import TrainingSettings
-from estimators.hybrid.training.split import HELD_OUT, TRAINING
 from estimators.model_folder import provenance
 from estimators.residual_model import ResidualModel
 from limo_driver.compiled import compiled
@@ -25,6 +21,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.hybrid.training.data import TrainingData
+    from estimators.hybrid.training.fit import Epoch
+    from estimators.hybrid.training.settings import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
@@ -87,6 +85,8 @@ class HybridModel(ResidualModel[FittedNetwork]):
             RecordingError: A recording is of another robot, or too short.
             DivergedError: The loss is no longer finite.
         """
+        from estimators.hybrid.training.settings import TrainingSettings
+
         self.fitted_ = train(self.simulation, recordings, self.settings or TrainingSettings())
         return self
 
@@ -180,6 +180,9 @@ def train(
     Source: Çallar and Böttger, RA-L 2022, sec. III-D, whose recurrent networks answer only the last
     sample of each sequence.
     """
+    from estimators.hybrid.training.data import prepare
+    from estimators.hybrid.training.fit import find_device, fit_prepared
+
     find_device(settings.device)  # refused before the inputs are computed, which takes a while
     data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
     fitted = fit_prepared(data, settings, on_epoch)
@@ -201,6 +204,8 @@ def _rmse(
 
     Both are filtered as the measured torque is.
     """
+    from estimators.hybrid.training.split import HELD_OUT, TRAINING
+
     model = HybridModel(simulation)
     model.fitted_ = fitted
     bandwidth = fitted.bandwidth
