@@ -10,7 +10,6 @@ What each estimator keeps in them stands in `hybrid.folder` and `joint_physics.s
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from importlib import import_module
@@ -25,6 +24,7 @@ from safetensors.numpy import save as save_tensors
 
 from estimators.manifest import MANIFEST, SCHEMA, Entries, as_manifest, read_manifest
 from limo_driver.errors import ConfigError, ModelStoreError
+from limo_driver.outputs import replacing
 from limo_driver.physics import Simulation
 from limo_driver.types import same_robot
 
@@ -144,16 +144,16 @@ def write_folder(
     }
     try:
         path.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as undo:
-            partial = {name: path / f".{name}.partial" for name in (WEIGHTS, SIMULATION, MANIFEST)}
-            for file in partial.values():
-                undo.callback(file.unlink, missing_ok=True)
-            simulation.save(partial[SIMULATION])
-            manifest["simulation"] = {"file": SIMULATION, "sha256": _digest(partial[SIMULATION])}
-            partial[MANIFEST].write_text(as_manifest(manifest), encoding="utf-8")
-            partial[WEIGHTS].write_bytes(weights)
-            for name, file in partial.items():
-                file.replace(path / name)
+        # Each takes its place once all are written, the weights first and the manifest last.
+        with (
+            replacing(path / MANIFEST) as described,
+            replacing(path / SIMULATION) as simulated,
+            replacing(path / WEIGHTS) as learned,
+        ):
+            simulation.save(simulated)
+            manifest["simulation"] = {"file": SIMULATION, "sha256": _digest(simulated)}
+            described.write_text(as_manifest(manifest), encoding="utf-8")
+            learned.write_bytes(weights)
     except OSError as error:
         raise ModelStoreError(f"{path}: cannot be written: {error.strerror}") from None
     except ConfigError as error:

@@ -96,7 +96,7 @@ def replacing(path: Path | str) -> Generator[Path]:
     try:
         yield draft
         if not straight:
-            _sync(draft)
+            sync(draft)
             draft.replace(target)
     finally:
         if not straight:
@@ -113,9 +113,13 @@ def disk_is_full(error: OSError) -> bool:
     return error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
-def _sync(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
+def sync(path: Path) -> None:
+    """Bring a file, or the names in a folder, to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def require_apart(written: Iterable[Path], inputs: Iterable[Path]) -> None:

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from estimators.manifest import MANIFEST, as_manifest, read_manifest
 from estimators.model_folder import SIMULATION, WEIGHTS, load_model
-from estimators.service.store.atomic_files import sync, write
+from estimators.service.store.atomic_files import write
 from estimators.service.store.version import SCHEMA, described, digest
 from limo_driver.errors import ModelStoreError
 from limo_driver.model import BUILT_IN
+from limo_driver.outputs import sync
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,6 +9,8 @@ from shutil import rmtree
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
+from limo_driver.outputs import replacing, sync
+
 if TYPE_CHECKING:
     from collections.abc import Generator
     from pathlib import Path
@@ -55,22 +57,9 @@ def write(path: Path, data: bytes) -> None:
 
 def replace(path: Path, data: bytes) -> None:
     """Write a file so that readers see the old one or the new one; needs the folder's lock."""
-    beside = path.with_name(f".{path.name}.new")
-    try:
-        write(beside, data)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with replacing(path) as beside:
+        beside.write_bytes(data)
     sync(path.parent)
-
-
-def sync(path: Path) -> None:
-    """Bring a file, or the names in a folder, to the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _remove_abandoned(folder: Path) -> None:

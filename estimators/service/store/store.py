@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Final
 
 from estimators.service.store.adding import as_json, gather, recorded, robot_of
 from estimators.service.store.aliases import ALIASES, NAMES, Aliases, read_aliases
-from estimators.service.store.atomic_files import draft, locked, replace, sync, write
+from estimators.service.store.atomic_files import draft, locked, replace, write
 from estimators.service.store.golden_motion import Golden
 from estimators.service.store.signature import sign
 from estimators.service.store.version import GOLDEN, RECORD, Version
 from limo_driver.errors import ModelStoreError
+from limo_driver.outputs import sync
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
