@@ -125,7 +125,7 @@ class ArmServer:
         now["counts"]["internal_errors"] = self._failures
         if self._logging is not None:
             now["log"] = self._logging.look()
-        self.outlet.status(now)
+        self._bulletin.status(now)
         return now
 
     def index(self) -> dict[str, Any]:
@@ -299,7 +299,7 @@ class ArmServer:
             self._find_rate(payload, attachment, source)
 
     def _wait_for_states(self, text: str) -> None:
-        self.outlet.enter(ServicePhase.WAITING, text, state=_WAITING_FOR_STATES)
+        self._bulletin.enter(ServicePhase.WAITING, text, state=_WAITING_FOR_STATES)
 
     def _tell_silence(self, service: ArmService) -> None:
         """Tell when joint states end and come again, and for how long there were none."""
@@ -308,9 +308,9 @@ class ArmServer:
         if silence.silent:
             text, lasts = f"no joint states for {silence.limit:g} s", silence.lasts
             state = f"silent for {lasts:.0f} s"
-            self.outlet.enter(ServicePhase.SILENT, text, Level.ERROR, state)
+            self._bulletin.enter(ServicePhase.SILENT, text, Level.ERROR, state)
         elif ended and self.answering:
-            self.outlet.enter(ServicePhase.SERVING, "joint states come again")
+            self._bulletin.enter(ServicePhase.SERVING, "joint states come again")
 
     def _follow(self, source: str) -> None:
         """Keep to the source of a state, and tell when another one sends at the same time."""
@@ -327,7 +327,7 @@ class ArmServer:
             self._wait_for_states("the rate of the joint states is found anew")
         else:
             why = f"refused: {text}"
-            self.outlet.enter(ServicePhase.REFUSED, f"{text}; {then}", Level.ERROR, why)
+            self._bulletin.enter(ServicePhase.REFUSED, f"{text}; {then}", Level.ERROR, why)
 
     def _refuse(self, error: WireFormatError) -> None:
         """Count what is no joint state of this arm, and tell why the first one is none."""
@@ -353,7 +353,7 @@ class ArmServer:
         if rate is None:
             return
         text = f"what answers joint states at {rate:g} Hz is loaded"
-        self.outlet.enter(ServicePhase.PREPARING, text, rate=rate)
+        self._bulletin.enter(ServicePhase.PREPARING, text, rate=rate)
         self._opener = threading.Thread(
             target=self._open, args=(rate,), name=f"limo-open-{self.keys.arm}"
         )
@@ -367,14 +367,14 @@ class ArmServer:
             why, facts = (str(error), {}) if known else (repr(error), {"trace": format_exc()})
             self._next_try = time.monotonic() + _PAUSE
             text, state = f"cannot serve: {why}", f"refused: {why}"
-            self.outlet.enter(ServicePhase.REFUSED, text, Level.FATAL, state, **facts)
+            self._bulletin.enter(ServicePhase.REFUSED, text, Level.FATAL, state, **facts)
             return
         version = service.model.version
         gc.freeze()  # collecting through what was just loaded would hold the stream
         with self._changing:
             self.service = service
             text = f"{version} serves at {rate:g} Hz"
-            self.outlet.enter(ServicePhase.SERVING, text, rate=rate, version=version)
+            self._bulletin.enter(ServicePhase.SERVING, text, rate=rate, version=version)
 
 
 def _condition(service: ArmService, window: Window) -> dict[str, Any]:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from estimators.service.inference.arm_service import Outlet
     from estimators.service.inference.bulletin import Bulletin
     from limo_driver.logs.mcap_log import McapLog
-    from limo_driver.network.readiness import ServicePhase
 
 PAUSE: Final = 60.0  # [s] before a log that stopped is begun again
 
@@ -60,30 +59,6 @@ class NetworkOutlet:
     def event(self, kind: str, text: str, level: Level = Level.INFO, **facts: object) -> None:
         """Publish, log and tell what happened."""
         self._bulletin.event(kind, text, level, **facts)
-
-    def enter(
-        self,
-        phase: ServicePhase,
-        text: str,
-        level: Level = Level.INFO,
-        state: str = "",
-        **facts: object,
-    ) -> None:
-        """Publish, log and tell how far the service is, see `Bulletin`."""
-        self._bulletin.enter(phase, text, level, state, **facts)
-
-    @property
-    def phase(self) -> ServicePhase | None:
-        """How far the service is, as it was told last."""
-        return self._bulletin.phase
-
-    def condition(self) -> dict[str, Any]:
-        """Return how far the service is, as JSON values."""
-        return self._bulletin.condition()
-
-    def status(self, status: dict[str, Any]) -> None:
-        """Publish the condition of the service."""
-        self._bulletin.status(status)
 
     def log(
         self, topic: str, schema: str, payload: bytes, stamp_ns: int, sequence: int = 0
