@@ -31,10 +31,15 @@ def path_of(memory: FloatArray, position: FloatArray, velocity: FloatArray) -> F
     """Return the path from the last position in `memory` on, (3, T), and leave its end there."""
     path = np.empty((3, position.size))
     for t in range(position.size):
-        path[POSITION, t], path[VELOCITY, t] = position[t], velocity[t]
-        path[STEP, t] = 0.0 if np.isnan(memory[-1]) else position[t] - memory[-1]
-        memory[-1] = position[t]
+        _go(memory, path, t, position[t], velocity[t])
     return path
+
+
+@compiled(inline="always")
+def _go(memory: FloatArray, path: FloatArray, t: int, position: float, velocity: float) -> None:
+    path[POSITION, t], path[VELOCITY, t] = position, velocity
+    path[STEP, t] = 0.0 if np.isnan(memory[-1]) else position - memory[-1]
+    memory[-1] = position
 
 
 @compiled(reads=("path", "stiffness", "width"), nogil=True)
@@ -78,10 +83,8 @@ def add_maxwell_slips(
         j, end = joint[e], ends[e]
         own = memory[start + e : end + e + 1]  # each effect has its last position behind
         path = np.empty((3, position.shape[0]))
-        for t in range(position.shape[0]):  # as `path_of`, for columns, which are another type
-            path[POSITION, t], path[VELOCITY, t] = position[t, j], velocity[t, j]
-            path[STEP, t] = 0.0 if np.isnan(own[-1]) else position[t, j] - own[-1]
-            own[-1] = position[t, j]
+        for t in range(position.shape[0]):  # columns are another type than `path_of` takes
+            _go(own, path, t, position[t, j], velocity[t, j])
         added = maxwell_slip(own, path, stiffness[start:end], width[start:end])
         for t in range(added.size):  # torque[:, j] += ... would compile the message of its error
             torque[t, j] += added[t]
