@@ -43,6 +43,7 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 LISTED: Final = Path(__file__).with_suffix(".yaml")
 BAR: Final = 0.95  # of the mutants of each file, which the tests have to notice
 TIMEOUT: Final = 120.0  # [s] for the tests of one mutant: a loop without an end is noticed, too
+FACTOR: Final = 3.0  # by which numbers are changed, unless told; what is listed is of this one
 SMALL: Final = 4  # whole numbers up to this are counts, places and bits: changed by one
 TESTS: Final = {
     "limo_driver/robot/safety.py": (
@@ -322,7 +323,7 @@ def main(
     file: Annotated[str, typer.Option(help="Only files whose name holds this.")] = "",
     sample: Annotated[int, typer.Option(min=0, help="Mutants of each file; 0 for all.")] = 0,
     seed: Annotated[int, typer.Option(help="Of the sample.")] = 1,
-    factor: Annotated[float, typer.Option(help="By which numbers are changed.")] = 3.0,
+    factor: Annotated[float, typer.Option(help="By which numbers are changed.")] = FACTOR,
     part: Annotated[
         str, typer.Option(help="For example 1/4: every fourth, from the first.")
     ] = "1/1",
@@ -338,8 +339,9 @@ def main(
     FORKS.set_forkserver_preload(["hypothesis", "numba", "pinocchio", "pytest", "scipy.stats"])
     fine = True
     for name in files:
-        mutants = Finder(name, (ROOT / name).read_text(), factor).found
-        reasons = listed(name, mutants)
+        source = (ROOT / name).read_text()
+        reasons = listed(name, Finder(name, source, FACTOR).found)
+        mutants = Finder(name, source, factor).found
         mutants = [mutant for mutant in mutants if lines in mutant.line][first - 1 :: parts]
         if 0 < sample < len(mutants):
             mutants = random.Random(seed).sample(mutants, sample)  # noqa: S311  # no secret
