@@ -181,7 +181,7 @@ class _Watch(event.Listener):
 
 
 class _Ticks(event.Listener):
-    """Passes of the compiler, at which it can be stopped without harm."""
+    """Passes of the compiler: the only sign of life inside a function that takes long."""
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002
         _watch.tick()
@@ -193,9 +193,7 @@ class _Ticks(event.Listener):
 def _pending() -> int:
     """Return how many functions that are imported would have to be compiled before their use."""
     fresh = [f for f in _functions if not f.overloads and "inline" not in f.targetoptions]
-    missing = {
-        f for f in fresh if isinstance(f._cache, _MachineCode) and not f._cache.place().any()
-    }
+    missing = {f for f in fresh if not f._cache.is_kept()}
     behind = {inner for f in missing for inner in reached(f) if not inner.overloads}
     return len(missing | (behind & set(fresh)))
 

@@ -14,7 +14,7 @@ from estimators.hybrid.scaling import InputScaling, Scaling
 from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from estimators.neural import NETWORKS
 from limo_driver.errors import ModelStoreError
-from limo_driver.recorded_time import RATES
+from limo_driver.recordings.recorded_time import RATES
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -71,8 +71,8 @@ def command(
     """
     from math import radians
 
+    from limo_driver.console.shortening import shortened
     from limo_driver.model import RobotModel
-    from limo_driver.shortening import shortened
     from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
 
     require_writable(out, picture, robot)

@@ -68,9 +68,9 @@ def command(
         limo watch --arm iiwa14 --connect tcp/192.168.1.2:7447 --json
         limo watch --arm iiwa14 --until serving --timeout 60
     """
+    from limo_driver.console.shortening import shortened
     from limo_driver.errors import ConfigError
     from limo_driver.network.streaming import Keys, follow_history, open_session
-    from limo_driver.shortening import shortened
 
     if until is not None:
         if duration is not None:

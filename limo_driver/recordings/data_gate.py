@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
-from limo_driver.recorded_time import RATES, unit_of
 from limo_driver.recordings.held_values import held_position, held_torque
+from limo_driver.recordings.recorded_time import RATES, unit_of
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

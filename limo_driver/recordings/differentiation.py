@@ -128,9 +128,7 @@ def _there_and_back(values: FloatArray, sos: FloatArray, steady: FloatArray) -> 
 def _sweep(values: FloatArray, backwards: bool, sos: FloatArray, state: FloatArray) -> None:
     T = values.shape[0]
     for k in range(T):
-        t = (
-            T - 1 - k if backwards else k
-        )  # reversed rows would be a type of their own, compiled anew
+        t = T - 1 - k if backwards else k  # reversed rows would be compiled anew, as another type
         for s in range(sos.shape[0]):
             _advance(values[t], state[s, 0], state[s, 1], sos[s])
 

@@ -14,8 +14,8 @@ import pyarrow as pa
 
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import whole
-from limo_driver.recorded_time import seconds
 from limo_driver.recordings.data_gate import Columns
+from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

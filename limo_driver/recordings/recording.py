@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError, ShapeError
-from limo_driver.recorded_time import seconds
 from limo_driver.recordings.data_gate import Columns, LeftOut, contiguous, inspect
 from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
+from limo_driver.recordings.recorded_time import seconds
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
 if TYPE_CHECKING:

@@ -128,6 +128,15 @@ def test_nothing_half_written_is_left(command, folder):
     assert {path.name for path in folder.iterdir()} == before
 
 
+def program(code, *folders):
+    """Run code to its end, with the modules of some folders."""
+    path = os.pathsep.join(map(str, (ROOT, *folders)))
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
 def test_an_import_that_goes_on_regardless_is_stopped_at_the_next(tmp_path):
     """As compiled modules do, which lose what a callback of theirs raises."""
     (tmp_path / "deaf.py").write_text(
@@ -138,10 +147,7 @@ def test_an_import_that_goes_on_regardless_is_stopped_at_the_next(tmp_path):
         "from limo_driver.console.stopping import Stopping\n"
         "with Stopping(130):\n import deaf\n print('nor here')\n"
     )
-    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
-    ended = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
+    ended = program(code, tmp_path)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", f"{SAID}\n")
 
 
@@ -152,9 +158,7 @@ def test_an_interrupt_that_nobody_can_raise_is_raised_again():
         "class Deaf:\n def __del__(self): os.kill(os.getpid(), signal.SIGINT)\n"
         "with Stopping(130):\n Deaf()\n signal.pause()\n"
     )
-    ended = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    ended = program(code)
     assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
 
 
@@ -167,9 +171,7 @@ def test_an_interrupt_that_a_compiled_module_prints_and_forgets_is_raised_again(
         " except KeyboardInterrupt: sys.excepthook(*sys.exc_info())  # as PyErr_Print does\n"
         " signal.pause()\n"
     )
-    ended = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    ended = program(code)
     assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
 
 
@@ -180,9 +182,7 @@ def test_an_interrupt_while_the_interpreter_ends_is_answered_at_once():
         "atexit.register(signal.raise_signal, signal.SIGINT)\n"
         "with Stopping(130): pass\n"
     )
-    ended = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    ended = program(code)
     assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
 
 
@@ -193,7 +193,5 @@ def test_a_command_that_ends_well_by_an_interrupt_says_nothing():
         "with Stopping(130):\n try: os.kill(os.getpid(), signal.SIGINT)\n"
         " except KeyboardInterrupt: pass\n"
     )
-    ended = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    ended = program(code)
     assert (ended.returncode, ended.stderr) == (0, "")

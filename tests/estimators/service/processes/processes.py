@@ -15,6 +15,7 @@ from ports import free_port
 
 from limo_driver.network.messages import Attachment, decode_torque_estimate
 from limo_driver.network.streaming import JointStatePublisher, Keys
+from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:
@@ -65,6 +66,21 @@ class Answers:
         """Wait until so many more came."""
         begin = len(self.sequences)
         wait_for(lambda: len(self.sequences) >= begin + count)
+
+
+def slow_motion(folder: Path, seconds: float, urdf: Path) -> Path:
+    """Write a slow motion of two links; return its file, beside the arm that it is of."""
+    t = np.arange(0.0, seconds, 0.05)[:, None]
+    (folder / "two_links.urdf").write_text(urdf.read_text())
+    path = folder / "motion.traj.parquet"
+    Trajectory(
+        time=t[:, 0],
+        position=np.array([0.4, -0.8]) + 0.1 * (1.0 - np.cos(t)),
+        velocity=0.1 * np.sin(t) * np.ones(2),
+        acceleration=0.1 * np.cos(t) * np.ones(2),
+        robot="two_links",
+    ).save(path)
+    return path
 
 
 def wait_for(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:

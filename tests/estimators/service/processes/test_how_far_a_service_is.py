@@ -7,15 +7,13 @@ import signal
 import subprocess
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from processes import ARM, PATIENCE, driven, limo, served, wait_for
+from processes import ARM, PATIENCE, driven, limo, served, slow_motion, wait_for
 
 from limo_driver.errors import ServiceNotReadyError
 from limo_driver.network.readiness import ServicePhase, wait_until_serving
 from limo_driver.network.streaming import Keys, open_session
-from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,17 +29,7 @@ ORDER = ["loading", "compiling", "waiting", "preparing", "serving"]
 @pytest.fixture
 def trajectory(tmp_path: Path, two_links_urdf: Path) -> Path:
     """A second of slow motion, beside the arm that it is of."""
-    t = np.arange(0.0, 1.0, 0.05)[:, None]
-    (tmp_path / "two_links.urdf").write_text(two_links_urdf.read_text())
-    path = tmp_path / "motion.traj.parquet"
-    Trajectory(
-        time=t[:, 0],
-        position=np.array([0.4, -0.8]) + 0.1 * (1.0 - np.cos(t)),
-        velocity=0.1 * np.sin(t) * np.ones(2),
-        acceleration=0.1 * np.cos(t) * np.ones(2),
-        robot="two_links",
-    ).save(path)
-    return path
+    return slow_motion(tmp_path, 1.0, two_links_urdf)
 
 
 def run(network: Network, trajectory: Path, *given: object) -> list[str]:

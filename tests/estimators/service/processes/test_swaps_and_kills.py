@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from processes import ARM, PATIENCE, RATE, Answers, driven, limo, served, wait_for
+from processes import ARM, PATIENCE, RATE, Answers, driven, limo, served, slow_motion, wait_for
 
 from estimators.model_folder import load_model
 from estimators.stream import Stream
@@ -18,7 +18,6 @@ from limo_driver.network.messages import decode_joint_state, decode_torque_estim
 from limo_driver.network.model_client import ModelClient
 from limo_driver.network.streaming import Keys, is_alive, open_session
 from limo_driver.recordings.recording import Recording
-from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -124,22 +123,14 @@ def running(network: Network, trajectory: Path, record: Path) -> Generator[subpr
 def test_a_killed_driver_leaves_its_recording_and_the_service_follows_the_next_one(
     store: ModelStore, network: Network, tmp_path: Path, two_links_urdf: Path
 ) -> None:
-    t = np.arange(0.0, 300.0, 0.05)[:, None]
-    (tmp_path / "two_links.urdf").write_text(two_links_urdf.read_text())
-    Trajectory(
-        time=t[:, 0],
-        position=np.array([0.4, -0.8]) + 0.1 * (1.0 - np.cos(t)),
-        velocity=0.1 * np.sin(t) * np.ones(2),
-        acceleration=0.1 * np.cos(t) * np.ones(2),
-        robot="two_links",
-    ).save(tmp_path / "motion.traj.parquet")
+    motion = slow_motion(tmp_path, 300.0, two_links_urdf)
     with open_session(config=network.here) as session:
         answers, told = Answers(session), []
         events = session.declare_subscriber(
             Keys(ARM).event, lambda sample: told.append(sample.payload.to_bytes())
         )
         with served(network, "--arm", ARM, "--store", store.root):
-            with running(network, tmp_path / "motion.traj.parquet", tmp_path / "1.parquet"):
+            with running(network, motion, tmp_path / "1.parquet"):
                 wait_for(lambda: bool(answers.models))
                 answers.later(1500)
             last = max(answers.sequences)
@@ -147,7 +138,7 @@ def test_a_killed_driver_leaves_its_recording_and_the_service_follows_the_next_o
             assert recording.time[-1] >= last / 1000.0 - LOST
             wait_for(lambda: not is_alive(session, Keys(ARM).alive("driver")))
             answers.sequences.clear()
-            with running(network, tmp_path / "motion.traj.parquet", tmp_path / "2.parquet"):
+            with running(network, motion, tmp_path / "2.parquet"):
                 answers.later(50)
             wait_for(lambda: any(b"memory begins anew" in payload for payload in told))
         events.undeclare()
