@@ -141,7 +141,7 @@ CASES = {
     "iiwa14_explored": _simulated(
         "iiwa14_explored", "iiwa14",
         ("--model", "mlp7", "--epochs", 2, "--rate", 50),
-        identify=1e-4,
+        identify=1e-4, joint_physics=3e-6,
     ),
     "iiwa14_excited": _simulated(
         "iiwa14_excited", "iiwa14",
