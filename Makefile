@@ -12,33 +12,44 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKER
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
 
-$(VENV)/.installed: pyproject.toml constraints.txt
+# What is used is compiled when it is first imported; all of it would take a minute more.
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
+  --constraint constraints.txt --editable
+
+$(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "limo needs Python 3.11 or newer; call make PYTHON=python3.11 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint constraints.txt --editable '.[dev]'
 	touch $@
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/.made
+	$(INSTALL) .
+	touch $@
+
+# for those who change limo: tests, style, types
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
+	$(INSTALL) '.[dev]'
+	touch $@ $(VENV)/.installed
 
 demo: $(VENV)/.installed ## see the whole way of the data once: out/demo/index.html
 	$(BIN)/python examples/demo.py --out out/demo
 
-test: $(VENV)/.installed ## run the tests that a change needs: a few minutes
+test: $(VENV)/.installed-dev ## run the tests that a change needs: a few minutes
 	$(PYTEST) -m "not slow"
 
-test-slow: $(VENV)/.installed ## run the tests that `make test` leaves out; each is marked with why
+test-slow: $(VENV)/.installed-dev ## run the tests that `make test` leaves out; each is marked with why
 	$(PYTEST) -m slow
 
-test-all: $(VENV)/.installed ## run all tests, with new random examples
+test-all: $(VENV)/.installed-dev ## run all tests, with new random examples
 	$(PYTEST) --hypothesis-profile explore
 
-lint: $(VENV)/.installed ## style, types, direction of imports
+lint: $(VENV)/.installed-dev ## style, types, direction of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
-format: $(VENV)/.installed ## mend what ruff can mend
+format: $(VENV)/.installed-dev ## mend what ruff can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
