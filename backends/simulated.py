@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from limo_driver.errors import ConfigError, JointLimitError, ShapeError
+from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.model import BUILT_IN
 from limo_driver.physics import Simulation
@@ -81,6 +81,23 @@ class SimulatedRobot(Robot):
         self._stood += 1
         return self._state
 
+    def place(self, position: Sequence[float] | FloatArray) -> None:
+        """Put an arm that has not begun to move somewhere else, at rest.
+
+        Args:
+            position: (n,) [rad]; as if it had been the `initial_position`.
+
+        Raises:
+            BackendError: A cycle was simulated already.
+            ShapeError: Another number of joints.
+            JointLimitError: Outside the range.
+        """
+        if self._cycle:
+            raise BackendError(
+                f"the arm moves since {self._cycle} cycles; it can be placed before the first only"
+            )
+        self._place(start_position(self.simulation.model, position))
+
     def lose_measurements(self, count: int) -> None:
         """Lose the next `count` measurements, as a network might; the arm moves on meanwhile."""
         self._losing = count
@@ -121,6 +138,14 @@ class SimulatedRobot(Robot):
 
     def _close(self) -> None:
         """Nothing outside this process has to be told."""
+
+    def _stand_at(self, position: FloatArray) -> None:
+        if not self._cycle:
+            self.place(position)
+
+    @abstractmethod
+    def _place(self, position: FloatArray) -> None:
+        """Put the arm at rest at a position within its range, (n,) [rad]."""
 
     @abstractmethod
     def _cycle_once(self) -> JointState:

@@ -61,9 +61,8 @@ class VirtualRobot(SimulatedRobot):
         start_tolerance: float = START_TOLERANCE,
     ) -> None:
         super().__init__(simulation_of(simulation, robot), period, start_tolerance)
-        self._position = start_position(self.simulation.model, initial_position)
         self._velocity = np.zeros(self.spec.n)
-        self._command: JointCommand = PositionCommand(position=self._position)
+        self._place(start_position(self.simulation.model, initial_position))
         self._effects = self.simulation.init()
         self._random = np.random.default_rng(seed)
 
@@ -73,6 +72,10 @@ class VirtualRobot(SimulatedRobot):
             check_gains(command, largest, largest)
         if not isinstance(command, (PositionCommand, ImpedanceCommand, TorqueCommand)):
             raise BackendError(f"the virtual backend knows no {type(command).__name__}")
+
+    def _place(self, position: FloatArray) -> None:
+        self._position = position
+        self._command: JointCommand = PositionCommand(position=position)
 
     def _send(self, command: JointCommand) -> None:
         self._command = command

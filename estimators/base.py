@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, runtime_check
 
 import numpy as np
 
+from limo_driver.display import Displayed
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Self
@@ -21,8 +23,8 @@ DEVIATIONS: Final = 1.959964  # of a normal distribution, that hold 95 %
 State: TypeAlias = Any  # each estimator's own; only passed back to its `step`
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, repr=False)
+class Estimate(Displayed):
     """Torque of n joints and how sure it is, for T samples (T, n) or for one (n,).
 
     95 % of measured torques, filtered as those of training were, are meant to lie within
@@ -34,6 +36,14 @@ class Estimate:
     learned: FloatArray  # [N m], what data add to that
     std: FloatArray  # [N m]
     outside: NDArray[np.bool_]  # the motion is unlike what was learned; `std` is a guess there
+
+    def headline(self) -> str:
+        """Say how many samples, and how sure they are."""
+        rows, n = (1, *self.torque.shape)[-2:]
+        text = f"torque of {rows} samples of {n} joints"
+        if np.isnan(self.std).all():
+            return text + ", errors unknown"
+        return text + f", {np.mean(self.outside):.0%} of it unlike what was learned"
 
     @property
     def torque(self) -> FloatArray:

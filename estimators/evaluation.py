@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -10,10 +12,14 @@ from scipy.signal import welch
 
 from estimators.base import DEVIATIONS
 from estimators.model_folder import provenance
+from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError
+from limo_driver.outputs import require_folder, whole
 from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
     from estimators.base import Estimate
@@ -21,6 +27,7 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
+FILES: Final = ("evaluation.json", "torque.png", "loops.png")  # of a saved evaluation
 _NOISE_FROM: Final = 0.6  # of the Nyquist frequency; above, a torque is taken to be noise
 _FLAT: Final = 3.0  # white noise is as dense in the lower half of that band as in the upper
 _STOP_BAND: Final = 1.5  # [bandwidth], where the filter passes less than 4 % of the amplitude
@@ -40,8 +47,8 @@ class Errors:
         return self.rmse**2
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Displayed):
     """Torques measured and predicted over a recording, and their errors.
 
     All torques went through the zero-phase low-pass that the measured one went through in training:
@@ -102,6 +109,43 @@ class Evaluation:
     def _errors(self, predicted: FloatArray) -> Errors:
         residual = (self.measured - predicted)[self.scored]
         return Errors(np.sqrt(np.mean(residual**2, axis=0)))
+
+    def headline(self) -> str:
+        """Say how much less the error is than that of the rigid body."""
+        return (
+            f"{self.model}: mean MSE {self.hybrid.mse.mean():.3g} (N m)², rigid body "
+            f"{self.rigid_body.mse.mean():.3g} (N m)², over {int(self.scored.sum())} samples"
+            + (f" of {self.recording.source}" if self.recording.source else "")
+            + (", which it was trained on" if self.trained_on else "")
+        )
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the errors of each joint beside the noise floor."""
+        return {
+            "joint": self.joint_names,
+            "RMSE of the rigid body [N m]": self.rigid_body.rmse.tolist(),
+            "of the model [N m]": self.hybrid.rmse.tolist(),
+            "noise floor [N m]": self.noise_floor.tolist(),
+            "within the 95 % interval": [f"{part:.0%}" for part in self.coverage],
+        }
+
+    def save(self, folder: Path | str) -> None:
+        """Write evaluation.json, torque.png and loops.png; the folder is made if it is not there.
+
+        Raises:
+            ConfigError: The folder cannot be written to.
+        """
+        from estimators.pictures import loop_figure, png, torque_figure
+
+        require_folder(Path(folder), "the evaluation")
+        contents = (
+            json.dumps(self.as_values(), indent=1).encode() + b"\n",
+            png(torque_figure(self)),
+            png(loop_figure(self)),
+        )
+        for name, content in zip(FILES, contents, strict=True):
+            with whole(Path(folder) / name) as draft:
+                draft.write_bytes(content)
 
     def as_values(self) -> dict[str, Any]:
         """Return the figures as JSON values."""

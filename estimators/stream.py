@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _WITH: Final = {True: "with", False: "without"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LiveEstimate(Estimate):
     """Torque at `time`, of one sample (n,) or of T samples (T, n).
 

@@ -8,47 +8,41 @@ the fit alone. A scale put on the known load would tell the gains apart from the
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
+import limo_driver as limo
+from estimators.rigid_body import Rows
+
 DATA = Path(os.environ.get("LIMO_DATA", "../shared/data")) / "ur10e"
 OUT = Path("out/diagnose_real")
+BANDWIDTH = 8.0  # [Hz]
 GAINS = 0.1  # relative uncertainty of the current gains
-
-
-def limo(*arguments: object) -> None:
-    """Run a command as a shell would."""
-    print("$ limo", *arguments, flush=True)
-    main = "from limo_driver.cli import main; main()"
-    subprocess.run([sys.executable, "-c", main, *map(str, arguments)], check=True)
 
 
 def main() -> None:
     """Identify, diagnose, and say what was found beside what is known."""
     if not DATA.is_dir():
         sys.exit(f"no recordings in {DATA}; name their folder in LIMO_DATA")
-    OUT.mkdir(parents=True, exist_ok=True)
-    sim, found = OUT / "sim.yaml", OUT / "diagnosis"
-    unloaded, loaded = DATA / "unloaded_14harm.parquet", DATA / "loaded_14harm.parquet"
-    band = ("--bandwidth", 8)
-    limo("identify", unloaded, "--robot", DATA / "ur10e.urdf", "--moving-only", *band, "--out", sim)
-    limo("diagnose", loaded, "--sim", sim, *band, "--out", found)
-
-    verdict = json.loads((found / "verdict.json").read_text())
-    for item in verdict["findings"]:
-        if item["effect"] == "payload":
-            mass = item["parameters"]["mass"]
-            value, (low, high) = mass["value"], mass["ci95"]
+    unloaded = limo.Recording.load(DATA / "unloaded_14harm.parquet")
+    loaded = limo.Recording.load(DATA / "loaded_14harm.parquet")
+    rows = Rows(BANDWIDTH, moving_only=True)  # at rest, currents say little of the torque
+    believed = limo.identify(str(DATA / "ur10e.urdf"), [unloaded], rows=rows).simulation
+    found = limo.diagnose(believed, [loaded], bandwidth=BANDWIDTH)
+    found.save(OUT)
+    print(found)
+    for item in found.findings:
+        if item.effect == "payload":
+            mass = item.parameters["mass"]
+            value, (low, high) = mass.value, mass.ci95
             print(
                 f"payload: {value:.2f} kg (95 % of the fit: {low:.2f} to {high:.2f}; known 2.805)"
             )
             print(
                 f"with gains good to 10 %: {value * (1 - GAINS):.2f} to {value * (1 + GAINS):.2f}"
             )
-    print(f"verdict: {verdict['verdict']}; open {found}/report.html")
+    print(f"open {OUT}/report.html")
 
 
 if __name__ == "__main__":

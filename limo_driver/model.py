@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.types import FloatArray, JointLimits, readonly
 
@@ -89,7 +90,7 @@ class Capsule:
     radius: float  # [m]
 
 
-class RobotModel:
+class RobotModel(Displayed):
     """Rigid-body model of an arm with n revolute joints in series.
 
     Joints that are not revolute (a gripper's) are locked at their neutral position and their
@@ -172,6 +173,22 @@ class RobotModel:
     def n(self) -> int:
         """Number of joints."""
         return int(self.pin_model.nv)
+
+    def headline(self) -> str:
+        """Say its name, joints and mass."""
+        mass = sum(body.mass for body in self.inertials.values())
+        return f"{self.name}, {self.n} joints, {mass:.4g} kg that move"
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the limits of each joint."""
+        limits = self.limits
+        return {
+            "joint": self.joint_names,
+            "from [rad]": limits.position_min.tolist(),
+            "to [rad]": limits.position_max.tolist(),
+            "velocity [rad/s]": limits.velocity.tolist(),
+            "torque [N m]": limits.torque.tolist(),
+        }
 
     def flange_position(self, position: FloatArray) -> FloatArray:
         """Return the flange in the base frame [m], (T, 3), for joint positions (T, n) [rad]."""

@@ -17,7 +17,7 @@ from limo_driver.errors import ConfigError, PathError
 from limo_driver.types import FloatArray, Motion, same_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     import pyarrow as pa
     from numpy.typing import NDArray
@@ -48,7 +48,7 @@ class Peaks:
     jerk: FloatArray  # [rad/s^3]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory(Motion):
     """Commanded joint motion; between samples it is the quintic through both neighbours.
 
@@ -84,6 +84,21 @@ class Trajectory(Motion):
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.time[-1] - self.time[0])
+
+    def headline(self) -> str:
+        """Say how long it is, and for which robot."""
+        return super().headline() + (f", for {self.robot}" if self.robot else "")
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the range and the peaks of each joint."""
+        peaks = self.peaks()
+        return {
+            "joint": range(1, self.n + 1),
+            "from [rad]": self.position.min(axis=0).tolist(),
+            "to [rad]": self.position.max(axis=0).tolist(),
+            "peak velocity [rad/s]": peaks.velocity.tolist(),
+            "peak acceleration [rad/s²]": peaks.acceleration.tolist(),
+        }
 
     def check_robot(self, n: int, name: str) -> None:
         """Check that a robot of n joints and this name can follow.

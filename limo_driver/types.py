@@ -14,7 +14,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from limo_driver.errors import ShapeError
+from limo_driver.display import Displayed
+from limo_driver.errors import PathError, ShapeError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 _FLOAT64 = np.dtype(np.float64)
@@ -204,8 +205,8 @@ def _settle_temperature(owner: JointState | JointSample) -> None:
             raise ShapeError("temperature", owner.temperature.shape, f"{owner.position.shape}")
 
 
-@dataclass(frozen=True)
-class Motion:
+@dataclass(frozen=True, repr=False)
+class Motion(Displayed):
     """Joint motion over T samples, in order of time; what a batch prediction needs."""
 
     time: FloatArray  # (T,) [s]
@@ -227,6 +228,41 @@ class Motion:
             values = getattr(self, name)
             if values is not None and values.shape != (T, n):
                 raise ShapeError(name, values.shape, f"({T}, {n})")
+
+    @classmethod
+    def from_positions(cls, time: ArrayLike, position: ArrayLike) -> Motion:
+        """Return the motion through positions that have no noise, such as those of a sketch.
+
+        Velocity and acceleration are central differences, exact for a parabola. Those of measured
+        positions would be mostly noise: `Recording.motion` filters them.
+
+        Args:
+            time: (T,) [s], increasing; 3 samples or more.
+            position: (T, n) [rad].
+
+        Raises:
+            ShapeError: The shapes do not fit together.
+            PathError: Fewer than 3 samples, or a time that does not increase.
+
+        Example:
+            >>> time = np.linspace(0.0, 4.0, 1001)
+            >>> swing = 0.02 * np.sin(np.pi * time)[:, None]
+            >>> Motion.from_positions(time, swing)
+            <Motion: 4 s, 1001 samples of 1 joint>
+        """
+        time, position = readonly(time), readonly(position)
+        if position.ndim != 2 or time.shape != position.shape[:1]:  # noqa: PLR2004  # (T, n)
+            raise ShapeError("position", position.shape, f"(T, n) at {time.shape} times")
+        if time.size < 3:  # noqa: PLR2004
+            raise PathError(f"a motion of {time.size} positions, expected 3 or more")
+        if not (steps := np.diff(time) > 0).all():
+            row = int(np.argmin(steps)) + 1
+            raise PathError(
+                f"time does not increase: {time[row]:.9g} s follows {time[row - 1]:.9g} s "
+                f"(row {row})"
+            )
+        velocity = np.gradient(position, time, axis=0, edge_order=2)
+        return Motion(time, position, velocity, np.gradient(velocity, time, axis=0, edge_order=2))
 
     @classmethod
     def trusted(
@@ -265,6 +301,12 @@ class Motion:
             self.acceleration[rows],
             None if self.temperature is None else self.temperature[rows],
         )
+
+    def headline(self) -> str:
+        """Say how long it is, and of how many joints."""
+        joints = f"{self.n} joint{'s' * (self.n != 1)}"
+        duration = float(np.ptp(self.time)) if len(self) else 0.0
+        return f"{duration:.4g} s, {len(self)} samples of {joints}"
 
     def sample(self, row: int) -> JointSample:
         """Return one sample."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.display import Displayed
 from limo_driver.errors import InfeasiblePathError
 from limopa.exploration import Exploration, draw_exploration
 from limopa.feasibility import Feasibility
@@ -20,7 +21,7 @@ from limopa.retiming import JointBounds, TimedPath, joined, retime
 from limopa.scaffold import ScaffoldSampler, nearest_first
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from limo_driver.model import RobotModel
     from limo_driver.trajectory import Trajectory
@@ -38,8 +39,8 @@ class Phase:
     parameter: FloatArray  # (T,)
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, repr=False)
+class Plan(Displayed):
     """A planned motion and how it came about; phase i is segment i of the trajectory."""
 
     request: PlanRequest
@@ -50,6 +51,14 @@ class Plan:
     candidates: int  # random configurations drawn
     rejections: Mapping[str, Mapping[str, int]]  # stage → condition → count
     unchecked_pairs: tuple[tuple[str, str], ...]  # links that touch by construction
+
+    def headline(self) -> str:
+        """Say how many poses it explores, and how long that takes."""
+        return f"{len(self.scaffolds)} poses explored, {self.trajectory.headline()}"
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the range and the peaks of each joint."""
+        return self.trajectory.figures()
 
 
 def plan(

@@ -139,7 +139,7 @@ class MujocoRobot(SimulatedRobot):
         )
         self._mode = layout.POSITION
         self._fresh = False  # the next position starts a stream
-        self._settle(start_position(arm, initial_position))
+        self._place(start_position(arm, initial_position))
 
     def run(self, targets: FloatArray) -> SimulatedRun:
         """Simulate T cycles in one call, each with the position commanded after the one before.
@@ -257,22 +257,22 @@ class MujocoRobot(SimulatedRobot):
         self._contract.observe(state)
         self._state, self._answered = state, False
 
-    def _settle(self, encoder: FloatArray) -> None:
-        """Put the arm at rest in equilibrium where the encoders read `encoder`."""
+    def _place(self, position: FloatArray) -> None:
+        """Put the arm at rest in equilibrium where the encoders read `position`."""
         data, memory, plant = self._data, self._memory, self._plant
-        data.qpos[:] = encoder
+        data.qpos[:] = position
         wind_up = np.zeros(self.spec.n)
         for _ in range(_SETTLING):
             mujoco.mj_forward(self._model, data)
             load = data.qfrc_bias
             wind_up = load * (plant.compliance + plant.cubic * load**2)
-            self._sampled.settle(encoder, load)
+            self._sampled.settle(position, load)
             wind_up = wind_up + self._sampled.added[layout.ADDED_WIND_UP]
-            data.qpos[:] = encoder - wind_up
+            data.qpos[:] = position - wind_up
         memory[layout.LOAD] = data.qfrc_bias
         memory[layout.WIND_UP] = memory[layout.STATIC_WIND_UP] = wind_up
-        memory[layout.LAST_TARGET] = self._command[layout.TARGET] = encoder
-        memory[layout.ENCODER] = self.simulation.sensors.measure_position(encoder)
+        memory[layout.LAST_TARGET] = self._command[layout.TARGET] = position
+        memory[layout.ENCODER] = self.simulation.sensors.measure_position(position)
 
     def _save_plant(self) -> object:
         physics = np.empty(mujoco.mj_stateSize(self._model, _STATE))

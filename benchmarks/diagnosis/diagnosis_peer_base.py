@@ -75,7 +75,7 @@ def rows_of(recording: Recording, nominal: Simulation) -> Rows:
     motion = recording.sharp_motion(BAND)
     body = nominal.body
     load = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
-    error = recording.torque - nominal.predict_recording(recording, BAND)
+    error = recording.torque - nominal.predict(recording, BAND)
     reach = 2 * round(GUARD * recording.rate) + 1
     still = np.abs(recording.motion(BAND).velocity) <= MOVING
     usable = maximum_filter1d(still.astype(np.uint8), reach, axis=0) == 0

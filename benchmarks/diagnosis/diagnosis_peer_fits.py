@@ -55,7 +55,7 @@ def identify(task: Task) -> Answer:
     subprocess.run(list(map(str, command)), check=True, capture_output=True, text=True)
     fitted = Simulation.load(out)
     findings = _bodies_changed(task.nominal, fitted) + _terms_changed(task, fitted)
-    return Answer(findings, lambda recording: fitted.predict_recording(recording, BAND))
+    return Answer(findings, lambda recording: fitted.predict(recording, BAND))
 
 
 def _bodies_changed(nominal: Simulation, fitted: Simulation) -> list[dict[str, Any]]:
@@ -298,6 +298,6 @@ def _corrected(
     def torque(recording: Recording) -> Array:
         rows = rows_of(recording, task.nominal)
         said = np.stack([law.predict(rows) for law in laws], axis=1)
-        return task.nominal.predict_recording(recording, BAND) + links.torque(rows) + said
+        return task.nominal.predict(recording, BAND) + links.torque(rows) + said
 
     return torque

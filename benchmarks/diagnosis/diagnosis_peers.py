@@ -71,7 +71,7 @@ def run(case: Path, name: str) -> None:
     seconds = perf_counter() - begin
     for k in (1, 2):
         recording = Recording.load(case / f"held_out_{k}.parquet")
-        before = nominal.predict_recording(recording, BAND)
+        before = nominal.predict(recording, BAND)
         write(recording, recording.time, {"torque": before}, out / f"before_{k}.parquet")
         after = answer.foretell(recording)
         write(recording, recording.time, {"torque": after}, out / f"after_{k}.parquet")

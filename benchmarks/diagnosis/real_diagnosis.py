@@ -158,7 +158,7 @@ def _limo(command: str) -> None:
 
 def rmse(sim: Path, recording: Recording) -> FloatArray:
     """Return the error of a simulation on each joint of a recording, (n,) [N m]."""
-    predicted = Simulation.load(sim).predict_recording(recording, BANDWIDTH)
+    predicted = Simulation.load(sim).predict(recording, BANDWIDTH)
     predicted = smooth(recording.time, predicted, BANDWIDTH, recording.segments)
     error = recording.filtered_torque(BANDWIDTH) - predicted
     return np.sqrt(np.mean(error**2, axis=0))

@@ -122,7 +122,7 @@ def models(case: Case) -> Iterator[tuple[str, Predict]]:
     simulation = found.simulation
     yield (
         "sim.yaml of limo identify (bodies that exist)",
-        lambda recording: simulation.predict_recording(recording, BANDWIDTH),
+        lambda recording: simulation.predict(recording, BANDWIDTH),
     )
 
 

@@ -44,22 +44,22 @@ def note(*_):
     if os.environ["STOP"]:
         write()
         os._exit(0)
-def before(owner, name, place=None):
+def before(owner, name, told=None):
     own = getattr(owner, name)
     def noting(*given, **named):
-        if place is None:
+        if told is None:
             note()
-            return own(*given, **named)
-        tell = given[place]
-        changed = lambda *stage: (note(), tell(*stage))
-        return own(*given[:place], changed, *given[place + 1:], **named)
+        else:
+            tell = named[told]
+            named[told] = lambda *stage: (note(), tell(*stage))
+        return own(*given, **named)
     setattr(owner, name, noting)
 if sys.argv[1] == "run":
     from limo_driver.robot.robot import Robot
     before(Robot, "send")
 if sys.argv[1] == "diagnose":
-    from limo_driver.cli import diagnose
-    before(diagnose, "_diagnose", 3)
+    from limo_driver.workflow import diagnosing
+    before(diagnosing, "diagnose", "progress")
 def write():
     last = compilation.current()
     if last is not None:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING
 
+from limo_driver.display import Displayed
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
     import numpy as np
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.verdict import Verdict
+    from estimators.diagnosis.verdict import Finding, Verdict
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.trajectory import Trajectory
@@ -68,8 +74,8 @@ class Shift:
     sigmas: float  # in its prior standard deviation
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Displayed):
     """What was found, the improved simulation, and the evidence."""
 
     verdict: Verdict
@@ -85,6 +91,43 @@ class Diagnosis:
     bandwidth: float = 10.0  # of the zero-phase filter [Hz]
     replay: tuple[Replay, ...] = field(default_factory=tuple)
     replay_note: str = ""  # why there is no replay
+
+    @property
+    def simulation(self) -> Simulation:
+        """The improved simulation."""
+        return self.after
+
+    def save(self, folder: Path | str) -> None:
+        """Write verdict.json, sim.yaml, report.html, and next_motion.parquet if there is one.
+
+        Raises:
+            ConfigError: The folder cannot be written to.
+        """
+        import_module("estimators.diagnosis.saving").save(self, folder)  # which stands on this
+
+    def headline(self) -> str:
+        """Say the verdict in one sentence."""
+        return self.verdict.sentence()
+
+    def __str__(self) -> str:
+        said = [f"- {item.evidence} (confidence {item.confidence:.0%})" for item in self.findings]
+        more = [self.next_motion_purpose] if self.next_motion is not None else []
+        return "\n".join([self.headline(), *said, *more])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The effects that were left out or have a wrong parameter, as the verdict has them."""
+        return self.verdict.findings
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the errors of each joint on motion that nothing was fitted to."""
+        fit = self.verdict.fit
+        return {
+            "joint": self.before.model.joint_names,
+            "held-out RMSE before [N m]": fit.heldout_rmse_before,
+            "after [N m]": fit.heldout_rmse_after,
+            "noise floor [N m]": fit.noise_floor,
+        }
 
 
 @dataclass(frozen=True)

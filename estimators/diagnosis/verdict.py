@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 CONTACT = "external_contact"
+NEXT_MOTION = "next_motion.parquet"  # beside verdict.json
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
 
 Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]

@@ -21,11 +21,12 @@ from estimators.rigid_body.normal_equations import NormalEquations, Rows, accumu
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.terms import JointTerms, Term
 from estimators.rigid_body.tolerances import tolerances_of
+from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -64,8 +65,8 @@ class LinkChange:
     inertia_ratio: float  # trace of the inertia at the centre of mass, over the nominal one
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(Displayed):
     """What recordings say of a robot."""
 
     model: RobotModel
@@ -81,6 +82,25 @@ class Identification:
     links: tuple[LinkChange, ...]
     samples: int
     warnings: tuple[str, ...]
+
+    def headline(self) -> str:
+        """Say how much of the robot the motion revealed."""
+        return (
+            f"{self.model.name} from {self.samples} samples, {self.fit.excited} of "
+            f"{self.base.rank} base parameters excited, condition number {self.fit.condition:.3g}"
+        )
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the errors and the terms of each joint."""
+        terms: dict[str, list[float | str]] = {}
+        for item in self.estimates:
+            column = terms.setdefault(f"{item.parameter} [{item.unit}]", [""] * self.model.n)
+            column[item.joint - 1] = item.value
+        return {
+            "joint": self.model.joint_names,
+            "RMSE, in sample [N m]": self.rmse_consistent.tolist(),
+            **terms,
+        }
 
 
 def identify(

@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from estimators.evaluation import Evaluation
 
 
-FILES = ("evaluation.json", "torque.png", "loops.png")
-
-
 def command(
     recording: Annotated[Path, typer.Argument(help="Recording that was not trained on.")],
     model: Annotated[Path, typer.Option(help="Model folder of `limo train`.")],
@@ -39,12 +36,13 @@ def command(
     """
     import json
 
-    from estimators.evaluation import evaluate
+    from estimators.evaluation import FILES
     from estimators.model_folder import check_simulation, load_model
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
+    from limo_driver.workflow.learning import evaluate
 
     if out is not None:
         require_folder(out, "the evaluation", FILES, [recording])
@@ -63,33 +61,11 @@ def command(
         )
     values = json.dumps(evaluation.as_values())
     if out is not None:
-        write(evaluation, out)
+        evaluation.save(out)
     if as_json:
         terminal().print_json(values)
         return
     terminal().print(table(evaluation), certainty(evaluation))
-
-
-def write(evaluation: Evaluation, folder: Path) -> None:
-    """Write evaluation.json, torque.png and loops.png.
-
-    Raises:
-        ConfigError: The folder cannot be written.
-    """
-    import json
-
-    from estimators.pictures import loop_figure, png, torque_figure
-    from limo_driver.outputs import require_folder, whole
-
-    require_folder(folder, "the evaluation")
-    contents = (
-        json.dumps(evaluation.as_values(), indent=1).encode() + b"\n",
-        png(torque_figure(evaluation)),
-        png(loop_figure(evaluation)),
-    )
-    for name, content in zip(FILES, contents, strict=True):
-        with whole(folder / name) as draft:
-            draft.write_bytes(content)
 
 
 def table(evaluation: Evaluation) -> Table:

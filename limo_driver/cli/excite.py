@@ -108,21 +108,15 @@ def command(
         iterations=iterations,
     )
     model = RobotModel.load(robot)
-    conditioning = Conditioning(model)
-    found = _excite(model, conditioning, request, seed, quiet=as_json)
+    found = _excite(model, request, seed, quiet=as_json)
     found.trajectory.save(out)
     if picture is not None:
         draw(found, model, picture)
-    _report(found, conditioning, model, as_json=as_json)
+    _report(found, Conditioning(model), model, as_json=as_json)
 
 
 def _excite(
-    model: RobotModel,
-    conditioning: Conditioning,
-    request: ExcitationRequest,
-    seed: int,
-    *,
-    quiet: bool,
+    model: RobotModel, request: ExcitationRequest, seed: int, *, quiet: bool
 ) -> Excitation:
     """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
     from rich.progress import (
@@ -134,7 +128,7 @@ def _excite(
     )
 
     from limo_driver.console.terminal import terminal
-    from limopa.excitation.search import excite
+    from limo_driver.workflow.planning import excite
 
     columns = (
         TextColumn("exciting"), BarColumn(), MofNCompleteColumn(), TextColumn("iterations"),
@@ -148,7 +142,7 @@ def _excite(
         def show(done: int, most: int, condition: float) -> None:
             bar.update(task, completed=done, total=most, condition=f"{condition:.1f}")
 
-        return excite(model, conditioning, request, seed, show)
+        return excite(model, request, seed=seed, progress=show)
 
 
 def _report(

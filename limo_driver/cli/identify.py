@@ -103,7 +103,7 @@ def _identify(
 ) -> Identification:
     from rich.progress import Progress
 
-    from estimators.rigid_body import identify
+    from limo_driver.workflow.learning import identify
 
     # where nobody watches, the bar would leave an empty line before the message of an error
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:

@@ -120,7 +120,7 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
     )
 
     from limo_driver.console.terminal import terminal
-    from limopa import plan
+    from limo_driver.workflow.planning import plan
 
     columns = (
         TextColumn("planning"), BarColumn(), MofNCompleteColumn(), TextColumn("scaffolds"),
@@ -130,7 +130,12 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
     disable = quiet or not console.is_terminal
     with Progress(*columns, console=console, disable=disable, transient=True) as bar:
         task = bar.add_task("planning", total=request.scaffolds)
-        return plan(model, request, seed, lambda done, _wanted: bar.update(task, completed=done))
+        return plan(
+            model,
+            request,
+            seed=seed,
+            progress=lambda done, _wanted: bar.update(task, completed=done),
+        )
 
 
 def _report(statistics: Statistics, *, as_json: bool) -> None:

@@ -12,13 +12,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.base import Estimate, LiveEstimator
+    from estimators.base import Estimate
     from estimators.residual_model import ResidualModel
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-BANDWIDTH = 10.0  # [Hz], with a simulation
 _UNITS = {"torque": " [N m]", "std": " [N m]"}
 
 
@@ -30,7 +29,7 @@ def command(
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            help=f"Bandwidth of the differentiator, Hz; {BANDWIDTH:g}. A model has its own."
+            help="Bandwidth of the differentiator, Hz; 10. A model has its own."
         ),
     ] = None,
     delay: Annotated[
@@ -58,23 +57,17 @@ def command(
     """
     import json
 
-    from estimators.simulation_only import SimulationOnly
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_file
     from limo_driver.recordings.recording import Recording
+    from limo_driver.workflow.learning import predict
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     physics, learned = _load(sim, model, bandwidth)
     measured = Recording.load(recording)
     measured.check_robot(physics.model)
-    width = BANDWIDTH if bandwidth is None else bandwidth
-    time, columns = measured.time, {}
-    if delay is not None:
-        time, columns = _late(measured, learned or SimulationOnly(physics, width), delay)
-    elif learned is not None:
-        columns = _columns(learned.estimate(measured))
-    else:
-        columns = {"torque": physics.predict_recording(measured, width)}
+    estimate = predict(learned or physics, measured, bandwidth=bandwidth, delay=delay)
+    time, columns = getattr(estimate, "time", measured.time), _columns(estimate)
     write(measured, time, columns, out)
     if as_json:
         left_out = {item.reason: item.rows for item in measured.left_out}
@@ -120,19 +113,6 @@ def _load(
     assert model is not None  # noqa: S101  # one of them is there
     learned = load_model(model)
     return learned.simulation, learned
-
-
-def _late(
-    recording: Recording, estimator: LiveEstimator, delay: float
-) -> tuple[FloatArray, dict[str, NDArray[Any]]]:
-    """Return the times (T,) [s] and columns of what a stream says along a recording."""
-    import numpy as np
-
-    from estimators.stream import Stream
-
-    stream = Stream(estimator, recording.rate, delay)
-    late, _ = stream.advance(stream.init(), recording.time, recording.position)
-    return np.asarray(late.time), _columns(late)
 
 
 def _columns(estimate: Estimate) -> dict[str, NDArray[Any]]:

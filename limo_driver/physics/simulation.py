@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.display import Displayed
+from limo_driver.errors import ConfigError, RecordingError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics.effect import (
     JOINT,
@@ -23,21 +25,22 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.grouping import EffectGroups
+from limo_driver.physics.score import Score
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save
 from limo_driver.physics.transmission import JointElasticity
-from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
+from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from limo_driver.recordings.differentiation import Derivatives
-    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, repr=False)
+class Simulation(Displayed):
     """A robot, what is known of its inertias and sensors, and the physics of its joints.
 
     tau = ID(q - Σ displacement, dq, ddq) + Σ torque of joints and arm; then the sensors, in order
@@ -107,39 +110,71 @@ class Simulation:
         """Return the rigid body alone."""
         return replace(self, effects=())
 
-    def predict(self, motion: Motion) -> FloatArray:
-        """Predict the noise-free torque of a motion.
+    def predict(self, motion: Motion | Recording, bandwidth: float = 10.0) -> FloatArray:
+        """Predict the noise-free torque of a motion, or of a recorded one.
+
+        Memory of hysteresis and the like starts relaxed; in a recording, anew after each gap.
 
         Args:
-            motion: T samples of n joints in order of time; memory starts relaxed.
+            motion: T samples of n joints in order of time. Of a recording only times and positions
+                are used.
+            bandwidth: Of the zero-phase differentiator of a recording's positions [Hz]; velocities
+                are sharper, see `Recording.sharp_motion`. Of no use to a motion, which has
+                derivatives.
 
         Returns:
             Joint torques, (T, n) [N m].
 
         Raises:
             ShapeError: The motion has another number of joints.
+            RecordingError: The bandwidth is too high for the sampling rate.
         """
+        if isinstance(motion, Recording):
+            sharp = motion.sharp_motion(bandwidth)
+            return self.predict_stretches(sharp, motion.segments, bandwidth)
         torque, _ = self.advance(self.init(), motion)
         return torque
 
-    def predict_recording(self, recording: Recording, bandwidth: float = 10.0) -> FloatArray:
-        """Predict the noise-free torque of a recorded motion; memory starts anew after each gap.
+    def score(self, recording: Recording, bandwidth: float = 10.0) -> Score:
+        """Compare the torque predicted for a recording with the torque in it.
+
+        Both go through the same zero-phase filter, so that what only the filter makes of a torque
+        is no error. Give a recording that the simulation was not identified from: the errors are
+        then those to expect of other motion.
 
         Args:
-            recording: Measured motion; its torque is not looked at.
-            bandwidth: Of the zero-phase differentiator [Hz]; velocities are sharper, see
-                `Recording.sharp_motion`.
-
-        Returns:
-            Joint torques, (T, n) [N m].
+            recording: T samples of n joints of this robot.
+            bandwidth: Of the filter on motion and torque [Hz].
 
         Raises:
-            ShapeError: The recording has another number of joints.
-            RecordingError: The bandwidth is too high for the sampling rate.
+            RecordingError: It is of another robot, too short, or the bandwidth is too high for the
+                sampling rate.
         """
-        return self.predict_stretches(
-            recording.sharp_motion(bandwidth), recording.segments, bandwidth
+        recording.check_robot(self.model)
+        scored = ~recording.edges(bandwidth)
+        if not scored.any():
+            raise RecordingError(
+                f"is too short to score: the filter of {bandwidth:g} Hz needs more than "
+                f"{2 * EDGE / bandwidth:.2g} s without a gap",
+                path=recording.source or None,
+            )
+        measured = recording.filtered_torque(bandwidth)
+        predicted = recording.filtered(self.predict(recording, bandwidth), bandwidth)
+        error, measured = (measured - predicted)[scored], measured[scored]
+        return Score(
+            rmse=np.sqrt(np.mean(error**2, axis=0)),
+            torque=np.sqrt(np.mean(measured**2, axis=0)),
+            joint_names=self.model.joint_names,
+            samples=int(scored.sum()),
+            bandwidth=bandwidth,
+            source=recording.source,
         )
+
+    def headline(self) -> str:
+        """Say which robot, and how many of which effects it has."""
+        count = Counter(effect.name.replace("_", " ") for effect in self.effects)
+        several = [f"{name} × {k}" if k > 1 else name for name, k in count.items()]
+        return f"{self.robot}, " + (", ".join(several) or "rigid body alone")
 
     def predict_stretches(
         self, motion: Motion, segments: Sequence[slice], bandwidth: float

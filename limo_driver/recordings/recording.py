@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.recordings.data_gate import Columns, LeftOut, contiguous, inspect
 from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
@@ -16,7 +17,7 @@ from limo_driver.recordings.recorded_time import seconds
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -28,8 +29,8 @@ SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
 LIVELIER = 1.25  # times the bandwidth, for the acceleration
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, repr=False)
+class Recording(Displayed):
     """T usable samples of n joints.
 
     Velocity is kept as the robot gave it; `motion` computes velocity and acceleration from the
@@ -142,6 +143,27 @@ class Recording:
             torque_resolution=self.torque_resolution,
         )
         write_columns(columns, Path(path))
+
+    def headline(self) -> str:
+        """Say how long it is, how fast, of what, and what was left out."""
+        rate = f" at {self.rate:.4g} Hz" if len(self) > 1 else ""
+        text = f"{self.duration:.4g} s, {len(self)} samples{rate} of {self.n} joints"
+        text += f" of {self.robot}" if self.robot else ""
+        out = self.rows_total - len(self)
+        text += f", {out} rows left out" if out else ""
+        return text + (f", from {self.source}" if self.source else "")
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the range of position and torque of each joint."""
+        if not len(self):
+            return {}
+        return {
+            "joint": range(1, self.n + 1),
+            "from [rad]": self.position.min(axis=0).tolist(),
+            "to [rad]": self.position.max(axis=0).tolist(),
+            "least torque [N m]": self.torque.min(axis=0).tolist(),
+            "most torque [N m]": self.torque.max(axis=0).tolist(),
+        }
 
     def __len__(self) -> int:
         return self.time.size

@@ -8,7 +8,9 @@ from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from inspect import signature
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -18,15 +20,15 @@ from limo_driver.recordings.recorder import Recorder
 from limo_driver.robot.interrupts import interrupts
 from limo_driver.robot.realtime import Realtime
 from limo_driver.robot.registry import ROBOTS, find
+from limo_driver.trajectory import Trajectory
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
     from limo_driver.robot.robot import Robot
-    from limo_driver.trajectory import Trajectory
     from limo_driver.types import JointCommand, JointState
 
 DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
@@ -250,6 +252,46 @@ class Playback:
             state = states.receive()
             if cycle % self.record_every == 0:
                 recorder.append(state, robot.setpoint)
+
+
+class Planned(Protocol):
+    """What was planned around a trajectory, with how it came about."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion."""
+        ...
+
+
+def trajectory_of(planned: Trajectory | Planned) -> Trajectory:
+    """Return a trajectory, or the one in what was planned around it."""
+    return planned if isinstance(planned, Trajectory) else planned.trajectory
+
+
+def follow(
+    robot: Robot,
+    trajectory: Trajectory,
+    record: Path | str | None,
+    stiffness: float | None,
+    progress: Callable[[int, int], None] | None,
+) -> Recording:
+    """Play a trajectory on an open robot, and return the recording; see `Robot.follow`."""
+    from limo_driver.recordings.recording import Recording
+
+    provenance = {"backend": type(robot).__name__, "trajectory": trajectory.source}
+    with TemporaryDirectory(prefix="limo-") as folder:
+        path = Path(folder) / "run.parquet" if record is None else Path(record)
+        playback = Playback(trajectory, path, stiffness=stiffness, provenance=provenance)
+        summary = playback.run(robot, progress or (lambda _done, _all: None))
+        if summary.interrupted:
+            raise KeyboardInterrupt
+        recording = Recording.load(path)
+    limited = [f"limited by {name} in {count} cycles" for name, count in summary.limited.items()]
+    return replace(
+        recording,
+        source="" if record is None else str(record),
+        warnings=(*recording.warnings, *limited, *summary.refused),
+    )
 
 
 def open_for(

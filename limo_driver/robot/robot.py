@@ -18,6 +18,12 @@ from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 READY_TIMEOUT = 60.0  # [s] for a person to start what has to be started on the robot's side
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.robot.playback import Planned
+    from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
 
 
@@ -106,6 +112,49 @@ class Robot(Closing):
         """
         return self.receive()
 
+    def follow(
+        self,
+        trajectory: Trajectory | Planned,
+        *,
+        record: Path | str | None = None,
+        stiffness: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Recording:
+        """Move along a trajectory from its start to its end, and return what was measured.
+
+        The arm has to stand where the trajectory starts; a simulated one that has not begun to move
+        is put there. Afterwards it stands at the end, and holds once its last command expires.
+
+        Args:
+            trajectory: The motion, or what was planned around one, as `plan` and `excite` return.
+            record: Parquet file that keeps the recording; it survives a crash up to the last second.
+            stiffness: Follow as an impedance of this stiffness [N m/rad], not by position.
+            progress: Told the control cycles done and those in all, now and then.
+
+        Returns:
+            One sample for each control cycle. Its `warnings` say which limits slowed the motion.
+
+        Raises:
+            JointLimitError: The arm does not stand where the trajectory starts.
+            HoldingError: The arm went into a hold by itself; what was recorded is kept in `record`.
+            ConfigError: The trajectory is of another robot.
+            RecordingError: The recording cannot be written.
+            KeyboardInterrupt: Ctrl-C; the arm was slowed down to a hold before.
+
+        Example:
+            >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
+            ...     run = robot.follow(Trajectory.load("limo.traj.parquet"))
+        """
+        from limo_driver.robot.playback import follow, trajectory_of
+
+        motion = trajectory_of(trajectory)
+        motion.check_robot(self.spec.n, self.spec.name)
+        start = motion.position[0]
+        self._stand_at(start)
+        if self._state is not None and not self._contract.at_rest:  # a stream would just go on
+            self._contract.check_start(start, self._state.position)
+        return follow(self, motion, record, stiffness, progress)
+
     def hold(self, reason: str = "asked to hold") -> None:
         """Slow down within the limits, then keep the pose; commands are refused until `resume`."""
         self._contract.hold(reason)
@@ -193,6 +242,9 @@ class Robot(Closing):
 
     def _check(self, command: JointCommand) -> None:  # most take every command
         """Raise if the robot cannot carry out a command; nothing is sent then."""
+
+    def _stand_at(self, position: FloatArray) -> None:
+        """Stand somewhere before the first cycle, if the robot can be put there: a real one cannot."""
 
     def _begin(self) -> None:  # most backends have nothing to forget
         """Prepare for a new stream of commands, which starts from the measured pose."""

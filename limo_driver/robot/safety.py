@@ -284,7 +284,7 @@ class SafetyContract:
             raise BackendError("a stream starts from a measured pose; the measurement is lost")
         goal, zero = state.position, np.zeros(self.spec.n)
         if isinstance(command, (PositionCommand, ImpedanceCommand)):
-            self._check_start(command.position, state.position)
+            self.check_start(command.position, state.position)
             goal = command.position
         now = self._memory.now
         if self._memory.phase is _ACTIVE:  # another control mode takes over
@@ -296,7 +296,16 @@ class SafetyContract:
         else:
             self._memory.now = _Setpoint(state.position, zero, zero, goal)
 
-    def _check_start(self, position: FloatArray, measured: FloatArray) -> None:
+    def check_start(self, position: FloatArray, measured: FloatArray) -> None:
+        """Check that a stream of positions begins where the arm is.
+
+        Args:
+            position: The first one, (n,) [rad].
+            measured: Where the arm is, (n,) [rad].
+
+        Raises:
+            JointLimitError: Further away than `start_tolerance`.
+        """
         off = np.abs(position - measured)
         if np.any(off > self.start_tolerance):
             j, tolerance = int(np.argmax(off)), self.start_tolerance

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.trajectory import Segment, Trajectory
 from limopa.excitation.descent import Candidate, Watch
@@ -28,7 +29,7 @@ from limopa.request import Surroundings, Workspace, require
 from limopa.scaffold import ScaffoldSampler
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray, JointLimits
@@ -88,8 +89,8 @@ class ExcitationRequest:
         return 1.0 / self.duration
 
 
-@dataclass(frozen=True)
-class Excitation:
+@dataclass(frozen=True, repr=False)
+class Excitation(Displayed):
     """What was found."""
 
     request: ExcitationRequest
@@ -97,6 +98,14 @@ class Excitation:
     harmonics: Harmonics  # of each joint, multiples of the base frequency
     trajectory: Trajectory
     unchecked_pairs: tuple[tuple[str, str], ...]  # links that touch by construction
+
+    def headline(self) -> str:
+        """Say its base frequency, and how long it is."""
+        return f"base frequency {self.request.frequency:.4g} Hz, {self.trajectory.headline()}"
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the range and the peaks of each joint."""
+        return self.trajectory.figures()
 
 
 def excite(

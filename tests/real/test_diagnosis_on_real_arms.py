@@ -49,7 +49,7 @@ class Diagnosed:
 
 
 def rmse(simulation, recording):
-    predicted = simulation.predict_recording(recording, BANDWIDTH)
+    predicted = simulation.predict(recording, BANDWIDTH)
     predicted = smooth(recording.time, predicted, BANDWIDTH, recording.segments)
     error = recording.filtered_torque(BANDWIDTH) - predicted
     return np.sqrt(np.mean(error**2, axis=0))

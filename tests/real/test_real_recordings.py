@@ -117,7 +117,7 @@ def test_a_loaded_ur10e_is_identified_from_a_description_without_the_load(run, o
     train, test = load(f"ur10e/{run}.parquet"), load(f"ur10e/{other}.parquet")
     simulation = identify(RobotModel.load(urdf), [train], rows=rows).simulation
     free = RigidBodyModel(urdf, JointTerms(), rows).fit([train])  # no body has to exist
-    rmse = rmse_of(simulation.predict_recording(test, BANDWIDTH), test)
+    rmse = rmse_of(simulation.predict(test, BANDWIDTH), test)
     assert (rmse / heldout_rmse(free, test)).max() < 1.1
 
 

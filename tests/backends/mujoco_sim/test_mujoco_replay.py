@@ -90,8 +90,8 @@ def test_effects_of_time_act_when_they_did_in_the_recording(recording):
     assert np.abs(added[pressed, 3]).min() > 5.0
     steady = apart & (np.abs(np.gradient(run.position[:, 1], run.time)) > 0.03)
     assert steady.sum() > 50
-    warming = Simulation("iiwa14", effects[2:]).predict_recording(recording)
-    said = np.abs(warming - Simulation("iiwa14").predict_recording(recording))[:, 1]
+    warming = Simulation("iiwa14", effects[2:]).predict(recording)
+    said = np.abs(warming - Simulation("iiwa14").predict(recording))[:, 1]
     expected = np.interp(run.time[steady], recording.time, said)
     assert np.allclose(np.abs(added[steady, 1]), expected, atol=0.1)
 

@@ -76,7 +76,7 @@ def closure(diagnosis):
 def error(simulation, truth, seed=77):
     """Return the worst joint's RMS error on another motion of the arm, while it moves [N m]."""
     recording = record(truth, seed)
-    difference = truth.predict_recording(recording) - simulation.predict_recording(recording)
+    difference = truth.predict(recording) - simulation.predict(recording)
     moves = np.abs(recording.sharp_motion(10.0).velocity) > REST
     return float(np.sqrt(np.mean(difference**2, axis=0, where=moves)).max())
 

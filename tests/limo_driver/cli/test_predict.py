@@ -104,7 +104,7 @@ def model(tmp_path_factory):
     recording = Recording.from_arrays(
         t,
         position,
-        SIMULATION.predict_recording(Recording.from_arrays(t, position, np.ones_like(position))),
+        SIMULATION.predict(Recording.from_arrays(t, position, np.ones_like(position))),
     )
     folder = tmp_path_factory.mktemp("model")
     settings = TrainingSettings(epochs=1, folds=1, hidden=4)
@@ -175,7 +175,7 @@ def test_at_reversals_it_is_nearer_to_the_arm_than_a_velocity_within_the_bandwid
         return np.sqrt(np.mean(((torque - rigid_torque)[:, 1] - friction) ** 2))
 
     smooth = recording.motion(10.0)
-    sharp = error(SIMULATION.predict_recording(recording), rigid.predict_recording(recording))
+    sharp = error(SIMULATION.predict(recording), rigid.predict(recording))
     assert sharp < 0.6 * error(SIMULATION.predict(smooth), rigid.predict(smooth))
 
 
@@ -183,8 +183,8 @@ def test_memory_starts_anew_after_a_gap():
     t = np.r_[np.arange(0, 3, 0.01), np.arange(5, 8, 0.01)]
     position = motion_of(t)
     both = Recording.from_arrays(t, position, np.zeros_like(position))
-    torque = SIMULATION.predict_recording(both)
-    np.testing.assert_allclose(torque[300:], SIMULATION.predict_recording(both[300:]))
+    torque = SIMULATION.predict(both)
+    np.testing.assert_allclose(torque[300:], SIMULATION.predict(both[300:]))
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_the_temperature_of_a_recording_reaches_the_friction(motion):
     recording = Recording(
         T, motion.position, np.zeros_like(motion.position), extras={"temperature": holes}
     )
-    added = warm.predict_recording(recording) - iiwa().predict_recording(recording)
+    added = warm.predict(recording) - iiwa().predict(recording)
     sliding = np.abs(recording.motion(10.0).velocity[:, 2]) > 0.05
     expected = 0.1 * (temperature[:, 2] - 20.0)
     np.testing.assert_allclose(np.abs(added[sliding, 2]), expected[sliding], atol=1e-9)

@@ -37,7 +37,7 @@ def seen(training_recording):
 
     def see(true):
         noise = 0.01 * np.random.default_rng(4).standard_normal(training_recording.torque.shape)
-        torque = true.predict_recording(training_recording) + noise
+        torque = true.predict(training_recording) + noise
         return replace(training_recording, torque=torque)
 
     return see

@@ -63,7 +63,7 @@ def test_a_fast_recording_is_thinned_before_and_gives_the_same_rows(true_arm, ri
     t = np.arange(int(20 * rate)) / rate
     angle = 2 * np.pi * np.array([0.3, 0.4]) * t[:, None]
     position = np.array([0.4, -0.8]) + 0.05 * np.sin(angle)
-    fast = Recording.from_arrays(t, position, true_arm.predict_recording(
+    fast = Recording.from_arrays(t, position, true_arm.predict(
         Recording.from_arrays(t, position, np.cos(angle))))  # fmt: skip
     thin = Observations.of(rigid, [fast], BANDWIDTH)
     assert len(thin.motion) == pytest.approx(len(fast) / 4, abs=1)

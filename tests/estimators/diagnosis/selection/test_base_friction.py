@@ -27,7 +27,7 @@ WIDTHS = {1: 0.0005, 2: 0.004}  # [rad/s]
 def observed_of(given, true, recording):
     """Return what a given simulation sees of a true arm on the motion of a recording."""
     random = np.random.default_rng(5)
-    torque = true.predict_recording(recording)
+    torque = true.predict(recording)
     noisy = replace(recording, torque=torque + 0.02 * random.standard_normal(torque.shape))
     return Observations.of(given, [noisy], 10.0)
 

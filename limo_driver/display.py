@@ -1,0 +1,54 @@
+"""How values show themselves: one line as text, a table of joints in a notebook."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+
+class Displayed:
+    """A value with a short `repr`, a longer `str`, and a table in notebooks.
+
+    A subclass says what it is in one line, and, where it has figures of each joint, those. A frozen
+    dataclass of it is made with `repr=False`, which keeps arrays out of the line.
+    """
+
+    def headline(self) -> str:
+        """Say in one line what this is, with the figures that matter most and their units."""
+        raise NotImplementedError
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the columns of the table by heading, with units; one row for each joint."""
+        return {}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.headline()}>"
+
+    def __str__(self) -> str:
+        columns = {name: [name, *map(_text, values)] for name, values in self.figures().items()}
+        if not columns:
+            return self.headline()
+        widths = [max(map(len, column)) for column in columns.values()]
+        rows = zip(*columns.values(), strict=True)
+        lines = ["  ".join(map(str.rjust, row, widths)) for row in rows]
+        return "\n".join([self.headline(), *lines])
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        line, columns = f"<p>{escape(self.headline())}</p>", self.figures()
+        if not columns:
+            return line
+        head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row) + "</tr>"
+            for row in zip(*columns.values(), strict=True)
+        )
+        return f"{line}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _text(value: object) -> str:
+    """Return a value of the table; four digits behind the point are enough of a torque."""
+    return f"{value:.4f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,51 @@
+"""Score: how far a simulation's torque is from a recorded one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from limo_driver.display import Displayed
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True, repr=False)
+class Score(Displayed):
+    """Errors of a predicted torque against a recorded one, behind one zero-phase filter.
+
+    Args:
+        rmse: Root mean square error of each joint, (n,) [N m].
+        torque: Root mean square of the measured torque, (n,) [N m], to compare with.
+        joint_names: Of the n joints.
+        samples: That were scored: all but those near the end of a stretch without a gap.
+        bandwidth: Of the filter [Hz].
+        source: Where the recording is from.
+    """
+
+    rmse: FloatArray
+    torque: FloatArray
+    joint_names: tuple[str, ...]
+    samples: int
+    bandwidth: float
+    source: str = ""
+
+    def headline(self) -> str:
+        """Say the largest error, and on what it was found."""
+        worst = int(self.rmse.argmax())
+        of = f" of {self.source}" if self.source else ""
+        return (
+            f"RMSE up to {self.rmse[worst]:.4f} N m ({self.joint_names[worst]}) over "
+            f"{self.samples} samples{of}, torque filtered at {self.bandwidth:g} Hz"
+        )
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return error and measured torque of each joint."""
+        return {
+            "joint": self.joint_names,
+            "RMSE [N m]": self.rmse.tolist(),
+            "measured torque, RMS [N m]": self.torque.tolist(),
+        }

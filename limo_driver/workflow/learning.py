@@ -1,0 +1,206 @@
+"""Models of an arm from its recordings: identified, learned, evaluated, and asked for torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from limo_driver.errors import ConfigError
+from limo_driver.physics import Simulation
+from limo_driver.workflow.planning import model_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from estimators.base import Estimate
+    from estimators.evaluation import Evaluation
+    from estimators.hybrid.training.fit import Epoch
+    from estimators.hybrid.training.settings import TrainingSettings
+    from estimators.residual_model import ResidualModel
+    from estimators.rigid_body import Identification, JointTerms, Rows
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
+
+BANDWIDTH = 10.0  # [Hz] of the zero-phase filters, unless told
+
+
+def identify(
+    robot: RobotModel | str,
+    recordings: Sequence[Recording],
+    terms: JointTerms | None = None,
+    rows: Rows | None = None,
+    tolerance: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Identification:
+    """Identify inertias and friction of a robot from recordings.
+
+    Least squares finds the base parameters; a convex fit then finds physically consistent inertias
+    that explain the same torques, and stays at the robot's description where the motion reveals
+    nothing.
+
+    Args:
+        robot: The arm with its nominal inertias, or its built-in name or URDF.
+        recordings: Measured motions and torques of that arm.
+        terms: What is modelled beside inertias: friction, offset of the sensor, armature.
+        rows: Which rows are used, how joints are weighed, and the bandwidth of the filter [Hz].
+        tolerance: Relative standard deviation of the nominal inertias; by default the one under
+            which the data are most likely.
+        progress: Told the samples done since the last call.
+
+    Returns:
+        What was found; the model to go on with is its `simulation`.
+
+    Raises:
+        ConfigError: A tolerance outside 1e-4 to 10, or there is no such robot.
+        RecordingError: A recording is of another robot or given twice, nothing moves, no torque was
+            measured, or no row is left.
+
+    Example:
+        >>> identify("iiwa14", [Recording.load("run.parquet")]).simulation.save("sim.yaml")
+    """
+    from estimators.rigid_body import identify as found
+
+    return found(model_of(robot), recordings, terms, rows, tolerance, progress)
+
+
+def predict(
+    model: ResidualModel[Any] | Simulation,
+    recording: Recording,
+    *,
+    bandwidth: float | None = None,
+    delay: float | None = None,
+) -> Estimate:
+    """Predict the noise-free torque of a recorded motion.
+
+    Args:
+        model: A simulation, or a fitted model.
+        recording: T samples of n joints; its torque is not looked at.
+        bandwidth: Of the zero-phase differentiator [Hz], 10 if not given; a model has its own.
+        delay: Predict what a live stream would have said this much later [s], from the past alone.
+
+    Returns:
+        Torque (T, n) [N m] and how sure it is; with a delay, a `LiveEstimate` with its own times.
+
+    Raises:
+        ConfigError: A bandwidth is given to a model, or the delay is too short for it.
+        ShapeError: The recording has another number of joints.
+        RecordingError: The bandwidth is too high for the sampling rate.
+        NotFittedError: The model is not trained.
+
+    Example:
+        >>> predict(Simulation.load("sim.yaml"), Recording.load("run.parquet")).torque
+    """
+    from estimators.base import Estimate
+
+    if isinstance(model, Simulation):
+        width = BANDWIDTH if bandwidth is None else bandwidth
+        if delay is None:
+            return Estimate.unsure(model.predict(recording, width))
+        from estimators.simulation_only import SimulationOnly
+
+        return _live(SimulationOnly(model, width), recording, delay)
+    if bandwidth is not None:
+        raise ConfigError("a bandwidth is of a simulation; a model has the one it was trained with")
+    return model.estimate(recording) if delay is None else _live(model, recording, delay)
+
+
+def _live(model: Any, recording: Recording, delay: float) -> Estimate:  # noqa: ANN401  # LiveEstimator
+    from estimators.stream import Stream
+
+    stream = Stream(model, recording.rate, delay)
+    return stream.advance(stream.init(), recording.time, recording.position)[0]
+
+
+def load_model(folder: Path | str) -> ResidualModel[Any]:
+    """Read the folder of a trained model; runs no code from it.
+
+    Args:
+        folder: As `save` of a model, or `limo train`, wrote it.
+
+    Raises:
+        ModelStoreError: The folder is incomplete or does not fit together, by name.
+
+    Example:
+        >>> predict(load_model("model/"), Recording.load("run.parquet")).std
+    """
+    from estimators.model_folder import load_model as loaded
+
+    return loaded(folder)
+
+
+def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
+    """Compare a model, and the rigid body it adds to, with the torque of a recording.
+
+    Args:
+        model: A fitted model.
+        recording: Of the same arm; the errors are of other motion if nothing was trained on it.
+
+    Returns:
+        Errors, noise floor and coverage of each joint, and the filtered torques.
+
+    Raises:
+        NotFittedError: The model is not trained.
+        ModelStoreError: The recording has another sampling rate than the model can take.
+        RecordingError: The recording is of another robot, or too short.
+
+    Example:
+        >>> evaluate(model, Recording.load("test.parquet")).save("evaluation/")
+    """
+    from estimators.evaluation import evaluate as judged
+
+    return judged(model, recording)
+
+
+def train(
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    model: str = "joint-physics",
+    *,
+    bandwidth: float | None = None,
+    settings: TrainingSettings | None = None,
+    progress: Callable[[Epoch], None] | None = None,
+) -> ResidualModel[Any]:
+    """Learn the torque that a simulation leaves unexplained.
+
+    Args:
+        simulation: Normally an identified one.
+        recordings: Of its robot.
+        model: `joint-physics`, fitted in closed form with standard deviations; or a network: mlp7,
+            lstm-2, lstm-fcl, transformer.
+        bandwidth: Of the zero-phase filter on motion and torque [Hz]; that of `settings`, or 10, if
+            not given.
+        settings: Of a network's training; the usual ones if not given. `model` is its name.
+        progress: Told each epoch of a network's training.
+
+    Returns:
+        The fitted model; `save` writes its folder.
+
+    Raises:
+        ConfigError: There is no such model, or settings were given for one that has none.
+        RecordingError: A recording is of another robot, or too short.
+        DivergedError: The loss of a network is no longer finite.
+
+    Example:
+        >>> train(sim, [Recording.load("run.parquet")], "lstm-fcl").save("model/")
+    """
+    from estimators.joint_physics import JointPhysics
+    from estimators.neural import NETWORKS
+
+    if model == JointPhysics.name:
+        if settings is not None:
+            raise ConfigError(f"settings are of networks; {model} has no such choice")
+        return JointPhysics(simulation, bandwidth or BANDWIDTH).fit(recordings)
+    if model not in NETWORKS:
+        known = ", ".join((JointPhysics.name, *NETWORKS))
+        raise ConfigError(f"no model is called {model!r}; known: {known}")
+    from estimators.hybrid import HybridModel
+    from estimators.hybrid.model import train as fitted
+    from estimators.hybrid.training.settings import TrainingSettings
+
+    chosen = replace(settings or TrainingSettings(), model=model)
+    if bandwidth is not None:
+        chosen = replace(chosen, bandwidth=bandwidth)
+    hybrid = HybridModel(simulation, chosen)
+    hybrid.fitted_ = fitted(simulation, recordings, chosen, progress or (lambda _epoch: None))
+    return hybrid

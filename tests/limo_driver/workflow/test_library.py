@@ -1,0 +1,179 @@
+"""What a program can do with the library alone, without commands and files."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+import limo_driver as limo
+from limo_driver.errors import ConfigError, JointLimitError
+from limo_driver.physics import CoulombFriction, Payload, ViscousFriction
+
+SNIPPET = """
+import limo_driver as limo
+
+arm  = limo.RobotModel.load("iiwa14")
+data = limo.Recording.from_arrays(time, position, torque)
+sim  = limo.identify(arm, [data]).simulation
+print(sim.score(other))                        # held-out RMSE by joint
+with limo.open_robot("mujoco", simulation=sim) as robot:
+    run = robot.follow(limo.plan(arm, seed=1)) # a Recording
+found = limo.diagnose(sim, [run])              # with next motion and replay, as the command has them
+print(found)                                   # the verdict, in a few lines
+found.save("diagnosis/")
+found.simulation.save("better.yaml")
+"""
+TRUE = limo.Simulation(
+    "iiwa14",
+    (
+        *(CoulombFriction(joint=j, tau_c=0.5, v_eps=0.002) for j in range(1, 8)),
+        *(ViscousFriction(joint=j, f_v=1.0) for j in range(1, 8)),
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def planned():
+    return limo.plan("iiwa14", limo.PlanRequest(scaffolds=2), seed=4)
+
+
+@pytest.fixture(scope="module")
+def recorded(planned):
+    return limo.run("mujoco", planned, simulation=TRUE, seed=1)
+
+
+@pytest.mark.slow("plans, identifies, simulates and diagnoses")
+def test_the_whole_way_in_a_dozen_lines(recorded, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    # Two poses instead of an hour of motion; all else is word for word.
+    monkeypatch.setattr(limo, "plan", partial(limo.plan, request=limo.PlanRequest(scaffolds=2)))
+    given = {
+        "time": recorded.time,
+        "position": recorded.position,
+        "torque": recorded.torque,
+        "other": recorded,
+    }
+    exec(SNIPPET, given)  # noqa: S102  # our own
+    printed = capsys.readouterr().out
+    assert "RMSE [N m]" in printed
+    assert given["found"].verdict.sentence() in printed
+    better = limo.Simulation.load("better.yaml")
+    assert better == given["found"].simulation
+    written = {path.name for path in (tmp_path / "diagnosis").iterdir()}
+    assert {"verdict.json", "sim.yaml", "report.html"} <= written
+    assert given["found"].replay
+
+
+def test_a_simulation_scores_the_recording_it_made_near_zero(recorded):
+    score, bare = TRUE.score(recorded), TRUE.without_effects().score(recorded)
+    assert (score.rmse < 0.15 * bare.rmse).all()
+    assert score.samples < len(recorded)
+    assert str(score).count("\n") == 7  # a heading above seven joints
+    assert "RMSE [N m]" in score._repr_html_()
+
+
+def test_predicting_a_recording_and_its_motion_is_one_word(recorded):
+    motion = recorded.motion(10.0)
+    whole, smooth = TRUE.predict(recorded), TRUE.predict(motion)
+    assert whole.shape == smooth.shape == recorded.torque.shape
+    np.testing.assert_array_equal(limo.predict(TRUE, recorded).torque, whole)
+
+
+def test_a_late_prediction_has_times_of_its_own(recorded):
+    late = limo.predict(TRUE, recorded, delay=0.1)
+    np.testing.assert_allclose(late.time, recorded.time - 0.1, atol=1.01e-3)
+
+
+class TestFollow:
+    def test_an_arm_that_has_not_begun_is_put_where_the_motion_starts(self, planned, recorded):
+        with limo.open_robot("mujoco", simulation=TRUE, seed=1) as robot:
+            run = robot.follow(planned)
+        np.testing.assert_array_equal(run.torque, recorded.torque)  # as with `initial_position`
+
+    def test_an_arm_elsewhere_does_not_leap_there(self, planned):
+        with limo.open_robot("virtual", simulation=TRUE) as robot:
+            robot.receive()
+            with pytest.raises(JointLimitError, match="first position"):
+                robot.follow(planned)
+
+    def test_a_second_motion_has_to_go_on_from_the_first(self, planned):
+        start = planned.trajectory.position[0]
+        with limo.open_robot("virtual", simulation=TRUE) as robot:
+            there = swing(start, 0.02)
+            assert robot.follow(there).robot == "iiwa14"
+            assert robot.follow(there).duration == pytest.approx(there.duration, abs=0.01)
+            with pytest.raises(JointLimitError, match="first position"):
+                robot.follow(swing(start + 0.3, 0.02))
+
+    def test_the_recording_is_kept_where_it_is_asked_for(self, planned, tmp_path):
+        path = tmp_path / "run.parquet"
+        start = planned.trajectory.position[0]
+        with limo.open_robot("virtual", simulation=TRUE) as robot:
+            run = robot.follow(swing(start, 0.02), record=path)
+        np.testing.assert_array_equal(limo.Recording.load(path).position, run.position)
+        assert run.source == str(path)
+
+    def test_what_slowed_the_motion_is_said(self, planned):
+        start = planned.trajectory.position[0]
+        with limo.open_robot("virtual", simulation=TRUE) as robot:
+            run = robot.follow(swing(start, 2.0))
+        assert any("limited by velocity" in item for item in run.warnings)
+
+    def test_another_robots_motion_is_refused(self, planned):
+        wrong = limo.Trajectory(
+            *(np.zeros((3, 7)) if k else np.arange(3.0) for k in range(4)), robot="panda"
+        )
+        with (
+            limo.open_robot("virtual", simulation=TRUE) as robot,
+            pytest.raises(ConfigError, match="planned for panda"),
+        ):
+            robot.follow(wrong)
+
+
+def swing(start, amplitude):
+    """Half a second there and half a second back."""
+    t = np.linspace(0.0, 1.0, 251)
+    motion = limo.Motion.from_positions(t, start + amplitude * np.sin(np.pi * t)[:, None] ** 4)
+    return limo.Trajectory(motion.time, motion.position, motion.velocity, motion.acceleration)
+
+
+@pytest.mark.slow("trains a model")
+def test_a_model_is_trained_saved_loaded_and_evaluated(recorded, tmp_path):
+    believed = TRUE.without_effects()
+    model = limo.train(believed, [recorded])
+    model.save(tmp_path / "model")
+    loaded = limo.load_model(tmp_path / "model")
+    found = limo.evaluate(loaded, recorded)
+    assert found.hybrid.mse.mean() < 0.1 * found.rigid_body.mse.mean()
+    found.save(tmp_path / "evaluation")
+    assert (tmp_path / "evaluation" / "loops.png").stat().st_size > 1000
+    assert "RMSE of the rigid body" in str(found)
+
+
+def test_an_unknown_model_is_refused_by_name(recorded):
+    with pytest.raises(ConfigError, match="no model is called 'mlp-7'; known: joint-physics"):
+        limo.train(TRUE, [recorded], "mlp-7")
+
+
+def test_a_bandwidth_is_not_of_a_model(recorded):
+    class Trained:
+        pass
+
+    with pytest.raises(ConfigError, match="has the one it was trained with"):
+        limo.predict(Trained(), recorded, bandwidth=5.0)
+
+
+@pytest.mark.slow("diagnoses")
+def test_a_diagnosis_on_values_is_the_one_of_the_command(planned, tmp_path):
+    payload = Payload(mass=1.0, com=(0.0, 0.0, 0.1), inertia=(0.0,) * 6)
+    truth = limo.Simulation("iiwa14", (*TRUE.effects, payload))
+    run = limo.run("mujoco", planned, simulation=truth)
+    stages = []
+    found = limo.diagnose(TRUE, [run], progress=lambda stage, part: stages.append((stage, part)))
+    assert [item.effect for item in found.findings] == ["payload"]
+    parts = [part for _, part in stages]
+    assert parts == sorted(parts)
+    assert parts[-1] < 1.0
+    assert found.simulation.score(run).rmse.sum() < 0.5 * TRUE.score(run).rmse.sum()
+    assert "payload" in str(found)
+    assert "held-out RMSE before" in found._repr_html_()
