@@ -109,6 +109,7 @@ def test_predicts_nothing_before_fit(name: str, recording: Recording) -> None:
         ESTIMATORS[name]("iiwa14").init()
 
 
+@pytest.mark.slow("fits every estimator twice")
 def test_fitting_again_forgets_what_was_fitted_before(
     kind: str, estimator: InverseDynamics, recording: Recording
 ) -> None:

@@ -353,6 +353,7 @@ def job(folder: Path, tmp_path: Path) -> Job:
     return Job(folder, sim, tmp_path, "cpu")
 
 
+@pytest.mark.slow("trains in processes of their own")
 def test_worker_processes_finish_trials_and_say_why_one_cannot_be(
     job: Job, data: TableData
 ) -> None:

@@ -110,6 +110,7 @@ def test_a_change_of_the_sources_is_seen_whatever_their_times(folder, change):
     assert ask(folder) == (8.0, True)
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_a_file_that_changes_after_its_import_leaves_no_code_for_what_it_says_now(folder):
     """As `git pull` does while a service runs."""
     change = (
@@ -122,6 +123,7 @@ def test_a_file_that_changes_after_its_import_leaves_no_code_for_what_it_says_no
     assert process(folder).communicate()[0].split() == ["8.0", "1"]
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_a_constant_that_a_process_changes_leaves_no_code_for_the_others(folder):
     change = (
         "import outer, numpy as np\n"
@@ -133,6 +135,7 @@ def test_a_constant_that_a_process_changes_leaves_no_code_for_the_others(folder)
     assert process(folder).communicate()[0].split() == ["6.0", "1"]
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_a_constant_in_a_module_of_a_module_is_seen(folder):
     (folder / "constants.py").write_text("K = 1.0")
     (folder / "package.py").write_text("import constants")
@@ -146,6 +149,7 @@ def test_a_constant_in_a_module_of_a_module_is_seen(folder):
     assert process(folder, ask_user).communicate()[0].split() == ["3.5"]
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_processes_find_the_same_names_in_whatever_order():
     """Sets, such as options of fast arithmetic, have another order in each process."""
     code = (
@@ -294,6 +298,7 @@ def compiling(folder: Path):
     return child
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_killed_while_compiling(folder):
     child = compiling(folder)
     child.kill()
@@ -302,6 +307,7 @@ def test_killed_while_compiling(folder):
     assert ask(folder) == (6.0, False)
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_killed_while_writing(folder):
     killed = "import os, pathlib; pathlib.Path.replace = lambda *_: os.kill(os.getpid(), 9)"
     child = process(folder, f"{killed}\n{ASK}")

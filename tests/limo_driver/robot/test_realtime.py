@@ -96,6 +96,7 @@ def test_what_came_about_later_can_be_frozen_too() -> None:
     assert len(kept) == 2 * YOUNG_LIMIT
 
 
+@pytest.mark.slow("starts processes")
 def test_what_was_asked_of_the_machine_is_given_back_or_said_to_be_refused() -> None:
     slack = ctypes.CDLL(None).prctl
     policy, before = os.sched_getscheduler(0), slack(30, 0, 0, 0, 0)

@@ -181,6 +181,7 @@ def test_drives_that_vanish_are_stale_then_hold(arm, convention):
                 robot.send(PositionCommand(valid_for=1.0, position=state.position))
 
 
+@pytest.mark.slow("moves for seconds, in real time")
 def test_lost_frames_are_lived_through(arm, scenario):
     path = arm("cia402")
     faults = scenario("{fault: lose_frames, probability: 0.05, at: 0.2}")
@@ -255,11 +256,13 @@ def test_the_command_says_that_it_is_ready_and_what_happened(arm, commanded):
     )
 
 
+@pytest.mark.slow("starts a process")
 def test_drives_that_cannot_start_say_why(tmp_path):
     with pytest.raises(BackendError, match=r"did not start: limo: .*nowhere\.yaml: cannot be read"):
         SimulatedDrives(tmp_path / "nowhere.yaml")
 
 
+@pytest.mark.slow("starts the drives of an arm twice")
 def test_drives_do_not_join_a_bus_that_has_them(flawless):
     with pytest.raises(BackendError, match=r"node \d+ answers on udp_multicast .* already"):
         SimulatedDrives(flawless)

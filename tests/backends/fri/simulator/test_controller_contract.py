@@ -104,6 +104,7 @@ def test_a_client_that_leaves_is_missed() -> None:
     assert run.states[-1] == "IDLE"
 
 
+@pytest.mark.slow("waits in real time")
 def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> None:
     port = free_port()
     with process(*LIMO, "controller", "--client", f"127.0.0.1:{port}") as robot:

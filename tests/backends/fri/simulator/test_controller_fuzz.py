@@ -7,6 +7,7 @@ from backends.fri.simulator.report import MOST_COMPLAINTS
 from backends.fri.simulator.settings import POSE
 
 
+@pytest.mark.slow("sends thousands of datagrams")
 def test_the_controller_outlives_what_it_is_sent():
     sent, report, packet = fuzz_controller(8000, seed=1)
     packets = report["packets"]

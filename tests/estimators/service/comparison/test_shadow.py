@@ -45,6 +45,7 @@ def test_only_states_that_came_since_are_judged(rigid, learned, motion) -> None:
     assert shadow_over(rigid, learned, motion).seconds == pytest.approx(80.0 - 1.15, abs=1.01)
 
 
+@pytest.mark.slow("serves a minute of states")
 def test_errors_are_those_of_the_service(rigid, learned, motion) -> None:
     service, kept = service_of(rigid, live(learned))
     feed(service, messages(motion))
@@ -54,6 +55,7 @@ def test_errors_are_those_of_the_service(rigid, learned, motion) -> None:
     np.testing.assert_allclose(shadow.comparison().challenger, expected, rtol=0.05)
 
 
+@pytest.mark.slow("serves a minute of states")
 def test_contact_is_left_out_with_a_margin(rigid, learned, motion) -> None:
     torque = motion.torque.copy()
     torque[3000:3500, 1] -= 8.0

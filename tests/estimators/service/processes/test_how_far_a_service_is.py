@@ -96,6 +96,7 @@ def test_a_service_that_compiles_while_it_loads_says_so_and_stays_there(
     assert [line.split(":")[0] for line in lines[:3]] == ORDER[:3]
 
 
+@pytest.mark.slow("starts two services and a driver")
 def test_a_driver_stands_until_estimates_come_and_then_moves(
     store: ModelStore, network: Network, trajectory: Path
 ) -> None:

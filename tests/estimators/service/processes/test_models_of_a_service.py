@@ -93,6 +93,7 @@ def test_options_of_a_store_and_of_a_service_do_not_mix(
     assert told in str(found.exception)
 
 
+@pytest.mark.slow("starts a service of two arms")
 def test_several_arms_are_served_from_stores_of_their_own(
     store: ModelStore, stored: Path, network: Network
 ) -> None:

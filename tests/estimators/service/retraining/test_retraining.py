@@ -90,6 +90,7 @@ class TestJudgement:
         assert store.aliases.challenger is None
         assert store.aliases.champion == 1
 
+    @pytest.mark.slow("serves for minutes of states")
     def test_an_equal_challenger_is_dropped_when_time_is_over(
         self, store, tmp_path, true_arm
     ) -> None:
@@ -99,6 +100,7 @@ class TestJudgement:
         assert "undecided after 120 s" in run.event("refused").text
         assert store.aliases.challenger is None
 
+    @pytest.mark.slow("serves for minutes of states")
     def test_a_champion_that_is_worse_on_probation_goes_back(
         self, store, tmp_path, true_arm, worn_arm
     ) -> None:

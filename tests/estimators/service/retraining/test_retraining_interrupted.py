@@ -58,6 +58,7 @@ def left(store: ModelStore, what: Unfinished | None = None) -> RetrainingFile:
 
 
 class TestProbation:
+    @pytest.mark.slow("serves two services")
     def test_goes_on_in_the_next_service_and_sends_back_what_is_worse(
         self, store: ModelStore, tmp_path: Path, true_arm: Simulation, worn_arm: Simulation
     ) -> None:

@@ -323,6 +323,7 @@ for _ in range(6):
 """
 
 
+@pytest.mark.slow("starts two processes")
 def test_two_processes_that_add_at_once_get_different_numbers(
     folder: Path, test_recording: Recording, tmp_path: Path
 ) -> None:

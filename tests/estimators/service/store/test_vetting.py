@@ -60,6 +60,7 @@ def store(filled: ModelStore, tmp_path: Path) -> ModelStore:
     return ModelStore(tmp_path / "models")
 
 
+@pytest.mark.slow("starts a process that loads a model")
 def test_a_good_version_passes_in_a_process_of_its_own(filled: ModelStore) -> None:
     vetted = vet(filled, 1, LATE)
     assert (vetted.ok, vetted.refused, vetted.reason) == (True, None, "")
@@ -67,6 +68,7 @@ def test_a_good_version_passes_in_a_process_of_its_own(filled: ModelStore) -> No
     assert vetted.figures["deviation"] <= 1e-6
 
 
+@pytest.mark.slow("starts a process that loads a model")
 def test_its_command_prints_json(filled: ModelStore) -> None:
     command = [sys.executable, "-m", "estimators.service.store.vetting", str(filled.root), "2"]
     found = subprocess.run(

@@ -184,6 +184,7 @@ class TestSigning:
     def keys(self, tmp_path: Path) -> tuple[Path, Path]:
         return write_keys(tmp_path, "own")
 
+    @pytest.mark.slow("trains in a process of its own")
     def test_a_challenger_is_signed_before_it_appears(
         self, store, training_recording, tmp_path, keys
     ) -> None:
@@ -223,6 +224,7 @@ class TestProcess:
         settings = replace(SETTINGS, training_limit=limit)
         return TrainingProcess(store, tmp_path / "logs", "arm", settings, Span(60.0), 0.1, 1.0)
 
+    @pytest.mark.slow("trains in a process of its own")
     def test_that_is_killed_leaves_the_store_as_it_was(
         self, store, training_recording, tmp_path
     ) -> None:
