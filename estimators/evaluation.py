@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -135,13 +136,12 @@ class Evaluation(Displayed):
         Raises:
             ConfigError: The folder cannot be written to.
         """
-        from estimators.pictures import loop_figure, png, torque_figure
-
+        pictures = import_module("estimators.pictures")  # which stands on this
         require_folder(Path(folder), "the evaluation")
         contents = (
             json.dumps(self.as_values(), indent=1).encode() + b"\n",
-            png(torque_figure(self)),
-            png(loop_figure(self)),
+            pictures.png(pictures.torque_figure(self)),
+            pictures.png(pictures.loop_figure(self)),
         )
         for name, content in zip(FILES, contents, strict=True):
             with whole(Path(folder) / name) as draft:

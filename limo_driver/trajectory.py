@@ -9,7 +9,7 @@ import json
 from dataclasses import dataclass
 from math import perm
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -230,6 +230,15 @@ class Trajectory(Motion):
             return cls(**_arrays(table), robot=robot, segments=segments, source=str(path))
         except ConfigError as error:
             raise ConfigError(str(error), path=path) from None
+
+
+class Planned(Protocol):
+    """What was planned around a trajectory, with how it came about."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion."""
+        ...
 
 
 def _check_values(values: FloatArray, quantity: str) -> None:

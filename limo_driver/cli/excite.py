@@ -115,9 +115,7 @@ def command(
     _report(found, Conditioning(model), model, as_json=as_json)
 
 
-def _excite(
-    model: RobotModel, request: ExcitationRequest, seed: int, *, quiet: bool
-) -> Excitation:
+def _excite(model: RobotModel, request: ExcitationRequest, seed: int, *, quiet: bool) -> Excitation:
     """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
     from rich.progress import (
         BarColumn,

@@ -28,9 +28,7 @@ def command(
     model: Annotated[Path | None, typer.Option(help="Or a model folder of `limo train`.")] = None,
     bandwidth: Annotated[
         float | None,
-        typer.Option(
-            help="Bandwidth of the differentiator, Hz; 10. A model has its own."
-        ),
+        typer.Option(help="Bandwidth of the differentiator, Hz; 10. A model has its own."),
     ] = None,
     delay: Annotated[
         float | None,

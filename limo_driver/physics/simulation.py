@@ -173,7 +173,7 @@ class Simulation(Displayed):
     def headline(self) -> str:
         """Say which robot, and how many of which effects it has."""
         count = Counter(effect.name.replace("_", " ") for effect in self.effects)
-        several = [f"{name} × {k}" if k > 1 else name for name, k in count.items()]
+        several = [f"{name} ({k})" if k > 1 else name for name, k in count.items()]
         return f"{self.robot}, " + (", ".join(several) or "rigid body alone")
 
     def predict_stretches(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.robot.robot import Robot
+    from limo_driver.trajectory import Planned
     from limo_driver.types import JointCommand, JointState
 
 DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
@@ -252,15 +253,6 @@ class Playback:
             state = states.receive()
             if cycle % self.record_every == 0:
                 recorder.append(state, robot.setpoint)
-
-
-class Planned(Protocol):
-    """What was planned around a trajectory, with how it came about."""
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The motion."""
-        ...
 
 
 def trajectory_of(planned: Trajectory | Planned) -> Trajectory:

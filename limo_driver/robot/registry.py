@@ -35,6 +35,10 @@ def open_robot(backend: str, **options: Any) -> Robot:  # noqa: ANN401  # each b
 
     Raises:
         BackendNotFoundError: No backend of that name.
+
+    Example:
+        >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
+        ...     state = robot.receive()
     """
     robot: Robot = find(ROBOTS, backend)(**options)
     return robot

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
@@ -22,8 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.recordings.recording import Recording
-    from limo_driver.robot.playback import Planned
-    from limo_driver.trajectory import Trajectory
+    from limo_driver.trajectory import Planned, Trajectory
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
 
 
@@ -127,7 +127,7 @@ class Robot(Closing):
 
         Args:
             trajectory: The motion, or what was planned around one, as `plan` and `excite` return.
-            record: Parquet file that keeps the recording; it survives a crash up to the last second.
+            record: Parquet file that keeps the recording; a crash loses at most its last second.
             stiffness: Follow as an impedance of this stiffness [N m/rad], not by position.
             progress: Told the control cycles done and those in all, now and then.
 
@@ -145,15 +145,14 @@ class Robot(Closing):
             >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
             ...     run = robot.follow(Trajectory.load("limo.traj.parquet"))
         """
-        from limo_driver.robot.playback import follow, trajectory_of
-
-        motion = trajectory_of(trajectory)
+        playback = import_module("limo_driver.robot.playback")  # which stands on this
+        motion = playback.trajectory_of(trajectory)
         motion.check_robot(self.spec.n, self.spec.name)
         start = motion.position[0]
         self._stand_at(start)
         if self._state is not None and not self._contract.at_rest:  # a stream would just go on
             self._contract.check_start(start, self._state.position)
-        return follow(self, motion, record, stiffness, progress)
+        return playback.follow(self, motion, record, stiffness, progress)
 
     def hold(self, reason: str = "asked to hold") -> None:
         """Slow down within the limits, then keep the pose; commands are refused until `resume`."""
@@ -244,7 +243,7 @@ class Robot(Closing):
         """Raise if the robot cannot carry out a command; nothing is sent then."""
 
     def _stand_at(self, position: FloatArray) -> None:
-        """Stand somewhere before the first cycle, if the robot can be put there: a real one cannot."""
+        """Stand somewhere before the first cycle; a real arm cannot be put there."""
 
     def _begin(self) -> None:  # most backends have nothing to forget
         """Prepare for a new stream of commands, which starts from the measured pose."""

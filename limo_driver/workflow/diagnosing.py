@@ -53,7 +53,7 @@ def diagnose(
     """
     from estimators.diagnosis import diagnose as diagnosed
 
-    tell = progress or (lambda _stage, _part: None)
+    tell = progress or _quiet
     found = diagnosed(
         simulation, recordings, bandwidth, lambda stage, part: tell(stage, _DIAGNOSED * part)
     )
@@ -61,6 +61,10 @@ def diagnose(
     found = with_next_motion(found)
     tell("replaying on the simulated robot", 0.9)
     return with_replay(found)
+
+
+def _quiet(_stage: str, _part: float) -> None:
+    """Tell nobody."""
 
 
 def with_next_motion(found: Diagnosis) -> Diagnosis:
@@ -142,5 +146,3 @@ def _replay(found: Diagnosis) -> Replay:
         moving=found.traces.moving[worst.rows][np.maximum(scored, 0)],
         recording=worst.recording,
     )
-
-

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
 
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.robot.playback import Planned
-    from limo_driver.trajectory import Trajectory
+    from limo_driver.trajectory import Planned, Trajectory
 
 
 def run(
@@ -36,7 +35,7 @@ def run(
         trajectory: The motion, or what was planned around one.
         simulation: Physics of a simulated arm; without it, the rigid body alone.
         seed: Of a simulated arm's sensor noise.
-        record: Parquet file that keeps the recording; it survives a crash up to the last second.
+        record: Parquet file that keeps the recording; a crash loses at most its last second.
         stiffness: Follow as an impedance of this stiffness [N m/rad], not by position.
         link: How to reach a real arm: arguments of the backend, such as `host`, `port`, `config`.
         progress: Told the control cycles done and those in all, now and then.
@@ -47,7 +46,7 @@ def run(
         JointLimitError, HoldingError, RecordingError, KeyboardInterrupt: As for `Robot.follow`.
 
     Example:
-        >>> run("mujoco", plan("iiwa14"), simulation=Simulation.load("sim.yaml"), record="a.parquet")
+        >>> run("mujoco", plan("iiwa14"), simulation=Simulation.load("sim.yaml"))
     """
     motion = trajectory_of(trajectory)
     with open_for(

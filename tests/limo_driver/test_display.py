@@ -33,7 +33,7 @@ def test_what_is_said():
     assert told[0] == "2 s, 201 samples of 7 joints"
     assert told[1] == "2 s, 201 samples of 7 joints, for iiwa14"
     assert told[2] == "2 s, 201 samples at 100 Hz of 7 joints, from a.csv"
-    assert told[4] == "iiwa14, coulomb friction × 2"
+    assert told[4] == "iiwa14, coulomb friction (2)"
 
 
 def test_text_of_a_value_is_no_markup_of_a_page():

@@ -8,9 +8,7 @@ import pytest
 import limo_driver
 
 WORDS = ("Args:", "Raises:", "Example:")  # what the help of a function says
-FUNCTIONS = [
-    name for name in limo_driver.__all__ if inspect.isfunction(getattr(limo_driver, name))
-]
+FUNCTIONS = [name for name in limo_driver.__all__ if inspect.isfunction(getattr(limo_driver, name))]
 
 
 @pytest.mark.parametrize("name", limo_driver.__all__)

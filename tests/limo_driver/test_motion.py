@@ -10,8 +10,8 @@ T = np.array([0.0, 0.1, 0.25, 0.3, 0.5, 0.6])
 def test_a_parabola_is_differentiated_exactly():
     position = np.stack([1.0 + 2.0 * T + 3.0 * T**2, -(T**2)], axis=1)
     motion = Motion.from_positions(T, position)
-    np.testing.assert_allclose(motion.velocity, np.stack([2.0 + 6.0 * T, -2.0 * T], axis=1))
-    np.testing.assert_allclose(motion.acceleration, [[6.0, -2.0]] * T.size)
+    np.testing.assert_allclose(motion.velocity, np.stack([2.0 + 6.0 * T, -2.0 * T], 1), atol=1e-12)
+    np.testing.assert_allclose(motion.acceleration, [[6.0, -2.0]] * T.size, atol=1e-10)
 
 
 def test_lists_will_do():
