@@ -17,7 +17,8 @@ from estimators.recordings import check_recordings
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.folds import FOLDS, fold_of
 from estimators.rigid_body.regressor import PER_LINK, Chain
-from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.errors import RecordingError
+from limo_driver.parameters import Declared, parameter
 from limo_driver.recordings.differentiation import smooth
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ MOVING = 0.02  # [rad/s], above which a joint counts as moving
 
 
 @dataclass(frozen=True)
-class Rows:
+class Rows(Declared):
     """Which measured rows a fit uses, how they are filtered, and how much they count.
 
     Args:
@@ -54,15 +55,9 @@ class Rows:
         ConfigError: No such weighting or bandwidth.
     """
 
-    bandwidth: float = 10.0
+    bandwidth: float = parameter("Hz", lower=0, above=True, default=10.0)
     moving_only: bool = False
-    weighting: str = "error"
-
-    def __post_init__(self) -> None:
-        if not 0 < self.bandwidth < np.inf:
-            raise ConfigError(f"bandwidth {self.bandwidth:g} Hz: has to be above 0 and finite")
-        if self.weighting not in WEIGHTINGS:
-            raise ConfigError(f"weighting {self.weighting!r} is not one of {', '.join(WEIGHTINGS)}")
+    weighting: str = parameter(of=WEIGHTINGS, default="error")
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The catalogue of joint physics, and simulations made of it."""
 
+from limo_driver.parameters import Parameter
 from limo_driver.physics.body import GravityDirection, Payload
 from limo_driver.physics.catalogue import CATALOGUE, spoken
 from limo_driver.physics.changing_friction import (
@@ -16,7 +17,6 @@ from limo_driver.physics.effect import (
     Friction,
     JointEffect,
     MotionEffect,
-    Parameter,
     SensorEffect,
     TorqueEffect,
 )

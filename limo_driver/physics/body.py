@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import Inertial
-from limo_driver.physics.effect import BodyEffect, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.effect import BodyEffect
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel

@@ -10,7 +10,8 @@ import numpy as np
 
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import TEXT, Friction, State, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.effect import Friction, State
 from limo_driver.physics.friction import sign_width
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class LoadDependentFriction(DryFriction):
 
     name: ClassVar[str] = "load_dependent_friction"
     coefficient: float = parameter("1", "friction by load, k", lower=0.0, upper=10.0)
-    variant: str = parameter(TEXT, f"one of {', '.join(VARIANTS)}", default="absolute")
+    variant: str = parameter("text", "how load presses", of=VARIANTS, default="absolute")
     v_s: float | None = parameter(
         "rad/s", "Stribeck velocity of that variant", lower=1e-5, upper=10.0, default=None
     )
@@ -61,10 +62,6 @@ class LoadDependentFriction(DryFriction):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.variant not in VARIANTS:
-            raise ConfigError(
-                f"{self.place}: variant {self.variant!r} is unknown; known: {', '.join(VARIANTS)}"
-            )
         if (self.variant == "stribeck") != (self.v_s is not None):
             fault = "lacks v_s" if self.v_s is None else f"has no v_s as {self.variant}"
             raise ConfigError(f"{self.place}: {fault}; the variant stribeck needs it, no other")

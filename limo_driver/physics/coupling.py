@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import JOINT, ArmEffect, State, parameter
+from limo_driver.parameters import JOINT, parameter
+from limo_driver.physics.effect import ArmEffect, State
 from limo_driver.physics.friction import sign_width
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class JointCoupling(ArmEffect):
     """
 
     name: ClassVar[str] = "joint_coupling"
-    joint: int  # 1-based
+    joint: int = parameter(JOINT, "the joint that feels the torque")
     other: int = parameter(JOINT, "the other joint", lower=1, upper=64)
     f_v: float = parameter("N m s/rad", "viscous friction", lower=0.0, upper=1e4, default=0.0)
     tau_c: float = parameter("N m", "Coulomb friction", lower=0.0, upper=1e3, default=0.0)
@@ -43,9 +43,9 @@ class JointCoupling(ArmEffect):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.other == self.joint:
-            raise ConfigError(f"{self.place}: other = {self.other} is the joint itself")
+            raise self._refused("other", "another joint")
         if abs(self.ratio) != 1.0:
-            raise ConfigError(f"{self.place}: ratio = {self.ratio:g} has to be 1 or -1")
+            raise self._refused("ratio", "1 or -1")
 
     @property
     def joints(self) -> tuple[int, ...]:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.compiled import compiled
-from limo_driver.physics.effect import SensorEffect, State, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.effect import SensorEffect, State
 
 if TYPE_CHECKING:
     from limo_driver.physics.effect import SensedTorque

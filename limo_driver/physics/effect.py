@@ -18,14 +18,13 @@ Effect
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 import numpy as np
 
-from limo_driver.errors import ConfigError
+from limo_driver.parameters import JOINT, Declared, Parameter, parameter, parameters_of
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
@@ -34,44 +33,6 @@ if TYPE_CHECKING:
 State: TypeAlias = "FloatArray"
 STATELESS: FloatArray = np.zeros(0)
 STATELESS.flags.writeable = False
-TEXT, JOINT = "text", "joint"  # units of parameters that are no physical quantity
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """What is known of a parameter before any data."""
-
-    name: str
-    unit: str  # or "text", or "joint" for the 1-based number of another joint
-    lower: float
-    upper: float
-    description: str
-    is_list: bool = False
-    optional: bool = False
-    length: int | None = None  # of a list, where it is fixed
-    columns: int | None = None  # of each row, for a list of rows
-
-    @property
-    def is_number(self) -> bool:
-        """Whether the parameter is one real number, which can be fitted."""
-        return not self.is_list and self.unit not in {TEXT, JOINT}
-
-
-def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotation's
-    unit: str,
-    description: str,
-    *,
-    lower: float = -np.inf,
-    upper: float = np.inf,
-    default: Any = MISSING,  # noqa: ANN401  # of the field's own type
-    length: int | None = None,
-    columns: int | None = None,
-):
-    """Declare a parameter of an effect as a dataclass field."""
-    known = {"unit": unit, "lower": lower, "upper": upper, "description": description}
-    return field(default=default, metadata={**known, "length": length, "columns": columns})
-
-
 @dataclass(frozen=True)
 class JointMotion:
     """Motion and load of one joint over T samples; each array has shape (T,)."""
@@ -116,7 +77,7 @@ class SensedTorque:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect(ABC):
+class Effect(Declared, ABC):
     """One piece of physics."""
 
     name: ClassVar[str]  # the identifier in sim.yaml and in a diagnosis
@@ -125,21 +86,7 @@ class Effect(ABC):
     @cache  # effects are made by the thousand while they are fitted
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return the named parameters with unit and bounds."""
-        return tuple(
-            Parameter(
-                item.name,
-                item.metadata["unit"],
-                item.metadata["lower"],
-                item.metadata["upper"],
-                item.metadata["description"],
-                is_list="tuple" in str(item.type),
-                optional=item.default is not MISSING,
-                length=item.metadata["length"],
-                columns=item.metadata["columns"],
-            )
-            for item in fields(cls)
-            if "unit" in item.metadata
-        )
+        return tuple(item for item in parameters_of(cls) if item.name != "joint")
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -153,57 +100,6 @@ class Effect(ABC):
             return self.name
         numbers = ", ".join(map(str, self.joints))
         return f"{self.name}, joint{'s' if len(self.joints) > 1 else ''} {numbers}"
-
-    def __post_init__(self) -> None:
-        for known in self.parameters():
-            if known.unit != TEXT and getattr(self, known.name) is not None:
-                self._check(known)
-
-    def _check(self, known: Parameter) -> None:
-        given = getattr(self, known.name)
-        values = self._rows(known) if known.columns else np.atleast_1d(np.asarray(given, float))
-        if known.length is not None and values.shape != (known.length,):
-            raise ConfigError(
-                f"{self.place}: {known.name} has {values.size} numbers, expected {known.length}"
-            )
-        if known.columns:
-            rows = tuple(tuple(row) for row in values.tolist())
-            object.__setattr__(self, known.name, rows)
-        elif known.is_list:
-            object.__setattr__(self, known.name, tuple(values.ravel().tolist()))
-        bad = ~((values >= known.lower) & (values <= known.upper))
-        if bad.any():
-            raise ConfigError(
-                f"{self.place}: {known.name} = {values[bad][0]:g} {known.unit} "
-                f"is outside [{known.lower:g}, {known.upper:g}]"
-            )
-
-    def _rows(self, known: Parameter) -> FloatArray:
-        """Return a list of rows as an array, (k, columns)."""
-        rows = [np.asarray(row, dtype=float) for row in getattr(self, known.name)]
-        for number, row in enumerate(rows, start=1):
-            if row.shape != (known.columns,):
-                raise ConfigError(
-                    f"{self.place}: {known.name}, row {number} has {row.size} numbers, "
-                    f"expected {known.columns}"
-                )
-        return np.array(rows).reshape(-1, known.columns or 0)
-
-    def _same_length(self, *names: str) -> None:
-        """Refuse lists that do not belong together entry by entry, and empty ones."""
-        lengths = {name: len(getattr(self, name)) for name in names}
-        if len(set(lengths.values())) > 1 or 0 in lengths.values():
-            listed = ", ".join(f"{size} {name}" for name, size in lengths.items())
-            raise ConfigError(f"{self.place}: has {listed}; each entry needs all of them")
-
-    def _increasing(self, name: str) -> None:
-        """Refuse a list that does not increase strictly."""
-        values = getattr(self, name)
-        for before, after in pairwise(values):
-            if not before < after:
-                raise ConfigError(
-                    f"{self.place}: {name} has {after:g} after {before:g}; it has to increase"
-                )
 
     def initial_state(self) -> State:
         """Return the memory before the first sample; empty for effects without memory."""
@@ -230,7 +126,7 @@ class ArmEffect(Effect):
 class JointEffect(Effect):
     """One piece of physics of one joint."""
 
-    joint: int  # 1-based
+    joint: int = parameter(JOINT, "the joint, 1-based")
 
     @property
     def joints(self) -> tuple[int, ...]:

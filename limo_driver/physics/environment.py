@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import ArmEffect, State, TorqueEffect, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.effect import ArmEffect, State, TorqueEffect
 
 if TYPE_CHECKING:
     from limo_driver.physics.effect import ArmMotion, JointMotion

@@ -10,7 +10,8 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics import friction_laws
-from limo_driver.physics.effect import Friction, State, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.effect import Friction, State
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

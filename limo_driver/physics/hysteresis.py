@@ -10,7 +10,8 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics import hysteresis_laws
-from limo_driver.physics.effect import TEXT, State, TorqueEffect, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.effect import State, TorqueEffect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -89,7 +90,7 @@ class PreslidingHysteresis(TorqueEffect):
     """
 
     name: ClassVar[str] = "presliding_hysteresis"
-    law: str = parameter(TEXT, f"one of {', '.join(LAWS)}", default="maxwell_slip")
+    law: str = parameter("text", "what remembers", of=LAWS, default="maxwell_slip")
     stiffness: tuple[float, ...] = _list("N m/rad", "stiffness of each element", 0.0, 1e7)
     width: tuple[float, ...] = _list("rad", "deflection at which each element slips", 1e-7, 1.0)
     sigma_0: float | None = _value("N m/rad", "stiffness at small motion", 1e-3, 1e8)
@@ -105,10 +106,6 @@ class PreslidingHysteresis(TorqueEffect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.law not in LAWS:
-            raise ConfigError(
-                f"{self.place}: law {self.law!r} is unknown; known: {', '.join(LAWS)}"
-            )
         law = LAWS[self.law]
         self._check_parameters(law)
         for name, value in law.optional.items():

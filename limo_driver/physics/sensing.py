@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import (
-    JOINT,
-    MotionEffect,
-    SensorEffect,
-    State,
-    TorqueEffect,
-    parameter,
-)
+from limo_driver.parameters import JOINT, Declared, parameter
+from limo_driver.physics.effect import MotionEffect, SensorEffect, State, TorqueEffect
 
 if TYPE_CHECKING:
     from limo_driver.physics.effect import JointMotion, SensedTorque
@@ -110,9 +104,7 @@ class TorqueCrosstalk(SensorEffect):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.source == self.joint:
-            raise ConfigError(
-                f"{self.place}: source = {self.source} is the joint itself; that is torque_gain"
-            )
+            raise self._refused("source", "another joint, since torque_gain is for its own")
 
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return gain times the torque of the source [N m], (T,)."""
@@ -120,22 +112,22 @@ class TorqueCrosstalk(SensorEffect):
 
 
 @dataclass(frozen=True)
-class Sensors:
+class Sensors(Declared):
     """Noise and resolution of the sensors; one value for all joints, or one each.
 
     They shape what the simulated robot measures. A prediction is free of them. Zero means ideal.
     """
 
-    torque_noise: tuple[float, ...] = (0.0,)  # standard deviation, white [N m]
-    torque_resolution: tuple[float, ...] = (0.0,)  # [N m]
-    encoder_resolution: tuple[float, ...] = (0.0,)  # [rad]
+    _called = "sensors"
+    torque_noise: tuple[float, ...] = parameter("N m", "1 sigma, white", lower=0, default=(0.0,))
+    torque_resolution: tuple[float, ...] = parameter("N m", "of one step", lower=0, default=(0.0,))
+    encoder_resolution: tuple[float, ...] = parameter("rad", "of one step", lower=0, default=(0.0,))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for item in fields(self):
-            values = np.atleast_1d(np.asarray(getattr(self, item.name), dtype=float))
-            if not values.size or not (np.isfinite(values) & (values >= 0)).all():
-                raise ConfigError(f"sensors: {item.name} = {values.tolist()} has to be 0 or more")
-            object.__setattr__(self, item.name, tuple(values.tolist()))
+            if not getattr(self, item.name):
+                raise self._refused(item.name, "one for all joints, or one each")
 
     def for_joints(self, name: str, n: int) -> FloatArray:
         """Return one sensor figure for each of n joints, (n,).

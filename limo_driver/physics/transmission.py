@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.compiled import compiled
-from limo_driver.physics.effect import MotionEffect, State, TorqueEffect, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.effect import MotionEffect, State, TorqueEffect
 
 if TYPE_CHECKING:
     from limo_driver.physics.effect import JointMotion

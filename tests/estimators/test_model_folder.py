@@ -52,7 +52,7 @@ def physics(folders: Path, tmp_path: Path) -> Path:
 
 def seal(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     """Edit a manifest as somebody does who knows how it is sealed."""
-    values = dict(read_manifest(folder).values)
+    values = dict(read_manifest(folder).content)
     change(values)
     (folder / "manifest.json").write_text(as_manifest(values))
 
@@ -96,7 +96,7 @@ def test_an_entry_that_cannot_be_is_named(
     ("change", "message"),
     [
         *[
-            (lambda m, v=v: m.update(rate=v), r"rate is .*, expected a number in 0\.5 to 5500")
+            (lambda m, v=v: m.update(rate=v), r"rate is .*, expected a number from 0\.5 to 5500")
             for v in (-200, 0, 10**400, "200")
         ],
         (lambda m: m.update(network=[]), r"network is \[\], expected a text"),
@@ -177,7 +177,7 @@ def test_a_manifest_edited_by_hand_is_refused(network: Path, old: str, new: str)
 @pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"[" * 100_000, b"{", b""])
 def test_what_is_no_json_is_refused(network: Path, content: bytes) -> None:
     (network / "manifest.json").write_bytes(content)
-    with pytest.raises(ModelStoreError, match=r"manifest\.json: no JSON"):
+    with pytest.raises(ModelStoreError, match=r"manifest\.json: is no JSON"):
         load_model(network)
 
 

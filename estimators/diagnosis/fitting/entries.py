@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import JOINT, TEXT
+from limo_driver.parameters import REAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -64,7 +64,7 @@ def entries_of(effect: Effect) -> tuple[Entry, ...]:
 def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, float]]:  # noqa: ANN401  # of any class
     """Yield place in a list and value of the numbers of a parameter that are not chosen."""
     value = getattr(effect, known.name)
-    if value is None or known.unit in {TEXT, JOINT} or known.name in _CHOSEN:
+    if value is None or known.kind != REAL or known.name in _CHOSEN:
         return
     if known.is_list:
         yield from enumerate(map(float, value))

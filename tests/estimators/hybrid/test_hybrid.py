@@ -123,7 +123,7 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
 
 
 def edit(folder: Path, **changes: object) -> None:
-    entries = dict(read_manifest(folder).values) | changes
+    entries = dict(read_manifest(folder).content) | changes
     (folder / "manifest.json").write_text(as_manifest(entries))
 
 
@@ -138,7 +138,7 @@ def edit(folder: Path, **changes: object) -> None:
         ({"weights": {"sha256": "0"}}, "sha256 differs"),
         ({"simulation": "sim.yaml"}, "simulation is 'sim.yaml', expected an object"),
         ({"features": {}}, "features: lacks own_joint"),
-        ({"rate": None}, "rate is None, expected a number in 0.5 to 5500"),
+        ({"rate": None}, "rate is None, expected a number from 0.5 to 5500"),
     ],
 )
 def test_a_manifest_that_does_not_fit_is_refused(

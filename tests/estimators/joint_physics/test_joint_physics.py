@@ -331,7 +331,7 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
 def test_a_manifest_that_does_not_fit_is_refused(
     folder: Path, changes: dict[str, object], message: str
 ) -> None:
-    entries = dict(read_manifest(folder).values) | changes
+    entries = dict(read_manifest(folder).content) | changes
     (folder / "manifest.json").write_text(as_manifest(entries))
     with pytest.raises(ModelStoreError, match=message):
         load_model(folder)

@@ -126,7 +126,7 @@ def test_a_folder_from_before_torque_faded_estimates_as_it_did(
     file = tmp_path / "model.safetensors"
     older = {k: v for k, v in load_file(file).items() if k not in ("growth", "usual")}
     save_file(older, file)
-    values = read_manifest(tmp_path).values
+    values = read_manifest(tmp_path).content
     values = {**values, "weights": {**values["weights"], "sha256": digest(file)}}
     (tmp_path / MANIFEST).write_text(as_manifest(values))
     loaded = JointPhysics.load(tmp_path)
