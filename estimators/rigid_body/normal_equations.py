@@ -61,7 +61,7 @@ class Rows(Declared):
 
 
 @dataclass(frozen=True)
-class NormalEquations:
+class ArmEquations:
     """Sums over the rows of each fold, for each of n joints and p full parameters.
 
     As accumulated, there is one Coulomb column for each sign width; `choose` leaves one.
@@ -114,7 +114,7 @@ class NormalEquations:
         """Return the mean of y yᵀ over each joint's rows, (n, p, p)."""
         return self.gram / np.maximum(self.count, 1)[:, None, None]
 
-    def choose(self, terms: JointTerms, choice: Sequence[int]) -> NormalEquations:
+    def choose(self, terms: JointTerms, choice: Sequence[int]) -> ArmEquations:
         """Return the equations with one sign width, by its index, for each joint."""
         n = self.count.size
         links, own = PER_LINK * n, len(terms.all())
@@ -136,7 +136,7 @@ def accumulate(
     recordings: Sequence[Recording],
     rows: Rows,
     progress: Callable[[int], None] | None = None,
-) -> NormalEquations:
+) -> ArmEquations:
     """Sum up the normal equations of recordings, holding the regressor of one chunk at a time.
 
     Every row is filtered; of recordings much faster than the bandwidth, every few are summed.
@@ -162,7 +162,7 @@ def accumulate(
         raise RecordingError("no row is left to fit to: nothing moves, or the stretches are short")
     gram, product = sums.symmetric()
     thinned = ThinnedRows.joined(sums.thinned)
-    return NormalEquations(
+    return ArmEquations(
         gram, product, sums.energy, sums.count, thinned, sums.chain, rows.weighting
     )
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.fitting.problem import Bench, Solution
-    from estimators.diagnosis.selection.evidence import Posterior
+    from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
 
 MATERIAL = 0.5  # [errors left] that a finding has to take off the error of some joint

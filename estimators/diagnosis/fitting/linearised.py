@@ -21,8 +21,8 @@ from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.hypotheses.responses import difference, stacked
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import WRONG_INERTIA
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Prior, joined, posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
+from estimators.regression.evidence import Prior, joined, posterior
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
@@ -48,7 +48,7 @@ class Linearised:
 
     observed: Observations  # beside that simulation
     found: tuple[Effect, ...]  # of it, whose numbers only data determine
-    columns: Columns
+    columns: ColumnTable
     nuisance: Nuisance
     known: Prior  # of the nuisance, around what the given simulation states
     own: tuple[Prior, ...]  # of the numbers of each effect found
@@ -71,7 +71,7 @@ class Linearised:
         """
         given = observed.simulation
         rest = _without(given.effects, found)
-        columns = Columns(len(observed.kept), observed.n)
+        columns = ColumnTable(len(observed.kept), observed.n)
         floor = roughness(observed.residual, observed.moving)
         lacking = observed.beside(replace(given, effects=rest), around=given)
         nuisance = nuisance_of(lacking, columns, floor, stated or given)
@@ -92,7 +92,7 @@ class Linearised:
         noise = Noise.of(residual, split, self.observed.segment)
         start = self.nuisance.start  # tolerances count from what is stated, not from where we are
         off = residual + self.columns.apply(self.known.index, start)
-        products = Products.of(self.columns, off, noise, split)
+        products = normal_equations(self.columns, off, noise, split)
         mean = posterior(products, self.known, joined(*self.own)).mean
         mean[: start.size] -= start
         before = _energy(residual, noise, split)
@@ -193,7 +193,7 @@ def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float
     return float(sum(values @ values for values in white))
 
 
-def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
+def _entered(effect: Effect, observed: Observations, columns: ColumnTable) -> Prior:
     """Add what each number of an effect adds to the torque, to first order."""
     entries = entries_of(effect)
     ends = [sides(effect, entry) for entry in entries]

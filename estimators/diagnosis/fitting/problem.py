@@ -13,8 +13,9 @@ from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import base_of, with_friction
 from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
+from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import Evidence, Posterior
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
 from limo_driver.errors import ConfigError, RecordingError
@@ -38,7 +39,7 @@ class Bench:
     """What the stages share: observations, columns and who competes."""
 
     observed: Observations
-    columns: Columns
+    columns: ColumnTable
     nuisance: Nuisance
     candidates: list[Candidate]
     split: Split
@@ -47,7 +48,7 @@ class Bench:
     base: tuple[int, ...]  # candidates that the search starts with
     held: FloatArray | None = None  # coefficients of the nuisance that stay at a limit, NaN else
     first: Bench | None = None  # around the given simulation and tolerances, where this one is not
-    _sums: dict[bool, tuple[Noise, Products]] = field(default_factory=dict, init=False)
+    _sums: dict[bool, tuple[Noise, NormalEquations]] = field(default_factory=dict, init=False)
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> Bench:
@@ -57,7 +58,7 @@ class Bench:
             observed = with_friction(observed)
         residual = observed.residual
         split = Split.of(observed)
-        columns = Columns(*residual.shape)
+        columns = ColumnTable(*residual.shape)
         rough = roughness(residual, observed.moving)
         nuisance = nuisance_of(observed, columns, rough)
         progress("columns of every effect at every place", 0.2)
@@ -70,11 +71,11 @@ class Bench:
         """Return what a fit leaves, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
 
-    def products(self, noise: Noise, *, everything: bool) -> Products:
+    def products(self, noise: Noise, *, everything: bool) -> NormalEquations:
         """Return sums over the rows meant for fits, or over all; what was summed once is kept."""
         of, known = self._sums.get(everything, (noise, None))
         rows = self.observed.moving if everything else self.split.fitted
-        known = Products.of(self.columns, self.target, noise, rows, known if of is noise else None)
+        known = normal_equations(self.columns, self.target, noise, rows, known if of is noise else None)
         self._sums[everything] = noise, known
         return known
 

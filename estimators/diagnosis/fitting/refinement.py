@@ -9,8 +9,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from estimators.diagnosis.selection.candidates import Candidate, entered
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Prior, joined
+from estimators.diagnosis.selection.columns import ColumnTable
+from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import Evidence, Prior, joined
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class Setting:
     """Everything around one candidate: the columns that are fitted with it."""
 
     observed: Observations
-    columns: Columns
+    columns: ColumnTable
     nuisance: Prior
     others: Prior
     residual: FloatArray  # (K, n) [N m]
@@ -114,7 +115,7 @@ class _Local:
 
     def gain(self, hypothesis: Hypothesis) -> float:
         """Return the log evidence of the hypothesis together with the others."""
-        table = Columns(len(self.around.observed.kept), self.around.observed.n)
+        table = ColumnTable(len(self.around.observed.kept), self.around.observed.n)
         candidate = entered(hypothesis, self.around.observed, table, self.around.level)
         if candidate is None:
             return -_REJECTED
@@ -139,7 +140,7 @@ class _Local:
         others = Prior(
             np.arange(count, size), self.around.others.deviation, self.around.others.positive
         )
-        evidence = Evidence(Products(gram, product), nuisance)
+        evidence = Evidence(NormalEquations(gram, product), nuisance)
         return evidence.gain(joined(others, own))
 
 

@@ -22,7 +22,7 @@ from estimators.diagnosis.hypotheses.ripple import ripples
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import entered
-from estimators.diagnosis.selection.evidence import Prior, joined
+from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:

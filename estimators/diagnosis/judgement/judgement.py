@@ -12,7 +12,7 @@ from estimators.diagnosis.judgement.surrogate import foretold
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.residuals.observations import CREEP
-from estimators.diagnosis.selection.evidence import REACH
+from estimators.regression.evidence import REACH
 from estimators.diagnosis.selection.search import LARGEST
 
 if TYPE_CHECKING:

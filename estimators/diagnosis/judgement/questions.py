@@ -15,8 +15,9 @@ import numpy as np
 from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
 from estimators.diagnosis.result import Test
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Prior, joined, posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
+from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import Evidence, Prior, joined, posterior
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.fitting.problem import Bench, Solution
     from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
-    from estimators.diagnosis.selection.evidence import Posterior
+    from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
 
 AFFECTED = 1.15  # times its noise floor, from which a joint's error is looked into
@@ -65,17 +66,17 @@ class _Questions:
 
     bench: Bench
     joint: int  # 0-based
-    columns: Columns  # of one joint
+    columns: ColumnTable  # of one joint
     nuisance: Prior
     families: tuple[tuple[str, Prior], ...]
-    products: Products
+    products: NormalEquations
     floor: float  # mean square of the noise [N² m²]
 
     @classmethod
     def of(cls, bench: Bench, noise: Noise, joint: int, floor: float) -> _Questions:
         """Lay out the columns of all questions at a joint (0-based)."""
         residual = bench.target[:, joint : joint + 1]
-        columns = Columns(residual.shape[0], 1)
+        columns = ColumnTable(residual.shape[0], 1)
         nuisance = _nuisance(bench, columns, joint)
         level = float(bench.level[joint])
         sharp = [family(bench.observed, joint) for _, family in _FAMILIES]
@@ -92,7 +93,7 @@ class _Questions:
             columns,
             nuisance,
             tuple(families),
-            Products.of(columns, residual, _own(noise, joint), bench.split.fitted[:, [joint]]),
+            normal_equations(columns, residual, _own(noise, joint), bench.split.fitted[:, [joint]]),
             floor,
         )
 
@@ -120,7 +121,7 @@ class _Questions:
         return float(np.mean(left[self.bench.split.held_out[:, self.joint]] ** 2))
 
 
-def _nuisance(bench: Bench, columns: Columns, joint: int) -> Prior:
+def _nuisance(bench: Bench, columns: ColumnTable, joint: int) -> Prior:
     """Copy the nuisance columns that act on a joint."""
     values, at = bench.columns.of_joint(joint)
     prior = bench.nuisance.prior

@@ -16,8 +16,8 @@ from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import Candidate, entered
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
+from estimators.regression.evidence import Evidence, Posterior
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, ViscousFriction
@@ -65,12 +65,12 @@ def with_friction(observed: Observations) -> Observations:
     if not bare:
         return observed
     residual, rows = observed.residual, Split.of(observed).fitted
-    columns, rough = Columns(*residual.shape), roughness(residual, observed.moving)
+    columns, rough = ColumnTable(*residual.shape), roughness(residual, observed.moving)
     nuisance = nuisance_of(observed, columns, rough).prior
     candidates = _competing(observed, columns, bare)
 
     def fit(noise: Noise) -> tuple[tuple[int, ...], Posterior]:
-        evidence = Evidence(Products.of(columns, residual, noise, rows), nuisance)
+        evidence = Evidence(normal_equations(columns, residual, noise, rows), nuisance)
         search = Search(candidates, evidence)
         members = _likeliest(search)
         return members, evidence.posterior(search.prior(members))
@@ -85,7 +85,7 @@ def with_friction(observed: Observations) -> Observations:
     return observed.beside(observed.simulation, around=improvement.simulation())
 
 
-def _competing(observed: Observations, columns: Columns, bare: Sequence[int]) -> list[Candidate]:
+def _competing(observed: Observations, columns: ColumnTable, bare: Sequence[int]) -> list[Candidate]:
     level = np.maximum(rmse(observed.residual, observed.moving), 1e-3)
     tried = [
         hypothesis

@@ -18,7 +18,7 @@ from estimators.diagnosis.hypotheses.revision import (
     relative_inertia,
     reviser,
 )
-from estimators.diagnosis.selection.evidence import Prior
+from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.hypotheses.responses import Response
     from estimators.diagnosis.residuals.observations import Observations
-    from estimators.diagnosis.selection.columns import Columns
+    from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.types import FloatArray
 
 MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
@@ -74,7 +74,7 @@ class Candidate:
         return _PART_OF.get(self.effect, self.effect), self.joints
 
 
-def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -> list[Candidate]:
+def candidates_of(observed: Observations, columns: ColumnTable, level: FloatArray) -> list[Candidate]:
     """Add the columns of every hypothesis to the table.
 
     Args:
@@ -108,14 +108,14 @@ def _counted(found: Sequence[Candidate]) -> list[Candidate]:
 
 
 def entered(
-    hypothesis: Hypothesis, observed: Observations, columns: Columns, level: FloatArray
+    hypothesis: Hypothesis, observed: Observations, columns: ColumnTable, level: FloatArray
 ) -> Candidate | None:
     """Add one hypothesis' columns to the table; None if it can have no influence."""
     return _entered(hypothesis, responses(hypothesis.terms, observed), columns, level)
 
 
 def _entered(
-    hypothesis: Hypothesis, found: Sequence[Response], columns: Columns, level: FloatArray
+    hypothesis: Hypothesis, found: Sequence[Response], columns: ColumnTable, level: FloatArray
 ) -> Candidate | None:
     joints, values = stacked(found, columns.rows)
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
@@ -147,7 +147,7 @@ def _entered(
     )
 
 
-def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> Iterator[Candidate]:
+def _revisions(observed: Observations, columns: ColumnTable, level: FloatArray) -> Iterator[Candidate]:
     """Yield every effect of the simulation, with its parameters free.
 
     They may change by all that they are, or by what makes a plausible torque, if that is more: a
@@ -176,7 +176,7 @@ def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> I
         )
 
 
-def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
+def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]:
     model, n, Y = observed.simulation.model, observed.n, observed.regressor
     for link, name in enumerate(model.link_names):
         scale = relative_inertia(model.inertials[name])

@@ -24,7 +24,7 @@ from estimators.diagnosis.hypotheses.revision import (
     relative_inertia,
     reviser,
 )
-from estimators.diagnosis.selection.evidence import Prior, joined
+from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.residuals.observations import Observations
-    from estimators.diagnosis.selection.columns import Columns
+    from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.physics import Parameter, Simulation
     from limo_driver.types import FloatArray
 
@@ -100,7 +100,7 @@ class Nuisance:
 
 def nuisance_of(
     observed: Observations,
-    columns: Columns,
+    columns: ColumnTable,
     floor: FloatArray,
     stated: Simulation | None = None,
 ) -> Nuisance:
@@ -138,7 +138,7 @@ class _Part:
     start: FloatArray
 
 
-def _inertias(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
+def _inertias(observed: Observations, columns: ColumnTable, stated: Simulation) -> list[_Part]:
     Y, model = observed.regressor, observed.simulation.model
     parts: list[_Part] = []
     for link, name in enumerate(model.link_names):
@@ -164,7 +164,7 @@ def _inertias(observed: Observations, columns: Columns, stated: Simulation) -> l
 _INERTIAL_NAMES = ("mass", *(f"com {axis}" for axis in "xyz"), *(f"inertia {i}" for i in range(6)))
 
 
-def _parameters(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
+def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation) -> list[_Part]:
     parts: list[_Part] = []
     for place, effect in enumerate(observed.simulation.effects):
         known_as = next((item for item in stated.effects if item.place == effect.place), effect)
@@ -210,7 +210,7 @@ def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noq
     )
 
 
-def _sensors(observed: Observations, columns: Columns, floor: FloatArray) -> list[_Part]:
+def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) -> list[_Part]:
     parts: list[_Part] = []
     for j in range(observed.n):
         lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)

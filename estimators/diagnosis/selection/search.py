@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.selection.evidence import Evidence, Prior, joined
+from estimators.regression.evidence import Evidence, Prior, joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

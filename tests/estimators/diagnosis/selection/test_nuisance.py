@@ -9,7 +9,7 @@ import pytest
 
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.observations import Observations
-from estimators.diagnosis.selection.columns import Columns
+from estimators.diagnosis.selection.columns import ColumnTable
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import CoulombFriction, JointElasticity
@@ -24,7 +24,7 @@ def observed(rigid, training_recording):
 
 @pytest.fixture(scope="module")
 def nuisance(observed):
-    return nuisance_of(observed, Columns(*observed.residual.shape), np.full(observed.n, 0.1))
+    return nuisance_of(observed, ColumnTable(*observed.residual.shape), np.full(observed.n, 0.1))
 
 
 def named(nuisance, name):
@@ -81,7 +81,7 @@ def test_where_a_value_moved_to_counts_from_the_stated_one(observed, stated, at_
     """What the start gives from the stated value is at hand, and one step back is as stated."""
     moved = replace(observed.simulation, effects=(replace(stated, **at_hand),))
     given = replace(observed.simulation, effects=(stated,))
-    columns = Columns(*observed.residual.shape)
+    columns = ColumnTable(*observed.residual.shape)
     found = nuisance_of(observed.beside(moved), columns, np.full(observed.n, 0.1), given)
     back = Improvement(moved)
     found.enter(back, -found.start)

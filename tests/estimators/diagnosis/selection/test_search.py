@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.selection.candidates import MISSING, Candidate
-from estimators.diagnosis.selection.columns import Products
-from estimators.diagnosis.selection.evidence import Evidence, Prior
+from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import Evidence, Prior
 from estimators.diagnosis.selection.search import LARGEST, Search
 
 ROWS = 400
@@ -44,7 +44,7 @@ def candidate(at, *, effect=None, joint=None, variants=1, positive=False):
 
 
 def search_of(columns, y, candidates=None, base=()):
-    products = Products(columns.T @ columns, columns.T @ y)
+    products = NormalEquations(columns.T @ columns, columns.T @ y)
     nuisance = Prior.free(np.array([11]), np.array([0.1]))
     given = candidates or [candidate(at) for at in (*range(11), 12)]
     return Search(given, Evidence(products, nuisance), base)
