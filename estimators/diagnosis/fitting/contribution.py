@@ -11,7 +11,7 @@ from estimators.diagnosis.residuals.held_out import rmse
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
 
@@ -27,10 +27,10 @@ def without(solution: Solution, member: int) -> Posterior:
     return solution.search.evidence.posterior(solution.search.prior(rest))
 
 
-def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
+def contribution(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
     """Return how much held-out mean square a member takes off each joint, (n,) [N² m²]."""
-    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
-    return taken_off(left, bare, bench.split.held_out)
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
+    return taken_off(left, bare, problem.split.held_out)
 
 
 def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
@@ -38,14 +38,14 @@ def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> Fl
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
-def material(bench: Bench, solution: Solution, member: int) -> float:
+def material(problem: RegressionProblem, solution: Solution, member: int) -> float:
     """Return how much error a member takes off the joint where it does most [errors left].
 
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
     """
-    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
-    moving, held_out = bench.observed.moving, bench.split.held_out
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
+    moving, held_out = problem.observed.moving, problem.split.held_out
     gained, proven = taken_off(left, bare, moving), taken_off(left, bare, held_out)
     misses = rmse(bare - left, held_out) ** 2 < _SEEN * rmse(bare - left, moving) ** 2
     part = np.where(misses & (proven >= -_SLIGHT * gained), gained / _square(left, moving), 0.0)

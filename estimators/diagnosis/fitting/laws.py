@@ -22,7 +22,7 @@ from estimators.diagnosis.wording import times
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.fitting.refinement import Setting
     from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
 
@@ -30,7 +30,7 @@ REFINABLE = 100.0  # [nat] that a refinement may make up for, where no law has a
 
 
 def likeliest(
-    bench: Bench, solution: Solution, member: int, around: Setting
+    problem: RegressionProblem, solution: Solution, member: int, around: Setting
 ) -> tuple[Hypothesis, tuple[LawEvidence, ...]]:
     """Let the laws of a member's effect compete.
 
@@ -38,7 +38,7 @@ def likeliest(
         The likeliest hypothesis, its settings refined, and the evidence of the named laws, best
         first.
     """
-    near = _best_of_each(bench, solution, member)
+    near = _best_of_each(problem, solution, member)
     competing = [*near, *rivals(near[0])]
     tried = [refine(hypothesis, around) for hypothesis in competing]
     setting = 0.5 * float(np.log(around.use.sum()))  # [nat]
@@ -51,16 +51,16 @@ def likeliest(
     return scored[0][0], named
 
 
-def _best_of_each(bench: Bench, solution: Solution, member: int) -> list[Hypothesis]:
+def _best_of_each(problem: RegressionProblem, solution: Solution, member: int) -> list[Hypothesis]:
     """Return the best hypothesis of each law of a member's effect, best first.
 
     Of equations that have no name, those that are far behind are left out.
     """
     rest = tuple(i for i in solution.members if i != member)
     best: dict[object, tuple[float, Hypothesis]] = {}
-    for i, candidate in enumerate(bench.candidates):
+    for i, candidate in enumerate(problem.candidates):
         hypothesis = candidate.hypothesis
-        if hypothesis is None or candidate.place != bench.candidates[member].place:
+        if hypothesis is None or candidate.place != problem.candidates[member].place:
             continue
         law = hypothesis.law or getattr(hypothesis.family, "func", None)
         gain = solution.search.gain((*rest, i))

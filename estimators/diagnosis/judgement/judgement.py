@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.result import Shift
     from estimators.diagnosis.selection.candidates import Candidate
@@ -74,14 +74,14 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     return Leftover(floor, beyond, np.where(smooth, left, series))
 
 
-def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidate, ...]:
+def equivalents(problem: RegressionProblem, solution: Solution, member: int) -> tuple[Candidate, ...]:
     """Return the candidates that would do as well in a member's place, best first."""
-    own = bench.candidates[member]
+    own = problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
-    taken = {bench.candidates[i].place for i in rest}
+    taken = {problem.candidates[i].place for i in rest}
     best: dict[tuple[str, tuple[int, ...]], tuple[float, Candidate]] = {}
     reference = solution.search.gain((*rest, member))
-    for i, candidate in enumerate(bench.candidates):
+    for i, candidate in enumerate(problem.candidates):
         if candidate.place == own.place or candidate.place in taken:
             continue
         gain = solution.search.gain((*rest, i))
@@ -92,28 +92,28 @@ def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidat
     return tuple(item[1] for item in sorted(best.values(), key=lambda item: -item[0]))
 
 
-def identical(bench: Bench, member: int) -> tuple[str, ...]:
+def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
     """Return what no recording can tell from a member.
 
     A load is part of its carrier's inertia; friction of unlike height both ways is even friction
     and an offset.
     """
-    candidate, last = bench.candidates[member], bench.observed.n - 1
+    candidate, last = problem.candidates[member], problem.observed.n - 1
     for alike in (_LOADS, _UNEVEN):
         if candidate.effect in alike and (alike is _UNEVEN or candidate.joints == (last,)):
             return tuple(effect for effect in alike if effect != candidate.effect)
     return ()
 
 
-def margin(bench: Bench, solution: Solution, member: int, same: Sequence[Candidate]) -> float:
+def margin(problem: RegressionProblem, solution: Solution, member: int, same: Sequence[Candidate]) -> float:
     """Return the evidence for a member over the best other explanation in its place [nat]."""
-    own = bench.candidates[member]
+    own = problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
-    taken = {bench.candidates[i].place for i in rest} | {own.place} | {c.place for c in same}
+    taken = {problem.candidates[i].place for i in rest} | {own.place} | {c.place for c in same}
     other = max(
         (
             solution.search.gain((*rest, i))
-            for i, candidate in enumerate(bench.candidates)
+            for i, candidate in enumerate(problem.candidates)
             if candidate.place not in taken
         ),
         default=0.0,
@@ -123,7 +123,7 @@ def margin(bench: Bench, solution: Solution, member: int, same: Sequence[Candida
 
 
 def abstained(
-    bench: Bench, solution: Solution, rest: Leftover
+    problem: RegressionProblem, solution: Solution, rest: Leftover
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Take back names that explain too little of a joint's error, and say what stays unknown.
 
@@ -135,26 +135,26 @@ def abstained(
     """
     search = solution.search
     none = search.evidence.posterior(search.prior(()))
-    removed = taken_off(bench.left(solution.fitted), bench.left(none), bench.split.held_out)
+    removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
     explained = removed / np.maximum(removed + rest.foretold**2, 1e-12)
     unknown = np.flatnonzero(rest.foretellable & (explained < PRECISE))
     doubtful = {int(j) for j in unknown if explained[j] < DOMINANT}
     stay = tuple(
         member
         for member in solution.members
-        if int(np.argmax(contribution(bench, solution, member) / rest.floor**2)) not in doubtful
+        if int(np.argmax(contribution(problem, solution, member) / rest.floor**2)) not in doubtful
     )
     return stay, tuple(int(j) for j in unknown)
 
 
-def harms(bench: Bench, proven: FloatArray, rest: Leftover) -> bool:
+def harms(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> bool:
     """Say whether held-out motion of some joint is foretold clearly worse than before."""
-    return worse(bench, proven, bench.observed.residual, rest)
+    return worse(problem, proven, problem.observed.residual, rest)
 
 
-def worse(bench: Bench, proven: FloatArray, other: FloatArray, rest: Leftover) -> bool:
+def worse(problem: RegressionProblem, proven: FloatArray, other: FloatArray, rest: Leftover) -> bool:
     """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
-    rows = bench.split.held_out
+    rows = problem.split.held_out
     return bool((rmse(proven, rows) > rmse(other, rows) + MATERIAL * rest.floor).any())
 
 

@@ -22,7 +22,7 @@ from estimators.regression.evidence import Evidence, Prior, joined, posterior
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.regression.evidence import Posterior
@@ -37,23 +37,23 @@ _HATS = 5
 _LEAST_REDUCIBLE = 0.1  # of the floor; where less is held out, shares would be noise
 
 
-def tests_of(bench: Bench, solution: Solution) -> tuple[Test, ...]:
+def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]:
     """Ask every question of every joint whose error is above its noise floor.
 
     Args:
-        bench: Observations, nuisance columns and rows held out.
+        problem: Observations, nuisance columns and rows held out.
         solution: The chosen set; what it leaves is the noise floor, and its noise counts.
     """
     empty = solution.search.prior(())
-    before = bench.left(solution.search.evidence.posterior(empty))
-    after = bench.left(solution.fitted)
+    before = problem.left(solution.search.evidence.posterior(empty))
+    after = problem.left(solution.fitted)
     tests: list[Test] = []
-    for joint in range(bench.observed.n):
-        rows = bench.observed.moving[:, joint]
+    for joint in range(problem.observed.n):
+        rows = problem.observed.moving[:, joint]
         energy, floor = (float(np.sum(left[rows, joint] ** 2)) for left in (before, after))
         if energy > AFFECTED**2 * floor:
             floor /= max(1, int(rows.sum()))
-            tests += _Questions.of(bench, solution.noise, joint, floor).asked()
+            tests += _Questions.of(problem, solution.noise, joint, floor).asked()
     return tuple(tests)
 
 
@@ -64,7 +64,7 @@ _Family = tuple[str, "Callable[[Observations, int], FloatArray]"]
 class _Questions:
     """One joint's residual, with nuisance columns and those of every question in a table."""
 
-    bench: Bench
+    problem: RegressionProblem
     joint: int  # 0-based
     columns: ColumnTable  # of one joint
     nuisance: Prior
@@ -73,27 +73,27 @@ class _Questions:
     floor: float  # mean square of the noise [N² m²]
 
     @classmethod
-    def of(cls, bench: Bench, noise: Noise, joint: int, floor: float) -> _Questions:
+    def of(cls, problem: RegressionProblem, noise: Noise, joint: int, floor: float) -> _Questions:
         """Lay out the columns of all questions at a joint (0-based)."""
-        residual = bench.target[:, joint : joint + 1]
+        residual = problem.target[:, joint : joint + 1]
         columns = ColumnTable(residual.shape[0], 1)
-        nuisance = _nuisance(bench, columns, joint)
-        level = float(bench.level[joint])
-        sharp = [family(bench.observed, joint) for _, family in _FAMILIES]
+        nuisance = _nuisance(problem, columns, joint)
+        level = float(problem.level[joint])
+        sharp = [family(problem.observed, joint) for _, family in _FAMILIES]
         ends = np.cumsum([part.shape[1] for part in sharp])[:-1]
-        made = np.split(bench.observed.filter(np.concatenate(sharp, axis=1)), ends, axis=1)
+        made = np.split(problem.observed.filter(np.concatenate(sharp, axis=1)), ends, axis=1)
         families: list[tuple[str, Prior]] = []
         for (question, _), part in zip(_FAMILIES, made, strict=True):
             strength = np.maximum(np.sqrt(np.mean(part**2, axis=0)), 1e-12)
             index = columns.add((0,), np.ascontiguousarray(part / strength)[None])
             families.append((question, Prior.free(index, np.full(index.size, level))))
         return cls(
-            bench,
+            problem,
             joint,
             columns,
             nuisance,
             tuple(families),
-            normal_equations(columns, residual, _own(noise, joint), bench.split.fitted[:, [joint]]),
+            normal_equations(columns, residual, _own(noise, joint), problem.split.fitted[:, [joint]]),
             floor,
         )
 
@@ -117,14 +117,14 @@ class _Questions:
     def _error(self, prior: Prior) -> float:
         """Return the mean square on rows held out after a fit to the others [N² m²]."""
         fit: Posterior = posterior(self.products, self.nuisance, prior)
-        left = self.bench.target[:, self.joint] - self.columns.apply(fit.index, fit.mean)[:, 0]
-        return float(np.mean(left[self.bench.split.held_out[:, self.joint]] ** 2))
+        left = self.problem.target[:, self.joint] - self.columns.apply(fit.index, fit.mean)[:, 0]
+        return float(np.mean(left[self.problem.split.held_out[:, self.joint]] ** 2))
 
 
-def _nuisance(bench: Bench, columns: ColumnTable, joint: int) -> Prior:
+def _nuisance(problem: RegressionProblem, columns: ColumnTable, joint: int) -> Prior:
     """Copy the nuisance columns that act on a joint."""
-    values, at = bench.columns.of_joint(joint)
-    prior = bench.nuisance.prior
+    values, at = problem.columns.of_joint(joint)
+    prior = problem.nuisance.prior
     place = {int(index): k for k, index in enumerate(prior.index)}
     own = np.array([k for k, index in enumerate(at) if int(index) in place], dtype=np.int64)
     index = columns.add((0,), np.ascontiguousarray(values[:, own])[None])

@@ -22,7 +22,7 @@ from estimators.diagnosis.selection.search import LARGEST
 FLOOR = np.full(2, 0.1)
 
 
-def bench_of(effect="viscous_friction", joints=(0,)):
+def problem_of(effect="viscous_friction", joints=(0,)):
     split = SimpleNamespace(held_out=np.ones((100, 2), dtype=bool))
     observed = SimpleNamespace(n=2, residual=np.full((100, 2), 0.2))
     candidates = [SimpleNamespace(effect=effect, joints=joints)]
@@ -32,7 +32,7 @@ def bench_of(effect="viscous_friction", joints=(0,)):
 @pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])
 def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
     proven = np.column_stack([np.full(100, 0.1), np.full(100, error)])
-    assert harms(bench_of(), proven, Leftover(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
+    assert harms(problem_of(), proven, Leftover(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
 
 
 @pytest.mark.parametrize(
@@ -46,21 +46,21 @@ def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
     ],
 )
 def test_what_no_recording_tells_apart_is_named_together(effect, joint, same):
-    assert identical(bench_of(effect, (joint,)), 0) == same
+    assert identical(problem_of(effect, (joint,)), 0) == same
 
 
 def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_beside_little():
     """Both joints keep the same rest; at the first one, effects explain 99.6 % of the error."""
     bare, fitted = np.tile([1.0, 0.2], (100, 1)), np.full((100, 2), 0.06)
-    bench = bench_of()
-    bench.left = {"nothing": bare, "all": fitted}.get
+    problem = problem_of()
+    problem.left = {"nothing": bare, "all": fitted}.get
     evidence = SimpleNamespace(posterior=lambda _prior: "nothing")
     search = SimpleNamespace(evidence=evidence, prior=lambda members: members)
     solution = SimpleNamespace(search=search, fitted="all", members=())
     rest = Leftover(FLOOR, np.full(2, 0.06), fitted)
-    assert abstained(bench, solution, rest) == ((), (1,))
+    assert abstained(problem, solution, rest) == ((), (1,))
     quiet = Leftover(FLOOR, np.full(2, 0.04), fitted)
-    assert abstained(bench, solution, quiet) == ((), ())
+    assert abstained(problem, solution, quiet) == ((), ())
 
 
 def test_what_could_be_foretold_is_kept_as_a_series(rigid, training_recording):
