@@ -11,9 +11,9 @@ from estimators.diagnosis.fitting.contribution import MATERIAL, TELLABLE, contri
 from estimators.diagnosis.judgement.surrogate import foretold
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import roughness
-from estimators.diagnosis.residuals.observations import CREEP
 from estimators.regression.evidence import REACH
 from estimators.diagnosis.selection.search import LARGEST
+from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -60,7 +60,7 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
         observed: Recordings and simulation.
         left: Residual of the improved simulation, (K, n) [N m].
     """
-    moving = observed.faster(CREEP)  # a simulation gets slower friction wrong, unknown or not
+    moving = observed.faster(ROWS.creep)  # a simulation gets slower friction wrong, unknown or not
     guesses = [foretold(observed, left[:, joint], joint) for joint in range(observed.n)]
     series = np.stack(guesses, axis=1)
     whole, floor = rmse(left, moving), rmse(left - series, moving)

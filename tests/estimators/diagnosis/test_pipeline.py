@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from estimators.diagnosis import diagnose, pipeline
 from estimators.diagnosis.contact import Push
-from estimators.diagnosis.residuals.observations import REST
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import RecordingError
 from limo_driver.physics import (
@@ -25,6 +24,7 @@ from limo_driver.physics import (
 )
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
+from estimators.diagnosis.settings.residuals import ROWS
 
 RATE = 100.0  # [Hz]
 MEMORY = 0.05  # [s], of the torque sensors' errors
@@ -77,7 +77,7 @@ def error(simulation, truth, seed=77):
     """Return the worst joint's RMS error on another motion of the arm, while it moves [N m]."""
     recording = record(truth, seed)
     difference = truth.predict_recording(recording) - simulation.predict_recording(recording)
-    moves = np.abs(recording.sharp_motion(10.0).velocity) > REST
+    moves = np.abs(recording.sharp_motion(10.0).velocity) > ROWS.rest
     return float(np.sqrt(np.mean(difference**2, axis=0, where=moves)).max())
 
 

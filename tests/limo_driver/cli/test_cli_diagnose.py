@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 
-from estimators.diagnosis.residuals.observations import REST
 from estimators.diagnosis.result import Diagnosis, Explanation, Traces
 from estimators.diagnosis.verdict import (
     BeforeAfter,
@@ -26,6 +25,7 @@ from limo_driver.recordings.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import Motion
+from estimators.diagnosis.settings.residuals import ROWS
 
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 SLIP = PreslidingHysteresis(joint=2, stiffness=(100.0,), width=(0.02,))
@@ -72,7 +72,7 @@ def _made_up(given, recordings, bandwidth, equivalent, after, separates):
     traces = Traces(
         motion.time, np.zeros(len(motion), dtype=int), motion.position, motion.velocity, load,
         np.abs(motion.position - START), measured, before, before, simulated, motion.time > 15.0,
-        np.abs(motion.velocity) > REST,
+        np.abs(motion.velocity) > ROWS.rest,
     )  # fmt: skip
     rmse = [tuple(np.sqrt(np.mean((measured - x) ** 2, axis=0))) for x in (before, simulated)]
     finding = Finding(

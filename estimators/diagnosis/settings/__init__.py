@@ -1,0 +1,1 @@
+"""Settings: every number of the diagnosis that somebody chose, by stage, in one place."""
