@@ -18,6 +18,7 @@ from limo_driver.physics import (
     JointElasticity,
     Payload,
 )
+from estimators.diagnosis.settings.hypotheses import REVISION
 
 if TYPE_CHECKING:
     from limo_driver.physics import Effect, Simulation
@@ -36,7 +37,6 @@ _ADDING = {
     "quadratic_drag": "coefficient",
     "backlash": "gap",
 }
-_STEPS = 9  # from the inertia that was found to the nominal one
 
 
 class Improvement:
@@ -123,7 +123,7 @@ def _body(nominal: Inertial, change: FloatArray) -> Inertial:
     if body is None:
         return nominal
     rigid = np.array(nominal.inertia) * body.mass / nominal.mass
-    for part in np.linspace(0.0, 1.0, _STEPS):
+    for part in np.linspace(0.0, 1.0, REVISION.steps):
         mixed = (1.0 - part) * np.array(body.inertia) + part * rigid
         possible = replace(body, inertia=tuple(mixed.tolist()))
         if possible.is_consistent():

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimators.diagnosis.hypotheses.responses import Response, difference
 from estimators.rigid_body.regressor import PER_LINK
+from estimators.diagnosis.settings.hypotheses import REVISION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
 
 WIDTHS = {"v_eps"}  # parameters that smooth rather than describe
 _INVERSE = {("joint_elasticity", "stiffness")}  # effects and parameters, linear in the inverse
-_STEP = 0.05  # relative, for derivatives by a parameter
-_LEAST_LEVER = 0.01  # [m], scale of a centre of mass that lies on an axis
-_NARROWER, _WIDER = 0.2, 5.0  # times, at most, in one revision
-_STIFFEST = 0.01  # part of an inverse that one revision leaves at least
 
 
 def can_scale(known: Parameter) -> bool:
@@ -41,9 +38,9 @@ def relative_change(effect: str, name: str, coefficient: float) -> float:
     Of a width, the logarithm is what is linear; of a stiffness that winds up, its inverse.
     """
     if name in WIDTHS:
-        return float(np.clip(np.exp(coefficient), _NARROWER, _WIDER) - 1.0)
+        return float(np.clip(np.exp(coefficient), REVISION.narrower, REVISION.wider) - 1.0)
     if (effect, name) in _INVERSE:
-        return 1.0 / max(1.0 - coefficient, _STIFFEST) - 1.0
+        return 1.0 / max(1.0 - coefficient, REVISION.stiffest) - 1.0
     return coefficient
 
 
@@ -80,9 +77,9 @@ def derivative(observed: Observations, place: int, name: str) -> Response:
     """Return what a relative change of 1 of an effect's parameter adds, to first order."""
     effect: Any = observed.simulation.effects[place]
     value = getattr(effect, name)
-    ahead, behind = (replace(effect, **{name: value * (1 + sign * _STEP)}) for sign in (1, -1))
+    ahead, behind = (replace(effect, **{name: value * (1 + sign * REVISION.step)}) for sign in (1, -1))
     joints, values = difference(ahead, behind, observed)
-    return Response(joints, values / (2 * _STEP))
+    return Response(joints, values / (2 * REVISION.step))
 
 
 def mover(link: int, scale: FloatArray) -> Enter:
@@ -105,7 +102,7 @@ def relative_inertia(body: Inertial) -> FloatArray:
     scale = np.zeros((PER_LINK, PER_LINK))
     at_origin = _point(m, c)
     scale[0, 0], scale[1:4, 0], scale[4:, 0] = m, m * c, at_origin
-    lever = np.full(3, max(float(np.linalg.norm(c)), _LEAST_LEVER))
+    lever = np.full(3, max(float(np.linalg.norm(c)), REVISION.least_lever))
     for axis in range(3):
         d = np.zeros(3)
         d[axis] = lever[axis]
