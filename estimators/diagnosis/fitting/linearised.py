@@ -20,12 +20,12 @@ from estimators.diagnosis.fitting.entries import entries_of, found_in, possible,
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.hypotheses.responses import difference, stacked
 from estimators.diagnosis.residuals.noise import Noise, roughness
-from estimators.diagnosis.selection.candidates import WRONG_INERTIA
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.regression.evidence import Prior, joined, posterior
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
+from estimators.diagnosis.settings.selection import CANDIDATES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,7 +77,7 @@ class Linearised:
         nuisance = nuisance_of(lacking, columns, floor, stated or given)
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
-            deviation[PER_LINK * link : PER_LINK * (link + 1)] = WRONG_INERTIA
+            deviation[PER_LINK * link : PER_LINK * (link + 1)] = CANDIDATES.wrong_inertia
         own = tuple(_entered(effect, lacking, columns) for effect in found)
         known = Prior.free(nuisance.prior.index, deviation)
         return cls(observed, tuple(found), columns, nuisance, known, own)

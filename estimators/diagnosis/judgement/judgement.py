@@ -12,8 +12,8 @@ from estimators.diagnosis.judgement.surrogate import foretold
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.regression.evidence import REACH
-from estimators.diagnosis.selection.search import LARGEST
 from estimators.diagnosis.settings.residuals import ROWS
+from estimators.diagnosis.settings.selection import SEARCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -172,9 +172,9 @@ def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: in
         yield f"Values moved inside their tolerances, too, and the fit has both: {said}." + (
             " What a sensor adds is written into no simulation." if sensed else ""
         )
-    if members >= LARGEST:
+    if members >= SEARCH.largest:
         yield (
-            f"The search stopped at {LARGEST} effects, and more may be missing: identify inertias "
+            f"The search stopped at {SEARCH.largest} effects, and more may be missing: identify inertias "
             "and friction first (limo identify), or give wider tolerances."
         )
     if harmful:

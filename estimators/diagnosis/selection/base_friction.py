@@ -22,6 +22,7 @@ from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, ViscousFriction
 from limo_driver.physics.effect import Friction
+from estimators.diagnosis.settings.selection import BASE_FRICTION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 SIGN_WIDTHS = tuple(np.geomspace(2.5e-4, 8e-3, 6).tolist())  # [rad/s]
 _BASE = (CoulombFriction.name, ViscousFriction.name)
-_TURNS = 2  # of noise and widths in turn
 
 
 def without_friction(simulation: Simulation) -> tuple[int, ...]:
@@ -76,7 +76,7 @@ def with_friction(observed: Observations) -> Observations:
         return members, evidence.posterior(search.prior(members))
 
     members, fitted = fit(Noise.independent(rough, rows))
-    for _ in range(_TURNS):
+    for _ in range(BASE_FRICTION.turns):
         left = residual - columns.apply(fitted.index, fitted.mean)
         members, fitted = fit(Noise.of(left, rows, observed.segment))
     improvement = Improvement(observed.simulation)
@@ -102,7 +102,7 @@ def _likeliest(search: Search) -> tuple[int, ...]:
     for i, candidate in enumerate(search.candidates):
         variants.setdefault(candidate.place, []).append(i)
     chosen = {place: indices[len(indices) // 2] for place, indices in variants.items()}
-    for _ in range(_TURNS):
+    for _ in range(BASE_FRICTION.turns):
         for place, indices in variants.items():
             rest = [i for other, i in chosen.items() if other != place]
             chosen[place] = max(indices, key=lambda i: search.gain((*rest, i)))

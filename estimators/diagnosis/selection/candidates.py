@@ -20,6 +20,7 @@ from estimators.diagnosis.hypotheses.revision import (
 )
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
+from estimators.diagnosis.settings.selection import CANDIDATES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -31,14 +32,8 @@ if TYPE_CHECKING:
     from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.types import FloatArray
 
-MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
-DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
-WRONG = 1.0  # relative deviation of a parameter that is simply wrong
-WRONG_INERTIA = 0.4
 _PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
 _PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
-_TINY = 1e-12
-_TOGETHER = 20  # hypotheses that pass the filter in one go
 
 
 @dataclass(frozen=True)
@@ -59,7 +54,7 @@ class Candidate:
     prior: Prior
     enter: Enter
     hypothesis: Hypothesis | None = None
-    rarity: float = MISSING  # [nat] it has to bring before it is believed
+    rarity: float = CANDIDATES.missing  # [nat] it has to bring before it is believed
     variants: int = 1  # with how many of its kind it shares its chance
     laws: tuple[LawEvidence, ...] = ()  # of which the hypothesis is the best, once they competed
 
@@ -89,8 +84,8 @@ def candidates_of(observed: Observations, columns: ColumnTable, level: FloatArra
         for hypothesis in hypotheses.every(observed)
         if (hypothesis.effect, hypothesis.joints) not in revised
     ]
-    for start in range(0, len(competing), _TOGETHER):
-        some = competing[start : start + _TOGETHER]
+    for start in range(0, len(competing), CANDIDATES.together):
+        some = competing[start : start + CANDIDATES.together]
         parts = iter(responses([term for item in some for term in item.terms], observed))
         for hypothesis in some:
             own = [next(parts) for _ in hypothesis.terms]
@@ -120,11 +115,11 @@ def _entered(
     joints, values = stacked(found, columns.rows)
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
     strength = relative.max(axis=0)
-    if strength.min() < _TINY:
-        strength = np.maximum(strength, _TINY)
-        if strength.max() <= _TINY:
+    if strength.min() < CANDIDATES.tiny:
+        strength = np.maximum(strength, CANDIDATES.tiny)
+        if strength.max() <= CANDIDATES.tiny:
             return None
-    deviation = np.where(strength > _TINY, 1.0 / strength, 0.0)
+    deviation = np.where(strength > CANDIDATES.tiny, 1.0 / strength, 0.0)
 
     def enter(improvement: Improvement, c: FloatArray) -> None:
         if hypothesis.enter is not None:
@@ -164,7 +159,7 @@ def _revisions(observed: Observations, columns: ColumnTable, level: FloatArray) 
         parts = [derivative(observed, place, name) for name in names]
         joints, values = stacked(parts, columns.rows)
         relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
-        deviation = np.maximum(WRONG, 1.0 / np.maximum(relative.max(axis=0), _TINY))
+        deviation = np.maximum(CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), CANDIDATES.tiny))
         named = tuple(joint - 1 for joint in effect.joints)
         yield Candidate(
             effect.name,
@@ -172,7 +167,7 @@ def _revisions(observed: Observations, columns: ColumnTable, level: FloatArray) 
             "wrong_parameter",
             Prior.free(columns.add(joints, values), deviation),
             reviser(place, effect.name, names),
-            rarity=DEVIATING,
+            rarity=CANDIDATES.deviating,
         )
 
 
@@ -185,7 +180,7 @@ def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]
             "link_inertia",
             (link,),
             "wrong_parameter",
-            Prior.free(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, WRONG_INERTIA)),
+            Prior.free(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, CANDIDATES.wrong_inertia)),
             mover(link, scale),
         )
     last = Y[:, :, PER_LINK * (n - 1) :]

@@ -27,6 +27,7 @@ from estimators.diagnosis.hypotheses.revision import (
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
+from estimators.diagnosis.settings.selection import TOLERATED
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Parameter, Simulation
     from limo_driver.types import FloatArray
 
-SENSOR_LAG = 3e-4  # [s], 1 sigma: of a torque sensor's own filter against the encoder's
-WIDTH_TOLERANCE = 0.7  # relative, of the width of a smoothed sign
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation
                 continue
             joints, values = derivative(observed, place, known.name)
             own = observed.simulation.tolerances.friction
-            tolerance = WIDTH_TOLERANCE if known.name in WIDTHS else own
+            tolerance = TOLERATED.width if known.name in WIDTHS else own
             named = getattr(known_as, known.name) or value
             # of what is stated: a tenth more of that is another part of this value
             scale, start = beside_stated(effect.name, known.name, value / named)
@@ -215,7 +214,7 @@ def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) ->
     for j in range(observed.n):
         lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
         index = columns.add(lag.joints, lag.values[:, :, None])
-        deviation = np.array([SENSOR_LAG / UNIT_DELAY])
+        deviation = np.array([TOLERATED.sensor_lag / UNIT_DELAY])
         parameter = Tolerated(f"lag of sensor {j + 1}", "s", 0.0, UNIT_DELAY)
         parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
         offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.diagnosis.selection.candidates import MISSING, Candidate
+from estimators.diagnosis.selection.candidates import Candidate
 from estimators.regression.normal_equations import NormalEquations
 from estimators.regression.evidence import Evidence, Prior
-from estimators.diagnosis.selection.search import LARGEST, Search
+from estimators.diagnosis.selection.search import Search
+from estimators.diagnosis.settings.selection import CANDIDATES, SEARCH
 
 ROWS = 400
 EFFECTS = (
@@ -90,7 +91,7 @@ def test_four_effects_are_found(columns):
 
 def test_a_set_is_no_larger_than_the_largest(columns):
     search = search_of(columns, columns[:, :11].sum(axis=1))
-    assert len(search.best().members) <= LARGEST
+    assert len(search.best().members) <= SEARCH.largest
 
 
 def test_a_base_does_not_count_and_leaves_room_for_the_largest_set(columns, monkeypatch):
@@ -134,7 +135,7 @@ def test_gain_is_log_evidence_less_the_rarity_of_each_place_and_variant(columns)
     y = columns[:, 0] + noise(6)
     few = [candidate(0, variants=3), candidate(1), candidate(2)]
     search = search_of(columns, y, few)
-    price = 2 * MISSING + np.log(3)
+    price = 2 * CANDIDATES.missing + np.log(3)
     evidence = search.evidence.gain(search.prior((0, 2)))
     assert search.gain((2, 0)) == pytest.approx(evidence - price)
 
