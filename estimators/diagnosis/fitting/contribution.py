@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,10 +16,6 @@ if TYPE_CHECKING:
     from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
 
-MATERIAL = 0.5  # [errors left] that a finding has to take off the error of some joint
-TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
-_SEEN = 0.5  # of an effect's mean square, that rows held out have to have to judge it
-_SLIGHT = 0.1  # of what is gained over all rows, that may be lost on those held out
 
 
 def without(solution: Solution, member: int) -> Posterior:
@@ -47,8 +44,8 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
     left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     moving, held_out = problem.observed.moving, problem.split.held_out
     gained, proven = taken_off(left, bare, moving), taken_off(left, bare, held_out)
-    misses = rmse(bare - left, held_out) ** 2 < _SEEN * rmse(bare - left, moving) ** 2
-    part = np.where(misses & (proven >= -_SLIGHT * gained), gained / _square(left, moving), 0.0)
+    misses = rmse(bare - left, held_out) ** 2 < CONTRIBUTION.seen * rmse(bare - left, moving) ** 2
+    part = np.where(misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0)
     part = np.where(misses, part, proven / _square(left, held_out))
     return float(np.sqrt(max(part.max(), 0.0)))
 

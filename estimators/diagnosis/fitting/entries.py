@@ -9,6 +9,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.parameters import REAL
+from estimators.diagnosis.settings.fitting import NEWTON
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Effect, Parameter, Simulation
     from limo_driver.types import FloatArray
 
-_STEP = 1e-3  # prior deviations, for derivatives
 _CHOSEN = {"positions", "times", "windows", "wrench", "ratio", "reference"}
 _OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
 _ADDING_LISTS = {"offset", "excess", "amplitude"}
@@ -115,7 +115,7 @@ def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
     Where a step leaves what can exist, the effect itself stands for it.
     """
     ends, reached = [effect, effect], [entry.value, entry.value]
-    for side, step in enumerate((_STEP * entry.deviation, -_STEP * entry.deviation)):
+    for side, step in enumerate((NEWTON.derivative * entry.deviation, -NEWTON.derivative * entry.deviation)):
         try:
             ends[side] = moved(effect, [entry], [step])
         except ConfigError:

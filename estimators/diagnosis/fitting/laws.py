@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TELLABLE
 from estimators.diagnosis.fitting.refinement import refine
 from estimators.diagnosis.hypotheses.catalogue import rivals
 from estimators.diagnosis.selection.candidates import LawEvidence
 from estimators.diagnosis.wording import times
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.fitting.refinement import Setting
     from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
 
-REFINABLE = 100.0  # [nat] that a refinement may make up for, where no law has a name
 
 
 def likeliest(
@@ -67,7 +66,7 @@ def _best_of_each(problem: RegressionProblem, solution: Solution, member: int) -
         if law not in best or gain > best[law][0]:
             best[law] = (gain, hypothesis)
     ranked = sorted(best.values(), key=lambda item: -item[0])
-    least = ranked[0][0] - REFINABLE
+    least = ranked[0][0] - LAWS.refinable
     return [hypothesis for gain, hypothesis in ranked if hypothesis.law or gain > least]
 
 
@@ -77,7 +76,7 @@ def sentence_of(laws: Sequence[LawEvidence]) -> str:
         return ""
     best = laws[0]
     lead = best.log_evidence - laws[1].log_evidence
-    if lead < TELLABLE:
-        alike = [law.law for law in laws if best.log_evidence - law.log_evidence < TELLABLE]
+    if lead < CONTRIBUTION.tellable:
+        alike = [law.law for law in laws if best.log_evidence - law.log_evidence < CONTRIBUTION.tellable]
         return f" Which law it follows ({', '.join(alike)}) these recordings cannot tell."
     return f" Its law is {best.law}, {times(lead)} likelier than {laws[1].law}."

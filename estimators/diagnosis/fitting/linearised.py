@@ -26,6 +26,7 @@ from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.diagnosis.settings.fitting import NEWTON
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,10 +37,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
-_BLOCK = 2.0  # [s], over which scores are summed
-_ROUNDS = 5  # of Gauss-Newton, at most
-_ENOUGH = 1e-3  # part of the sum of squared whitened errors that a round has to take off
-_SHORTER = (1.0, 0.5, 0.2)  # parts of a step that are tried
 
 
 @dataclass(frozen=True)
@@ -96,12 +93,12 @@ class Linearised:
         mean = posterior(products, self.known, joined(*self.own)).mean
         mean[: start.size] -= start
         before = _energy(residual, noise, split)
-        for part in _SHORTER:
+        for part in NEWTON.shorter:
             try:
                 trial = self.observed.beside(self._moved(part * mean))
             except ConfigError:  # a combination that no such part has
                 continue
-            if _energy(trial.residual, noise, split) < (1 - _ENOUGH) * before:
+            if _energy(trial.residual, noise, split) < (1 - NEWTON.enough) * before:
                 return trial
         return None
 
@@ -169,7 +166,7 @@ def polished(
     """
     around = observed.beside(simulation)
     bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
-    for _ in range(_ROUNDS):
+    for _ in range(NEWTON.rounds):
         own = [
             found_in(around.simulation, effect, on, missing=missing)
             for effect, on, missing in places
@@ -205,6 +202,6 @@ def _entered(effect: Effect, observed: Observations, columns: ColumnTable) -> Pr
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:
     """Number the block of time of each row, (K,)."""
-    of_time = np.floor(observed.slow.time / _BLOCK).astype(np.int64)
+    of_time = np.floor(observed.slow.time / NEWTON.block).astype(np.int64)
     both = np.stack([observed.segment, of_time], axis=1)
     return np.unique(both, axis=0, return_inverse=True)[1].ravel()

@@ -12,6 +12,7 @@ from estimators.diagnosis.selection.candidates import Candidate, entered
 from estimators.diagnosis.selection.columns import ColumnTable
 from estimators.regression.normal_equations import NormalEquations
 from estimators.regression.evidence import Evidence, Prior, joined
+from estimators.diagnosis.settings.fitting import REFINEMENT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
 
-_EVALUATIONS = 60
-_REJECTED = 1e6  # objective where no column comes out
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
         np.clip(x0, 0.02, 0.98),
         method="Nelder-Mead",
         options={
-            "maxfev": _EVALUATIONS,
+            "maxfev": REFINEMENT.evaluations,
             "xatol": 3e-3,
             "fatol": 0.05,
             "initial_simplex": _simplex(np.clip(x0, 0.02, 0.98)),
@@ -118,7 +117,7 @@ class _Local:
         table = ColumnTable(len(self.around.observed.kept), self.around.observed.n)
         candidate = entered(hypothesis, self.around.observed, table, self.around.level)
         if candidate is None:
-            return -_REJECTED
+            return -REFINEMENT.rejected
         size, more = self.base.index.size, table.count
         gram = np.zeros((size + more, size + more))
         gram[:size, :size] = self._gram

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import MATERIAL, material
+from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
@@ -24,12 +24,11 @@ from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import entered
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-_ROUNDS = 2  # of noise and search in turn
-_CURVED = 0.4  # of the rest, by which a simulation may be off its linear fit
 
 
 def solve(problem: RegressionProblem, progress: Progress, near: tuple[int, ...] | None = None) -> Solution:
@@ -63,7 +62,7 @@ def solve(problem: RegressionProblem, progress: Progress, near: tuple[int, ...] 
 def _until_it_stays(
     problem: RegressionProblem, solution: Solution, progress: Progress, near: tuple[int, ...] | None
 ) -> Solution:
-    for _ in range(_ROUNDS):
+    for _ in range(SOLVING.rounds):
         before = set(solution.members)
         noise = Noise.of(problem.left(solution.fitted), problem.split.fitted, problem.observed.segment)
         solution = _sought(problem, noise, progress, near)
@@ -104,7 +103,7 @@ def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
     while solution.members:
         size = {member: material(problem, solution, member) for member in solution.members}
         least = min(size, key=lambda member: size[member])
-        if size[least] >= MATERIAL:
+        if size[least] >= CONTRIBUTION.material:
             break
         rest = tuple(member for member in solution.members if member != least)
         posterior = solution.search.evidence.posterior(solution.search.prior(rest))
@@ -182,7 +181,7 @@ def curved(problem: RegressionProblem, solution: Solution) -> bool:
     improved = problem.observed.beside(improve(problem, solution))
     moving = problem.observed.moving
     off, rest = rmse(improved.residual - linear, moving), rmse(linear, moving)
-    return bool((off > _CURVED * rest).any())
+    return bool((off > SOLVING.curved * rest).any())
 
 
 def relinearised(

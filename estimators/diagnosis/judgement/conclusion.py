@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import MATERIAL
 from estimators.diagnosis.judgement.findings import findings_of, left_at, unknown_of
 from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
@@ -21,6 +20,7 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -190,7 +190,7 @@ def _dropped(left: FloatArray, kept: FloatArray) -> str:
     gained = kept**2 - left**2
     if gained.sum() <= 0:
         return "does not hold on motion held out"
-    return "takes too little off motion held out" if gained.max() < MATERIAL**2 else ""
+    return "takes too little off motion held out" if gained.max() < CONTRIBUTION.material**2 else ""
 
 
 def _ranked(problem: RegressionProblem, solution: Solution, limit: int) -> list[tuple[int, ...]]:

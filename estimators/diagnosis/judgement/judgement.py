@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import MATERIAL, TELLABLE, contribution, taken_off
+from estimators.diagnosis.fitting.contribution import contribution, taken_off
 from estimators.diagnosis.judgement.surrogate import foretold
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.regression.evidence import REACH
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -85,7 +86,7 @@ def equivalents(problem: RegressionProblem, solution: Solution, member: int) -> 
         if candidate.place == own.place or candidate.place in taken:
             continue
         gain = solution.search.gain((*rest, i))
-        if gain > reference - TELLABLE:
+        if gain > reference - CONTRIBUTION.tellable:
             known = best.get(candidate.place)
             if known is None or known[0] < gain:
                 best[candidate.place] = (gain, candidate)
@@ -155,7 +156,7 @@ def harms(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> boo
 def worse(problem: RegressionProblem, proven: FloatArray, other: FloatArray, rest: Leftover) -> bool:
     """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
     rows = problem.split.held_out
-    return bool((rmse(proven, rows) > rmse(other, rows) + MATERIAL * rest.floor).any())
+    return bool((rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * rest.floor).any())
 
 
 def _moved(shift: Shift) -> str:
