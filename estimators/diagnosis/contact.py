@@ -19,7 +19,6 @@ from scipy.linalg import solve_triangular
 from scipy.ndimage import minimum_filter1d
 
 from estimators.diagnosis.hypotheses.responses import Response, Sharp, ready, response, sharp
-from estimators.diagnosis.judgement.findings import OF_CONTACT
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.observations import Observations  # noqa: TC001  # read by singledispatch
 from estimators.diagnosis.residuals.plausibility import doubtful_encoders
@@ -27,6 +26,7 @@ from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import ExternalContact
 from limo_driver.recordings.differentiation import smooth
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -97,7 +97,7 @@ def contact_of(
             kind="missing",
             joints=tuple(range(1, observed.n + 1)),
             equivalent=(),
-            confidence=OF_CONTACT,
+            confidence=CONFIDENCE.of_contact,
             parameters={
                 "windows": Interval(tuple(windows), "s"),
                 "wrench": Interval(tuple(wrenches), "N, N m", tuple(intervals)),

@@ -21,6 +21,7 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import OBSERVABLE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_PRICE = 10.0  # [nat] that an effect has to bring
-_HIDDEN = 10.0  # [noise floors]
 
 
 def fit_of(problem: RegressionProblem, proven: FloatArray, alone: FloatArray, floor: FloatArray) -> Fit:
@@ -129,7 +128,7 @@ def not_observable(problem: RegressionProblem, solution: Solution, rest: Leftove
         information = np.diag(evidence.gram)[at]
         joint = candidate.joints[0] if candidate.joints else 0
         torque = float(
-            np.min(size[at] * np.sqrt(2 * _PRICE / np.maximum(information, 1e-12)))
+            np.min(size[at] * np.sqrt(2 * OBSERVABLE.price / np.maximum(information, 1e-12)))
             / rest.floor[joint]
         )
         known = least.get(candidate.effect)
@@ -142,7 +141,7 @@ def not_observable(problem: RegressionProblem, solution: Solution, rest: Leftove
             "to show beside what the tolerances allow",
         )
         for effect, (torque, joint) in sorted(least.items())
-        if torque > _HIDDEN
+        if torque > OBSERVABLE.hidden
     )
 
 

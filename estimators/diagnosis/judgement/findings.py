@@ -32,6 +32,7 @@ from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
 from estimators.diagnosis.wording import OF_BODIES, SIGNATURES, times
 from limo_driver.physics import spoken
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,10 +43,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
 
-_WEIGHTS = (0.7, 0.25, 1.6)  # of 1, lead and size
-_HIGHEST = 0.99
-OF_UNKNOWN = 0.75  # part of the cases in which what nothing explained was unknown physics there
-OF_CONTACT = 0.95  # and in which what looked like a push was one
 
 
 def findings_of(
@@ -187,7 +184,7 @@ def unknown_of(
             kind="missing",
             joints=tuple(j + 1 for j in joints),
             equivalent=(),
-            confidence=OF_UNKNOWN,
+            confidence=CONFIDENCE.of_unknown,
             parameters={},
             where=where_of(problem.observed, rest.series[:, worst], worst),
             share=share,
@@ -212,8 +209,8 @@ def features(signs: Signs) -> tuple[float, float, float]:
 
 def confidence_of(signs: Signs) -> float:
     """Return the probability that a finding names the right effect at the right joint."""
-    score = sum(weight * value for weight, value in zip(_WEIGHTS, features(signs), strict=True))
-    return min(_HIGHEST, 1.0 / (1.0 + math.exp(-score)))
+    score = sum(weight * value for weight, value in zip(CONFIDENCE.weights, features(signs), strict=True))
+    return min(CONFIDENCE.highest, 1.0 / (1.0 + math.exp(-score)))
 
 
 def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:

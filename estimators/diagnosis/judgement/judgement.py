@@ -15,6 +15,7 @@ from estimators.regression.evidence import REACH
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import JUDGEMENT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,14 +28,8 @@ if TYPE_CHECKING:
     from estimators.diagnosis.selection.candidates import Candidate
     from limo_driver.types import FloatArray
 
-FORETOLD = 0.45  # [noise floors] of foretellable rest that counts as unknown physics
-SMOOTHER, SMOOTH = 1.4, 1.9  # times the other joints', and least, ratio of a rest to its roughness
 _LOADS = ("payload", "link_inertia")
 _UNEVEN = ("asymmetric_friction", "torque_offset")
-_AT_LIMIT = 0.01  # [sigma]
-_WORTH_A_WORD = 1.5  # [sigma] that a value moved inside its tolerance
-DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
-PRECISE = 0.99  # part beyond which the rest is what no law of friction gets right, and no physics
 
 
 @dataclass(frozen=True)
@@ -48,7 +43,7 @@ class Leftover:
     @property
     def foretellable(self) -> NDArray[np.bool_]:
         """Mark the joints (n,) on which a black box foretells clearly more than noise."""
-        return self.foretold > FORETOLD * self.floor
+        return self.foretold > JUDGEMENT.foretold * self.floor
 
 
 def leftover(observed: Observations, left: FloatArray) -> Leftover:
@@ -69,7 +64,7 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     floor = np.where(moves, floor, rough)  # of a still joint nothing is known
     ratio = floor / rough
     usual = float(np.median(ratio[moves])) if moves.any() else 1.0
-    smooth = (ratio > SMOOTHER * usual) & (ratio > SMOOTH)
+    smooth = (ratio > JUDGEMENT.smoother * usual) & (ratio > JUDGEMENT.smooth)
     floor = np.where(smooth, usual * rough, floor)
     beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
     return Leftover(floor, beyond, np.where(smooth, left, series))
@@ -138,8 +133,8 @@ def abstained(
     none = search.evidence.posterior(search.prior(()))
     removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
     explained = removed / np.maximum(removed + rest.foretold**2, 1e-12)
-    unknown = np.flatnonzero(rest.foretellable & (explained < PRECISE))
-    doubtful = {int(j) for j in unknown if explained[j] < DOMINANT}
+    unknown = np.flatnonzero(rest.foretellable & (explained < JUDGEMENT.precise))
+    doubtful = {int(j) for j in unknown if explained[j] < JUDGEMENT.dominant}
     stay = tuple(
         member
         for member in solution.members
@@ -160,13 +155,13 @@ def worse(problem: RegressionProblem, proven: FloatArray, other: FloatArray, res
 
 
 def _moved(shift: Shift) -> str:
-    limit = " (as far as it may)" if abs(shift.sigmas) > REACH - _AT_LIMIT else ""
+    limit = " (as far as it may)" if abs(shift.sigmas) > REACH - JUDGEMENT.at_limit else ""
     return f"{shift.name} by {shift.sigmas:+.1f} sigma{limit}"
 
 
 def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: int) -> Iterator[str]:
     """Yield what a reader should know of the fit, one sentence each."""
-    moved = [shift for shift in shifts if abs(shift.sigmas) > _WORTH_A_WORD][:3]
+    moved = [shift for shift in shifts if abs(shift.sigmas) > JUDGEMENT.worth_a_word][:3]
     if moved and not harmful:
         said = "; ".join(map(_moved, moved))
         sensed = any(" of sensor " in shift.name for shift in moved)

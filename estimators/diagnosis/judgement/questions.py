@@ -18,6 +18,7 @@ from estimators.diagnosis.result import Test
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.regression.normal_equations import NormalEquations
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
+from estimators.diagnosis.settings.judgement import QUESTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,13 +29,6 @@ if TYPE_CHECKING:
     from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
 
-AFFECTED = 1.15  # times its noise floor, from which a joint's error is looked into
-LEAST_EVIDENCE = 6.0  # [nat] for a yes
-LEAST_SHARE = 0.05  # of the joint's reducible error on rows held out, for a yes
-_DISTANCES = (1e-3, 6e-3, 0.03, 0.15)  # [rad] over which friction may build up
-_SPEEDS = (0.01, 0.05)  # [rad/s]
-_HATS = 5
-_LEAST_REDUCIBLE = 0.1  # of the floor; where less is held out, shares would be noise
 
 
 def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]:
@@ -51,7 +45,7 @@ def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]
     for joint in range(problem.observed.n):
         rows = problem.observed.moving[:, joint]
         energy, floor = (float(np.sum(left[rows, joint] ** 2)) for left in (before, after))
-        if energy > AFFECTED**2 * floor:
+        if energy > QUESTIONS.affected**2 * floor:
             floor /= max(1, int(rows.sum()))
             tests += _Questions.of(problem, solution.noise, joint, floor).asked()
     return tuple(tests)
@@ -102,13 +96,13 @@ class _Questions:
         evidence = Evidence(self.products, self.nuisance)
         known = joined()
         gain, error = 0.0, self._error(known)
-        reducible = max(error - self.floor, _LEAST_REDUCIBLE * self.floor, 1e-12)
+        reducible = max(error - self.floor, QUESTIONS.least_reducible * self.floor, 1e-12)
         tests: list[Test] = []
         for question, family in self.families:
             both = joined(known, family)
             more, less = evidence.gain(both), self._error(both)
             share = float(np.clip((error - less) / reducible, 0.0, 1.0))
-            yes = more - gain > LEAST_EVIDENCE and share > LEAST_SHARE
+            yes = more - gain > QUESTIONS.least_evidence and share > QUESTIONS.least_share
             tests.append(Test(self.joint + 1, question, share, yes))
             if yes:
                 known, gain, error = both, more, less
@@ -147,13 +141,13 @@ def _sign(observed: Observations, j: int) -> FloatArray:
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:
-    return np.stack([over_joint(stop(j + 1, w), observed) for w in _DISTANCES], axis=1)
+    return np.stack([over_joint(stop(j + 1, w), observed) for w in QUESTIONS.distances], axis=1)
 
 
 def _rate(observed: Observations, j: int) -> FloatArray:
     v = observed.motion.velocity[:, j]
     sign = _sign(observed, j)
-    fading = [sign * np.exp(-np.abs(v) / speed) for speed in _SPEEDS]
+    fading = [sign * np.exp(-np.abs(v) / speed) for speed in QUESTIONS.speeds]
     return np.stack([sign, v, v * np.abs(v), *fading], axis=1)
 
 
@@ -177,7 +171,7 @@ def _with_sign(hats: FloatArray, sign: FloatArray) -> FloatArray:
 
 
 def _hats(values: FloatArray) -> FloatArray:
-    knots = np.linspace(values.min(), max(values.max(), values.min() + 1e-6), _HATS)
+    knots = np.linspace(values.min(), max(values.max(), values.min() + 1e-6), QUESTIONS.hats)
     return np.maximum(0.0, 1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]))
 
 
