@@ -30,6 +30,7 @@ from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.result import Diagnosis, Traces
 from limo_driver.errors import RecordingError
+from estimators.diagnosis.settings.pushes import ROUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-SEVERAL = 3  # effects, of which one may stand for what two others make of one another
-_ROUNDS = 2  # more of pushes and effects in turn
-BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 
 
 def _found(problem: RegressionProblem, solution: Solution) -> list[tuple[str, tuple[int, ...], bool]]:
@@ -162,7 +160,7 @@ def _without_pushes(problem: RegressionProblem, progress: Progress) -> tuple[_Ju
     if pushed:
         problem, solution = _without(problem, pushed, progress)
     judged, seen = _round(problem, solution, progress)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS.more):
         hidden = tuple(push for push in seen if not _among(push, pushed))
         if not hidden:
             break
@@ -200,13 +198,13 @@ def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) ->
         return ()
     calm = Noise.of(residual, rows & ~covered(observed, likely)[:, None], segment)
     found = pushes(observed, residual, calm.over(rows, segment))
-    return tuple(push for push in found if push.evidence > BEYOND_DOUBT and _among(push, likely))
+    return tuple(push for push in found if push.evidence > ROUNDS.beyond_doubt and _among(push, likely))
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
     """Return what is found around a set, where that may differ and foretells no worse."""
     problem, solution = judged.problem, judged.solution
-    several = len(solution.members) >= SEVERAL
+    several = len(solution.members) >= ROUNDS.several
     if not (several or judged.rest.foretellable.any()) or not curved(problem, solution):
         return judged
     again = _Judged.of(*settled_around(problem, solution, progress))
