@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.physics import Simulation
 
-SIGN_WIDTHS = tuple(np.geomspace(2.5e-4, 8e-3, 6).tolist())  # [rad/s]
+SIGN_WIDTHS = tuple(  # [rad/s]
+    np.geomspace(BASE_FRICTION.narrowest, BASE_FRICTION.widest, BASE_FRICTION.widths).tolist()
+)
 _BASE = (CoulombFriction.name, ViscousFriction.name)
 
 

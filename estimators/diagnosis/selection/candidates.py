@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.types import FloatArray
 
-_PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
+_PAYLOAD = np.repeat(CANDIDATES.payload, (1, 3, 6))  # [kg, kg m, kg m²], 1 sigma
 _PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
 
 

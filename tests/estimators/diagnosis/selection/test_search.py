@@ -95,7 +95,7 @@ def test_a_set_is_no_larger_than_the_largest(columns):
 
 
 def test_a_base_does_not_count_and_leaves_room_for_the_largest_set(columns, monkeypatch):
-    monkeypatch.setattr("estimators.diagnosis.selection.search.LARGEST", 2)
+    monkeypatch.setattr("estimators.diagnosis.selection.search.SEARCH", replace(SEARCH, largest=2))
     search = search_of(columns, columns[:, :8].sum(axis=1) + noise(1), base=tuple(range(6)))
     assert names(search, search.best()) == set(range(8))
 
