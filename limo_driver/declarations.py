@@ -31,7 +31,7 @@ from limo_driver.parameters import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Generator, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from limo_driver.errors import PlacedError
@@ -91,6 +91,10 @@ class Given(ABC):
     def scalar(self, kind: str) -> Any:  # noqa: ANN401  # of that kind, if it can be
         """Return one value; as it is given, where it is not of that kind."""
 
+    @abstractmethod
+    def plain(self) -> Any:  # noqa: ANN401  # of any type that the format knows
+        """Return one value of the type that the format itself takes it for."""
+
     def __contains__(self, name: str) -> bool:
         """Say whether an entry is given."""
         return name in self.entries
@@ -149,7 +153,7 @@ class Given(ABC):
 
     def _list(self, known: Parameter) -> tuple[Any, ...]:
         one = replace(known, is_list=False, length=None, columns=None)
-        if self.items is None:
+        if self.items is None or (known.columns and self.items[:1] == [self]):  # a value alone
             self.refuse(known.expected)
         if known.columns is None:
             return tuple(item.value(one) for item in self.items)
@@ -187,18 +191,20 @@ class Given(ABC):
     def make(
         self,
         kind: type[_Declared],
+        parts: Mapping[str, Any] | None = None,
+        *,
         joints: int | None = None,
         beside: Iterable[str] = (),
-        **parts: Any,  # noqa: ANN401  # of the fields' own types
     ) -> _Declared:
         """Return what the entries declare.
 
         Args:
             kind: Dataclass of parameters.
+            parts: Fields that are read already, by name.
             joints: Of the arm, for numbers of joints.
             beside: Names of entries that may stand here too.
-            parts: Fields that are read already.
         """
+        parts = parts or {}
         self.of_kind(kind, beside)
         values = {
             item.name: self.take(item, joints)
@@ -209,7 +215,7 @@ class Given(ABC):
             return kind(**parts, **values)
 
     @contextmanager
-    def blamed(self) -> Iterator[None]:
+    def blamed(self) -> Generator[None]:
         """Report what is refused meanwhile at the entry that it is about, or here."""
         try:
             yield
@@ -226,7 +232,7 @@ class Given(ABC):
         if tag not in self.entries:
             self.fail(f"lacks `{tag}:`, one of {', '.join(kinds)}")
         self.called = self.text(tag, tuple(kinds))
-        return self.make(kinds[self.called], joints, (tag,))
+        return self.make(kinds[self.called], joints=joints, beside=(tag,))
 
     @property
     @abstractmethod
@@ -300,7 +306,7 @@ class YamlGiven(Given):
         return text == "true" if kind == FLAG and text in {"true", "false"} else text
 
     def plain(self) -> Any:  # noqa: ANN401  # of any type that YAML knows
-        """Return a value of the type that YAML itself takes it for."""
+        """Return one value of the type that YAML itself takes it for."""
         self.scalar(TEXT)
         return yaml.SafeLoader("").construct_object(self.content)
 
@@ -341,6 +347,10 @@ class JsonGiven(Given):
 
     def scalar(self, kind: str) -> Any:  # noqa: ANN401, ARG002  # JSON has types
         """Return one value as it is given."""
+        return self.content
+
+    def plain(self) -> Any:  # noqa: ANN401  # of any type that JSON knows
+        """Return what is given."""
         return self.content
 
     @property

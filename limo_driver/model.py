@@ -30,7 +30,7 @@ _MANY = 1000  # samples, from which on another thread is worth waking
 
 
 def beside(robot: str, folder: Path) -> str:
-    """Return a robot as a file in a folder names it: built in, or a URDF, looked for there first."""
+    """Return a robot as a file in a folder names it: built in, or a URDF, sought there first."""
     file = folder / robot
     return robot if robot in BUILT_IN or not file.is_file() else str(file.resolve())
 

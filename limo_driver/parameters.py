@@ -18,7 +18,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from enum import Enum
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 from limo_driver.errors import ConfigError, ParameterError
 
@@ -99,7 +99,8 @@ class Parameter:
 
     def refused(self, value: object) -> ParameterError:
         """Return the error that a value makes."""
-        unit = "" if self.is_list else self._in_unit
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        unit = self._in_unit if is_number and not self.is_list else ""
         return ParameterError(self.in_file, shown(value) + unit, self.expected)
 
     def _number(self, value: Any) -> Any:  # noqa: ANN401  # of the parameter's own kind
@@ -140,7 +141,9 @@ class Parameter:
             return f" up to {high}{unit}" if self.upper < math.inf else ""
         if self.above:
             return f" above {low}{f' and up to {high}' if self.upper < math.inf else ''}{unit}"
-        return f" from {low} to {high}{unit}" if self.upper < math.inf else f" of {low}{unit} or more"
+        return (
+            f" from {low} to {high}{unit}" if self.upper < math.inf else f" of {low}{unit} or more"
+        )
 
 
 def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotation's
@@ -222,9 +225,7 @@ class Declared:
             try:
                 value = known.checked(given)
             except ParameterError as error:
-                raise ParameterError(
-                    known.name, error.given, error.expected, self.place
-                ) from None
+                raise ParameterError(known.name, error.given, error.expected, self.place) from None
             if value is not given:
                 object.__setattr__(self, known.name, value)
 
@@ -263,10 +264,8 @@ def shown(value: object) -> str:
         return word(value)
     if isinstance(value, float):
         return f"{value:g}"
-    if isinstance(value, (tuple, list)):
-        text = f"[{', '.join(map(shown, value))}]"  # type: ignore[arg-type]  # of any kind
-    else:
-        text = repr(value)
+    is_list = isinstance(value, (tuple, list))
+    text = f"[{', '.join(map(shown, cast('list[object]', value)))}]" if is_list else repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 

@@ -16,9 +16,7 @@ Range = tuple[float, float]
 
 def share_of_limit(description: str, default: Range):  # noqa: ANN201  # a dataclass field
     """Declare a range of shares of a limit, which are drawn."""
-    return parameter(
-        "1", description, length=2, lower=0.0, upper=1.0, above=True, default=default
-    )
+    return parameter("1", description, length=2, lower=0.0, upper=1.0, above=True, default=default)
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,12 @@ class Surroundings(Declared):
         "rad", "kept from either end of a joint's range", lower=0.0, default=radians(5.0)
     )
     clearance: float = parameter(
-        "m", "kept between links, and between links and the table",
-        lower=0.0, upper=1.0, above=True, default=0.02,
+        "m",
+        "kept between links, and between links and the table",
+        lower=0.0,
+        upper=1.0,
+        above=True,
+        default=0.02,
     )
     table_height: float = parameter("m", "of the table plane in the base frame", default=0.0)
     self_collision: bool = True  # False: links are not checked against each other
@@ -95,7 +97,9 @@ class Exploring(Declared):
     waypoints: tuple[int, int] = parameter(
         "", "both ends included", length=2, lower=2, default=(2000, 2500)
     )
-    velocity: tuple[float, float] = share_of_limit("of the leading joint, drawn for each phase", (0.1, 0.3))
+    velocity: tuple[float, float] = share_of_limit(
+        "of the leading joint, drawn for each phase", (0.1, 0.3)
+    )
     waypoint_period: float = parameter(
         "s", "of nominal time", lower=0.0, above=True, default=0.0016
     )

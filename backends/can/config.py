@@ -28,7 +28,7 @@ from limo_driver.types import RobotSpec
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from limo_driver.declarations import YamlGiven
+    from limo_driver.declarations import Given
     from limo_driver.types import FloatArray
 
 CIA402: Final = "cia402"
@@ -243,9 +243,9 @@ def _read(path: Path) -> ArmConfig:
     parts: dict[str, Any] = {"robot": robot, "joints": tuple(joints), "bus": _bus(given["bus"])}
     if not given.optional("temperature").is_empty:
         parts["temperature"] = given["temperature"].make(Temperature)
-    return given.make(ArmConfig, **parts)
+    return given.make(ArmConfig, parts)
 
 
-def _bus(given: YamlGiven) -> Bus:
+def _bus(given: Given) -> Bus:
     options = given.optional("options").entries
-    return given.make(Bus, options={name: value.plain() for name, value in options.items()})
+    return given.make(Bus, {"options": {name: value.plain() for name, value in options.items()}})

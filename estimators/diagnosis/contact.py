@@ -22,12 +22,12 @@ from estimators.diagnosis.hypotheses.responses import Response, Sharp, ready, re
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.observations import Observations  # noqa: TC001  # read by singledispatch
 from estimators.diagnosis.residuals.plausibility import doubtful_encoders
+from estimators.diagnosis.settings.judgement import CONFIDENCE
+from estimators.diagnosis.settings.pushes import PUSHES
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import ExternalContact
 from limo_driver.recordings.differentiation import smooth
-from estimators.diagnosis.settings.judgement import CONFIDENCE
-from estimators.diagnosis.settings.pushes import PUSHES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -234,7 +234,11 @@ def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
 
 def overlap(a: Push, b: Push) -> bool:
     """Say whether two pushes share rows, once the filter has spread them."""
-    return a.recording == b.recording and a.start < b.end + PUSHES.spread and b.start < a.end + PUSHES.spread
+    return (
+        a.recording == b.recording
+        and a.start < b.end + PUSHES.spread
+        and b.start < a.end + PUSHES.spread
+    )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,14 @@ from threadpoolctl import threadpool_limits
 from estimators.diagnosis.contact import contact_of, covered, overlap, pushes
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.linearised import polished
-from estimators.diagnosis.fitting.problem import RegressionProblem, Progress, Solution, fitted, improve, quiet
+from estimators.diagnosis.fitting.problem import (
+    Progress,
+    RegressionProblem,
+    Solution,
+    fitted,
+    improve,
+    quiet,
+)
 from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.judgement.findings import left_by_tolerances
@@ -29,8 +36,8 @@ from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.result import Diagnosis, Traces
-from limo_driver.errors import RecordingError
 from estimators.diagnosis.settings.pushes import ROUNDS
+from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,8 +48,9 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-
-def _found(problem: RegressionProblem, solution: Solution) -> list[tuple[str, tuple[int, ...], bool]]:
+def _found(
+    problem: RegressionProblem, solution: Solution
+) -> list[tuple[str, tuple[int, ...], bool]]:
     """Return effect, joints (1-based) and whether it was missing, of each member."""
     some = [problem.candidates[member] for member in solution.members]
     everywhere = range(problem.observed.n)
@@ -108,7 +116,9 @@ def diagnose(
     final = fitted(problem, solution.members, noise, everything=True)
     improved = observed.beside(simulation)
     if not harmful:
-        improved = polished(observed, improve(problem, final), observed.moving, _found(problem, final))
+        improved = polished(
+            observed, improve(problem, final), observed.moving, _found(problem, final)
+        )
     strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
     tolerances = left_by_tolerances(problem, solution)
@@ -148,7 +158,9 @@ def diagnose(
     )
 
 
-def _without_pushes(problem: RegressionProblem, progress: Progress) -> tuple[_Judged, tuple[Push, ...]]:
+def _without_pushes(
+    problem: RegressionProblem, progress: Progress
+) -> tuple[_Judged, tuple[Push, ...]]:
     """Return the set that is found beside pushes, and those: nothing is fitted to events.
 
     They are sought in what a set of effects leaves, since effects that are not out look like pushes
@@ -169,7 +181,9 @@ def _without_pushes(problem: RegressionProblem, progress: Progress) -> tuple[_Ju
     return judged, tuple(push for push in seen if _among(push, pushed))
 
 
-def _without(problem: RegressionProblem, pushed: Sequence[Push], progress: Progress) -> tuple[RegressionProblem, Solution]:
+def _without(
+    problem: RegressionProblem, pushed: Sequence[Push], progress: Progress
+) -> tuple[RegressionProblem, Solution]:
     """Leave the rows of pushes out, and solve again."""
     problem = problem.undisturbed(covered(problem.observed, pushed))
     return problem, solve(problem, progress)
@@ -198,7 +212,9 @@ def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) ->
         return ()
     calm = Noise.of(residual, rows & ~covered(observed, likely)[:, None], segment)
     found = pushes(observed, residual, calm.over(rows, segment))
-    return tuple(push for push in found if push.evidence > ROUNDS.beyond_doubt and _among(push, likely))
+    return tuple(
+        push for push in found if push.evidence > ROUNDS.beyond_doubt and _among(push, likely)
+    )
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
@@ -223,7 +239,9 @@ def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
     if not held or harms(problem, judged.proven, judged.rest):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    again = _best(_Judged.of(problem, settled(problem, solve(problem, progress), progress)), progress)
+    again = _best(
+        _Judged.of(problem, settled(problem, solve(problem, progress), progress)), progress
+    )
     known = judged.places(solution.members) | held
     explained = set(again.unknown) < set(judged.unknown) and again.places(again.named) <= known
     return again if explained else judged

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.declarations import Given, JsonGiven
     from estimators.neural import Network
+    from limo_driver.declarations import Given, JsonGiven
     from limo_driver.types import FloatArray
 
 _COLUMNS: Final = "columns"  # which inputs each part of the network sees
@@ -167,7 +167,9 @@ def _input_scaling(manifest: JsonGiven, expected: tuple[Feature, ...]) -> InputS
     return InputScaling(mean, std, lowest, np.array(highest))
 
 
-def _output_scaling(manifest: JsonGiven, expected: tuple[Feature, ...]) -> tuple[Scaling, FloatArray]:
+def _output_scaling(
+    manifest: JsonGiven, expected: tuple[Feature, ...]
+) -> tuple[Scaling, FloatArray]:
     """Return normalisation and gain."""
     entries = _entries_of(manifest, "outputs", expected)
     gain = np.array([entry.number("gain", lower=0.0, upper=1.0) for entry in entries])

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.regression.empirical_bayes import RegionalFit, WeightPosterior
     from estimators.joint_physics.normal_equations import JudgedRows, MotionEquations
+    from estimators.regression.empirical_bayes import RegionalFit, WeightPosterior
     from limo_driver.types import FloatArray
 
 COVERAGE: Final = 0.95
@@ -147,7 +147,7 @@ def _calibrate_joint(
     excess = (far.error / DEVIATIONS) ** 2 / factor - noise
     growth = float(np.quantile(excess / np.maximum(far.leverage, _LEAST_LEVERAGE), COVERAGE))
     growth = max(growth, 1.0)
-    everything = sums.folds.evidence(joint)
+    everything = sums.folds.equations(joint)
     usual = max(everything.energy / everything.rows, LEAST_NOISE)
     shows = max(_SHOWS * noise, _MATTERS * usual)
     beyond = max(float(np.quantile(near.leverage + near.added, _INSIDE)), shows)

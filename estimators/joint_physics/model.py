@@ -11,12 +11,12 @@ import numpy as np
 from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate
 from estimators.joint_physics.columns import JointColumns
-from estimators.regression.empirical_bayes import fit
 from estimators.joint_physics.memory import UnknownMemory, moments_of
 from estimators.joint_physics.normal_equations import MotionEquations
 from estimators.joint_physics.prediction import Prediction
 from estimators.joint_physics.tolerances import tolerances
 from estimators.model_folder import provenance
+from estimators.regression.empirical_bayes import fit
 from estimators.residual_model import ResidualModel
 
 if TYPE_CHECKING:
@@ -82,8 +82,8 @@ class JointPhysics(ResidualModel[FittedPhysics]):
 
     tau_S is the prediction of a simulation, normally an identified one. What it leaves is fitted by
     Bayesian linear regression in columns that physics suggests, so that little data is enough and
-    motion larger than that of the data is predicted as physics continues, see `JointColumns`. k_j is 1
-    where the data tell the weights and falls to 0 where they do not, see `Calibration`.
+    motion larger than that of the data is predicted as physics continues (`JointColumns`). k_j is
+    1 where the data tell the weights and falls to 0 where they do not, see `Calibration`.
 
     Args:
         simulation: Gives tau_S, and with its rigid body the columns.
@@ -142,7 +142,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
 
 
 def _fit_joint(sums: MotionEquations, columns: JointColumns, joint: int) -> RegionalFit:
-    everything = sums.regions.evidence(joint)
+    everything = sums.regions.equations(joint)
     known = tolerances(columns, joint, everything.rms)
     return fit(everything, sums.regions.each_left_out(joint), columns.family, known)
 

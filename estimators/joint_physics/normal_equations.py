@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.joint_physics.columns import SETTLED
-from estimators.regression.normal_equations import NormalEquations
 from estimators.joint_physics.regions import REGIONS, Regions
 from estimators.recordings import check_recordings
+from estimators.regression.normal_equations import NormalEquations
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.joint_physics.columns import JointColumns, ColumnRows
+    from estimators.joint_physics.columns import ColumnRows, JointColumns
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -144,7 +144,9 @@ class JudgedRows:
         )
 
 
-def _check_enough(count: FloatArray, columns: JointColumns, recordings: Sequence[Recording]) -> None:
+def _check_enough(
+    count: FloatArray, columns: JointColumns, recordings: Sequence[Recording]
+) -> None:
     """Check that each joint moves in every fold, and has as many rows as weights; count (F, n).
 
     With fewer, priors alone decide on weights, and folds that are alike confirm each other.

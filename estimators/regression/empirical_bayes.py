@@ -153,5 +153,7 @@ def fit(
         )
         spread = _jackknife(without)
         found = _widened(posterior(everything.worth(worth), prior), spread)
-        candidates.append(RegionalFit(found, without, prior, worth, error / everything.rows, spread))
+        candidates.append(
+            RegionalFit(found, without, prior, worth, error / everything.rows, spread)
+        )
     return min(candidates, key=lambda candidate: candidate.held_out)

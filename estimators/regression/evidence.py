@@ -83,7 +83,9 @@ class Evidence:
         held: Coefficients (c,) of the nuisance that stay where they are; NaN where they are free.
     """
 
-    def __init__(self, products: NormalEquations, nuisance: Prior, held: FloatArray | None = None) -> None:
+    def __init__(
+        self, products: NormalEquations, nuisance: Prior, held: FloatArray | None = None
+    ) -> None:
         self.products, self.nuisance = products, nuisance
         free = np.ones(nuisance.index.size, dtype=bool) if held is None else np.isnan(held)
         at, s = nuisance.index[free], nuisance.deviation[free]

@@ -79,7 +79,14 @@ class TableData:
         if model.name not in BUILT_IN:  # what a URDF says can change while its name stays
             digests[ROBOT] = _digest(model.urdf)
         return cls(
-            folder, model, str(said["made_by"].content), excitation, limo, validation, starts, digests
+            folder,
+            model,
+            str(said["made_by"].content),
+            excitation,
+            limo,
+            validation,
+            starts,
+            digests,
         )
 
     @property

@@ -162,9 +162,7 @@ def accumulate(
         raise RecordingError("no row is left to fit to: nothing moves, or the stretches are short")
     gram, product = sums.symmetric()
     thinned = ThinnedRows.joined(sums.thinned)
-    return ArmEquations(
-        gram, product, sums.energy, sums.count, thinned, sums.chain, rows.weighting
-    )
+    return ArmEquations(gram, product, sums.energy, sums.count, thinned, sums.chain, rows.weighting)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,9 @@ class ServiceSettings(Declared):
     rate: float | None = _above_zero("Hz", "of the states; measured if not given", None)
     delay: float = _above_zero("s", "by which estimates are late", 0.1)
     history: float = _above_zero("s", "of states from which a new model's memory is made", 120.0)
-    bound: float | None = _above_zero("N m", "that the learned part may add; a tenth of the limit if None", None)
+    bound: float | None = _above_zero(
+        "N m", "that the learned part may add; a tenth of the limit if None", None
+    )
     contact_torque: float | tuple[float, ...] = _above_zero("N m", "of external torque", 4.0)
     contact_duration: float | tuple[float, ...] = _above_zero("s", "for which it has to last", 0.15)
 
@@ -73,8 +75,14 @@ class RetrainingSettings(Declared):
     seconds: float = _above_zero("", "of the newest motion that a challenger learns from", 300.0)
     every: float | None = _above_zero("", "seconds after which one is trained without drift", None)
     pause: float = _above_zero("", "seconds at least between trainings", 600.0)
-    training_limit: float = _above_zero("s", "of this machine's time, after which training is ended", 1800.0)
+    training_limit: float = _above_zero(
+        "s", "of this machine's time, after which training is ended", 1800.0
+    )
     shadow: float = _above_zero("", "seconds of motion before the first verdict", 60.0)
-    shadow_limit: float = _above_zero("", "seconds after which a challenger that is not better is dropped", 1800.0)
-    probation: float = _above_zero("", "seconds of motion in which a new champion may be sent back", 300.0)
+    shadow_limit: float = _above_zero(
+        "", "seconds after which a challenger that is not better is dropped", 1800.0
+    )
+    probation: float = _above_zero(
+        "", "seconds of motion in which a new champion may be sent back", 300.0
+    )
     kind: str = "same"  # of the challenger, as the champion; see `learning`

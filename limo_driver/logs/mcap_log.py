@@ -22,6 +22,7 @@ from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.network.messages.schemas import SCHEMAS
+from limo_driver.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +48,9 @@ class LogLimits(Declared):
     file_seconds: float = _limit("s", "a new file is begun beyond this", 600.0)
     total_bytes: float = _limit("", "the oldest finished files are deleted beyond this", inf)
     total_seconds: float = _limit("s", "so are files last written longer ago than this", inf)
-    queue: int = parameter("", "messages that wait for the disk; more are dropped", lower=1, default=20_000)
+    queue: int = parameter(
+        "", "messages that wait for the disk; more are dropped", lower=1, default=20_000
+    )
 
 
 class McapLog(Closing):

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 State: TypeAlias = "FloatArray"
 STATELESS: FloatArray = np.zeros(0)
 STATELESS.flags.writeable = False
+
+
 @dataclass(frozen=True)
 class JointMotion:
     """Motion and load of one joint over T samples; each array has shape (T,)."""

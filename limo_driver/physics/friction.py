@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics import friction_laws
 from limo_driver.parameters import parameter
+from limo_driver.physics import friction_laws
 from limo_driver.physics.effect import Friction, State
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics import hysteresis_laws
 from limo_driver.parameters import parameter
+from limo_driver.physics import hysteresis_laws
 from limo_driver.physics.effect import State, TorqueEffect
 
 if TYPE_CHECKING:

@@ -12,7 +12,16 @@ import numpy as np
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.parameters import JOINT
-from limo_driver.physics.effect import ArmEffect, ArmMotion, BodyEffect, Effect, MotionEffect, SensedTorque, State, TorqueEffect
+from limo_driver.physics.effect import (
+    ArmEffect,
+    ArmMotion,
+    BodyEffect,
+    Effect,
+    MotionEffect,
+    SensedTorque,
+    State,
+    TorqueEffect,
+)
 from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save

@@ -11,8 +11,8 @@ from limo_driver.declarations import read_yaml
 from limo_driver.errors import ConfigError
 from limo_driver.model import Inertial, RobotModel, beside
 from limo_driver.outputs import whole
-from limo_driver.physics.catalogue import CATALOGUE
 from limo_driver.parameters import Declared, parameter
+from limo_driver.physics.catalogue import CATALOGUE
 from limo_driver.physics.sensing import Sensors
 
 if TYPE_CHECKING:

@@ -58,8 +58,12 @@ class ExcitationRequest(Declared):
     """What to find."""
 
     duration: float = parameter(
-        "s", "one period of the base frequency",
-        lower=0.0, above=True, upper=LONGEST, default=60.0,
+        "s",
+        "one period of the base frequency",
+        lower=0.0,
+        above=True,
+        upper=LONGEST,
+        default=60.0,
     )
     harmonics: int = parameter(  # of which one alone cannot start and end at rest
         "", "of each joint", lower=2, upper=MOST_HARMONICS, default=5
@@ -68,8 +72,11 @@ class ExcitationRequest(Declared):
     surroundings: Surroundings = field(default_factory=Surroundings)
     workspace: Workspace = EVERYWHERE  # of the flange, all the time
     starts: int = parameter(
-        "", "random motions to begin with, of which the best are refined",
-        lower=1, upper=MOST_STARTS, default=16,
+        "",
+        "random motions to begin with, of which the best are refined",
+        lower=1,
+        upper=MOST_STARTS,
+        default=16,
     )
     iterations: int = parameter(
         "", "of each of the last two refinements; 0: a random motion", lower=0, default=250
@@ -184,8 +191,13 @@ class _Search:
         seen = time[_DENSER // 2 :: _DENSER]
         x = np.concatenate([pose, _START * random.standard_normal(fourier.size - self.model.n)])
         return Candidate(
-            fourier, seen, fourier.sampled(seen), fourier.sampled(time), self.criterion,
-            self.excess, x,
+            fourier,
+            seen,
+            fourier.sampled(seen),
+            fourier.sampled(time),
+            self.criterion,
+            self.excess,
+            x,
         )
 
     def _inside(self, found: Candidate) -> Trajectory:

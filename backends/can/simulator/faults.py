@@ -31,7 +31,9 @@ class Fault(Declared, ABC):
 
     name: ClassVar[str]
     at: float = parameter(default=0.0, lower=0.0)  # [s]
-    lasts: float | None = parameter(default=None, lower=0.0, above=True)  # [s]; for ever if not given
+    lasts: float | None = parameter(
+        default=None, lower=0.0, above=True
+    )  # [s]; for ever if not given
 
     @property
     def ends(self) -> float:
@@ -158,8 +160,8 @@ class SwappedJoints(Fault):
     joint: int = parameter(JOINT)
     other: int = parameter(JOINT)
 
-    def check(self, joints: Sequence[Joint]) -> None:
-        """Refuse a joint swapped with itself."""
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.joint == self.other:
             raise self._refused("other", "another joint")
 

@@ -46,4 +46,4 @@ class Scenario(Declared):
             faults.append(entry.make_one_of("fault", KINDS, len(joints)))
             with entry.blamed():
                 faults[-1].check(joints)
-        return given.make(cls, faults=tuple(faults))
+        return given.make(cls, {"faults": tuple(faults)})

@@ -25,7 +25,9 @@ class QualityModel(Declared):
     )
     good: float = 0.8
     excellent: float = 0.98
-    window: float = parameter("s", "over which the share is taken", lower=0, above=True, default=1.0)
+    window: float = parameter(
+        "s", "over which the share is taken", lower=0, above=True, default=1.0
+    )
     fewest: int = parameter("", "intervals, at least", lower=1, default=10)
     most: int = parameter("", "intervals, at most", lower=1, default=100)
     misses: int = parameter("", "in a row, which are POOR whatever the share", lower=1, default=10)

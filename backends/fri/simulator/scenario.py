@@ -76,8 +76,10 @@ class Scenario(Declared):
             ConfigError: Names the line, what was given and what exists.
         """
         given = read_yaml(path)
-        events = [entry.make_one_of("event", EVENTS) for entry in given.optional("events").sections()]
-        return given.make(cls, events=tuple(events))
+        events = [
+            entry.make_one_of("event", EVENTS) for entry in given.optional("events").sections()
+        ]
+        return given.make(cls, {"events": tuple(events)})
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-
 def without(solution: Solution, member: int) -> Posterior:
     """Fit the set without one of its members."""
     rest = tuple(i for i in solution.members if i != member)
@@ -45,7 +44,9 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
     moving, held_out = problem.observed.moving, problem.split.held_out
     gained, proven = taken_off(left, bare, moving), taken_off(left, bare, held_out)
     misses = rmse(bare - left, held_out) ** 2 < CONTRIBUTION.seen * rmse(bare - left, moving) ** 2
-    part = np.where(misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0)
+    part = np.where(
+        misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0
+    )
     part = np.where(misses, part, proven / _square(left, held_out))
     return float(np.sqrt(max(part.max(), 0.0)))
 

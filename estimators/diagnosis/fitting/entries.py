@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.settings.fitting import NEWTON
 from limo_driver.errors import ConfigError
 from limo_driver.parameters import REAL
-from estimators.diagnosis.settings.fitting import NEWTON
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -115,7 +115,9 @@ def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
     Where a step leaves what can exist, the effect itself stands for it.
     """
     ends, reached = [effect, effect], [entry.value, entry.value]
-    for side, step in enumerate((NEWTON.derivative * entry.deviation, -NEWTON.derivative * entry.deviation)):
+    for side, step in enumerate(
+        (NEWTON.derivative * entry.deviation, -NEWTON.derivative * entry.deviation)
+    ):
         try:
             ends[side] = moved(effect, [entry], [step])
         except ConfigError:

@@ -16,8 +16,8 @@ import numpy as np
 from estimators.diagnosis.fitting.refinement import refine
 from estimators.diagnosis.hypotheses.catalogue import rivals
 from estimators.diagnosis.selection.candidates import LawEvidence
-from estimators.diagnosis.wording import times
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS
+from estimators.diagnosis.wording import times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.fitting.refinement import Setting
     from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
-
 
 
 def likeliest(
@@ -77,6 +76,8 @@ def sentence_of(laws: Sequence[LawEvidence]) -> str:
     best = laws[0]
     lead = best.log_evidence - laws[1].log_evidence
     if lead < CONTRIBUTION.tellable:
-        alike = [law.law for law in laws if best.log_evidence - law.log_evidence < CONTRIBUTION.tellable]
+        alike = [
+            law.law for law in laws if best.log_evidence - law.log_evidence < CONTRIBUTION.tellable
+        ]
         return f" Which law it follows ({', '.join(alike)}) these recordings cannot tell."
     return f" Its law is {best.law}, {times(lead)} likelier than {laws[1].law}."

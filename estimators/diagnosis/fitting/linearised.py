@@ -21,12 +21,12 @@ from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.hypotheses.responses import difference, stacked
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
-from estimators.regression.evidence import Prior, joined, posterior
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
+from estimators.diagnosis.settings.fitting import NEWTON
+from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.regression.evidence import Prior, joined, posterior
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
-from estimators.diagnosis.settings.selection import CANDIDATES
-from estimators.diagnosis.settings.fitting import NEWTON
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
-
 
 
 @dataclass(frozen=True)

@@ -14,16 +14,16 @@ from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import base_of, with_friction
 from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
-from estimators.regression.normal_equations import NormalEquations
-from estimators.regression.evidence import Evidence, Posterior
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
+from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
+    from estimators.regression.normal_equations import NormalEquations
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
@@ -47,7 +47,9 @@ class RegressionProblem:
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
     base: tuple[int, ...]  # candidates that the search starts with
     held: FloatArray | None = None  # coefficients of the nuisance that stay at a limit, NaN else
-    first: RegressionProblem | None = None  # around the given simulation and tolerances, where this one is not
+    first: RegressionProblem | None = (
+        None  # around the given simulation and tolerances, where this one is not
+    )
     _sums: dict[bool, tuple[Noise, NormalEquations]] = field(default_factory=dict, init=False)
 
     @classmethod
@@ -75,7 +77,9 @@ class RegressionProblem:
         """Return sums over the rows meant for fits, or over all; what was summed once is kept."""
         of, known = self._sums.get(everything, (noise, None))
         rows = self.observed.moving if everything else self.split.fitted
-        known = normal_equations(self.columns, self.target, noise, rows, known if of is noise else None)
+        known = normal_equations(
+            self.columns, self.target, noise, rows, known if of is noise else None
+        )
         self._sums[everything] = noise, known
         return known
 

@@ -10,9 +10,9 @@ from scipy.optimize import minimize
 
 from estimators.diagnosis.selection.candidates import Candidate, entered
 from estimators.diagnosis.selection.columns import ColumnTable
-from estimators.regression.normal_equations import NormalEquations
-from estimators.regression.evidence import Evidence, Prior, joined
 from estimators.diagnosis.settings.fitting import REFINEMENT
+from estimators.regression.evidence import Evidence, Prior, joined
+from estimators.regression.normal_equations import NormalEquations
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
-    RegressionProblem,
     Progress,
+    RegressionProblem,
     Solution,
     fitted,
     improve,
@@ -22,16 +22,17 @@ from estimators.diagnosis.hypotheses.ripple import ripples
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import entered
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK
-from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
 
-
-def solve(problem: RegressionProblem, progress: Progress, near: tuple[int, ...] | None = None) -> Solution:
+def solve(
+    problem: RegressionProblem, progress: Progress, near: tuple[int, ...] | None = None
+) -> Solution:
     """Find the set of effects, or the best one near a set; noise and set in turn until both stay.
 
     The first noise is what a fit of everything at once leaves. Taken from a residual that still
@@ -64,7 +65,9 @@ def _until_it_stays(
 ) -> Solution:
     for _ in range(SOLVING.rounds):
         before = set(solution.members)
-        noise = Noise.of(problem.left(solution.fitted), problem.split.fitted, problem.observed.segment)
+        noise = Noise.of(
+            problem.left(solution.fitted), problem.split.fitted, problem.observed.segment
+        )
         solution = _sought(problem, noise, progress, near)
         if set(solution.members) == before:
             break
@@ -90,7 +93,9 @@ def _scan(problem: RegressionProblem, solution: Solution) -> None:
 
 
 def _noise_of_everything(problem: RegressionProblem) -> Noise:
-    white = Noise.independent(roughness(problem.target, problem.observed.moving), problem.split.fitted)
+    white = Noise.independent(
+        roughness(problem.target, problem.observed.moving), problem.split.fitted
+    )
     evidence = search_on(problem, white).evidence
     everything = joined(*(candidate.prior for candidate in problem.candidates))
     free = Prior.free(everything.index, everything.deviation)
@@ -149,7 +154,9 @@ def settled(problem: RegressionProblem, solution: Solution, progress: Progress) 
     return pruned(problem, refined(problem, pruned(problem, solution), progress))
 
 
-def settled_around(problem: RegressionProblem, solution: Solution, progress: Progress) -> tuple[RegressionProblem, Solution]:
+def settled_around(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
     """Search again around a set, and settle the one that is found there.
 
     A gain acts on the friction that was found beside it, too, and an offset of an encoder on the
@@ -196,7 +203,9 @@ def relinearised(
         The problem, and the members of the solution on it.
     """
     improved = improve(problem, solution)
-    new = RegressionProblem.of(problem.observed.beside(problem.observed.simulation, around=improved), progress)
+    new = RegressionProblem.of(
+        problem.observed.beside(problem.observed.simulation, around=improved), progress
+    )
     new = new.as_stated(problem.nuisance.prior.deviation == 0)
     observed, mean = new.observed, solution.fitted.mean
     index = new.nuisance.prior.index

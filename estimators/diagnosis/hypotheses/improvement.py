@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.model import Inertial
@@ -18,7 +19,6 @@ from limo_driver.physics import (
     JointElasticity,
     Payload,
 )
-from estimators.diagnosis.settings.hypotheses import REVISION
 
 if TYPE_CHECKING:
     from limo_driver.physics import Effect, Simulation

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimators.diagnosis.hypotheses.responses import Response, difference
-from estimators.rigid_body.regressor import PER_LINK
 from estimators.diagnosis.settings.hypotheses import REVISION
+from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,7 +77,9 @@ def derivative(observed: Observations, place: int, name: str) -> Response:
     """Return what a relative change of 1 of an effect's parameter adds, to first order."""
     effect: Any = observed.simulation.effects[place]
     value = getattr(effect, name)
-    ahead, behind = (replace(effect, **{name: value * (1 + sign * REVISION.step)}) for sign in (1, -1))
+    ahead, behind = (
+        replace(effect, **{name: value * (1 + sign * REVISION.step)}) for sign in (1, -1)
+    )
     joints, values = difference(ahead, behind, observed)
     return Response(joints, values / (2 * REVISION.step))
 

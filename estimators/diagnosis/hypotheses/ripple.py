@@ -13,14 +13,13 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimators.diagnosis.hypotheses.catalogue import rippling
-from limo_driver.recordings.differentiation import ORDER
 from estimators.diagnosis.settings.hypotheses import RIPPLE
+from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
 
 
 def ripples(

@@ -11,6 +11,8 @@ from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.residuals.plausibility import notes_on
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import OBSERVABLE
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     Fit,
@@ -20,8 +22,6 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.settings.judgement import OBSERVABLE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-
-def fit_of(problem: RegressionProblem, proven: FloatArray, alone: FloatArray, floor: FloatArray) -> Fit:
+def fit_of(
+    problem: RegressionProblem, proven: FloatArray, alone: FloatArray, floor: FloatArray
+) -> Fit:
     """Return the proof on held-out rows.
 
     Args:
@@ -115,7 +116,9 @@ def conclude(
     )
 
 
-def not_observable(problem: RegressionProblem, solution: Solution, rest: Leftover) -> tuple[NotObservable, ...]:
+def not_observable(
+    problem: RegressionProblem, solution: Solution, rest: Leftover
+) -> tuple[NotObservable, ...]:
     """Name the effects that could be there at ten noise floors without showing."""
     evidence = solution.search.evidence
     size = problem.columns.size()

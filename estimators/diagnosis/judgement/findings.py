@@ -29,10 +29,10 @@ from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.judgement.judgement import equivalents, identical, margin
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
 from estimators.diagnosis.wording import OF_BODIES, SIGNATURES, times
 from limo_driver.physics import spoken
-from estimators.diagnosis.settings.judgement import CONFIDENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.selection.candidates import Candidate
     from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
-
 
 
 def findings_of(
@@ -124,7 +123,9 @@ def _sentence(
     )
 
 
-def amplitudes(problem: RegressionProblem, solution: Solution, member: int) -> tuple[FloatArray, FloatArray]:
+def amplitudes(
+    problem: RegressionProblem, solution: Solution, member: int
+) -> tuple[FloatArray, FloatArray]:
     """Return a member's coefficients and their covariance."""
     at = problem.nuisance.prior.index.size
     for i in solution.members:
@@ -209,7 +210,9 @@ def features(signs: Signs) -> tuple[float, float, float]:
 
 def confidence_of(signs: Signs) -> float:
     """Return the probability that a finding names the right effect at the right joint."""
-    score = sum(weight * value for weight, value in zip(CONFIDENCE.weights, features(signs), strict=True))
+    score = sum(
+        weight * value for weight, value in zip(CONFIDENCE.weights, features(signs), strict=True)
+    )
     return min(CONFIDENCE.highest, 1.0 / (1.0 + math.exp(-score)))
 
 
@@ -222,7 +225,11 @@ def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatA
 
 
 def shares_of(
-    problem: RegressionProblem, solution: Solution, alone: FloatArray, after: FloatArray, floor: FloatArray
+    problem: RegressionProblem,
+    solution: Solution,
+    alone: FloatArray,
+    after: FloatArray,
+    floor: FloatArray,
 ) -> dict[int, float]:
     """Return the share that goes with each member of the set.
 

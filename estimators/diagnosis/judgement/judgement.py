@@ -11,11 +11,11 @@ from estimators.diagnosis.fitting.contribution import contribution, taken_off
 from estimators.diagnosis.judgement.surrogate import foretold
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import roughness
-from estimators.regression.evidence import REACH
-from estimators.diagnosis.settings.residuals import ROWS
-from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
+from estimators.diagnosis.settings.residuals import ROWS
+from estimators.diagnosis.settings.selection import SEARCH
+from estimators.regression.evidence import REACH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -70,7 +70,9 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     return Leftover(floor, beyond, np.where(smooth, left, series))
 
 
-def equivalents(problem: RegressionProblem, solution: Solution, member: int) -> tuple[Candidate, ...]:
+def equivalents(
+    problem: RegressionProblem, solution: Solution, member: int
+) -> tuple[Candidate, ...]:
     """Return the candidates that would do as well in a member's place, best first."""
     own = problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
@@ -101,7 +103,9 @@ def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
     return ()
 
 
-def margin(problem: RegressionProblem, solution: Solution, member: int, same: Sequence[Candidate]) -> float:
+def margin(
+    problem: RegressionProblem, solution: Solution, member: int, same: Sequence[Candidate]
+) -> float:
     """Return the evidence for a member over the best other explanation in its place [nat]."""
     own = problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
@@ -148,7 +152,9 @@ def harms(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> boo
     return worse(problem, proven, problem.observed.residual, rest)
 
 
-def worse(problem: RegressionProblem, proven: FloatArray, other: FloatArray, rest: Leftover) -> bool:
+def worse(
+    problem: RegressionProblem, proven: FloatArray, other: FloatArray, rest: Leftover
+) -> bool:
     """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
     rows = problem.split.held_out
     return bool((rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * rest.floor).any())
@@ -170,8 +176,8 @@ def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: in
         )
     if members >= SEARCH.largest:
         yield (
-            f"The search stopped at {SEARCH.largest} effects, and more may be missing: identify inertias "
-            "and friction first (limo identify), or give wider tolerances."
+            f"The search stopped at {SEARCH.largest} effects, and more may be missing: identify "
+            "inertias and friction first (limo identify), or give wider tolerances."
         )
     if harmful:
         yield (

@@ -16,9 +16,8 @@ from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
 from estimators.diagnosis.result import Test
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
-from estimators.regression.normal_equations import NormalEquations
-from estimators.regression.evidence import Evidence, Prior, joined, posterior
 from estimators.diagnosis.settings.judgement import QUESTIONS
+from estimators.regression.evidence import Evidence, Prior, joined, posterior
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,8 +26,8 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.regression.evidence import Posterior
+    from estimators.regression.normal_equations import NormalEquations
     from limo_driver.types import FloatArray
-
 
 
 def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]:
@@ -87,7 +86,9 @@ class _Questions:
             columns,
             nuisance,
             tuple(families),
-            normal_equations(columns, residual, _own(noise, joint), problem.split.fitted[:, [joint]]),
+            normal_equations(
+                columns, residual, _own(noise, joint), problem.split.fitted[:, [joint]]
+            ),
             floor,
         )
 

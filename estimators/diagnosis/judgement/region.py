@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.verdict import Where
 from estimators.diagnosis.settings.judgement import REGION
+from estimators.diagnosis.verdict import Where
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
 
 
 def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-
 def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatArray:
     """Return what a black box foretells of one joint's residual, each row from other rows.
 

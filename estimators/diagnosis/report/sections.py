@@ -24,10 +24,10 @@ from estimators.diagnosis.report.markup import (
 from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import spoken
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -177,8 +177,9 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
             "",
         )
         body += table(headings, rows)
+    tellable = CONTRIBUTION.tellable
     lead = (
-        f"A difference in log evidence of {CONTRIBUTION.tellable:g} means odds of {np.exp(CONTRIBUTION.tellable):.0f} to 1; "
+        f"A difference in log evidence of {tellable:g} means odds of {np.exp(tellable):.0f} to 1; "
         "what is closer than that, these recordings cannot tell apart. More evidence than that of "
         "the chosen explanation is not enough where motion held out speaks against it. The rest is "
         "what values inside their tolerances leave by themselves."

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-from estimators.diagnosis.settings.residuals import HELD_OUT
 
 import numpy as np
+
+from estimators.diagnosis.settings.residuals import HELD_OUT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from scipy.optimize import nnls
 
-from limo_driver.types import Motion
 from estimators.diagnosis.settings.residuals import MISTAKES
+from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

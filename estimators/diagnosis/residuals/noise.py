@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
-from estimators.diagnosis.settings.residuals import NOISE
 
 import numpy as np
+
+from estimators.diagnosis.settings.residuals import NOISE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,14 +22,13 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-
 @dataclass(frozen=True)
 class Noise:
     """Errors of n joints on K rows; row t of a run of used rows is foretold from those before."""
 
-    weight: FloatArray  # (n, NOISE.order + 1, NOISE.order): of the last rows, for each number of them known
-    white: FloatArray  # (n, NOISE.order + 1) deviation of what they do not foretell [N m]
-    known: NDArray[np.int64]  # (K, n) rows before, at most NOISE.order, in the same run
+    weight: FloatArray  # (n, order + 1, order): of the last rows, for each number of them known
+    white: FloatArray  # (n, order + 1) deviation of what they do not foretell [N m]
+    known: NDArray[np.int64]  # (K, n) rows before, at most the order, in the same run
 
     @classmethod
     def of(cls, residual: FloatArray, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
@@ -49,7 +49,9 @@ class Noise:
         """Return white noise of given deviations (n,) [N m] on rows (K, n)."""
         n = deviation.size
         white = np.repeat(deviation[:, None], NOISE.order + 1, axis=1)
-        return cls(np.zeros((n, NOISE.order + 1, NOISE.order)), white, np.zeros(use.shape, dtype=np.int64))
+        return cls(
+            np.zeros((n, NOISE.order + 1, NOISE.order)), white, np.zeros(use.shape, dtype=np.int64)
+        )
 
     def whiten(
         self, values: FloatArray, joint: int, use: NDArray[np.bool_] | None = None
@@ -74,7 +76,7 @@ class Noise:
 
 
 def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Count the used rows right before each row in its segment, up to NOISE.order; (K, n)."""
+    """Count the used rows right before each row in its segment, up to the order; (K, n)."""
     known = np.zeros(use.shape, dtype=np.int64)
     unbroken = np.ones(use.shape, dtype=bool)
     for lag in range(1, NOISE.order + 1):
@@ -88,7 +90,7 @@ def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int
 def _covariance(
     residual: FloatArray, use: NDArray[np.bool_], known: NDArray[np.int64]
 ) -> FloatArray:
-    """Return the covariance of errors 0 to NOISE.order rows apart, (NOISE.order + 1,) [N² m²]."""
+    """Return the covariance of errors 0 to `order` rows apart, (order + 1,) [N² m²]."""
     result = np.zeros(NOISE.order + 1)
     for lag in range(NOISE.order + 1):
         rows = np.flatnonzero(use & (known >= lag))
@@ -99,7 +101,7 @@ def _covariance(
 
 
 def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve for the best foretelling from 0 to NOISE.order rows, one after the other."""
+    """Solve for the best foretelling from 0 to `order` rows, one after the other."""
     weight, white = np.zeros((NOISE.order + 1, NOISE.order)), np.zeros(NOISE.order + 1)
     variance = float(covariance[0])
     white[0] = np.sqrt(variance)
@@ -112,8 +114,6 @@ def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
         variance *= 1.0 - reflection**2
         white[order] = np.sqrt(variance)
     return weight, white
-
-
 
 
 def roughness(residual: FloatArray, use: NDArray[np.bool_]) -> FloatArray:

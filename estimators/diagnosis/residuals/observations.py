@@ -16,13 +16,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.rigid_body.regressor import Chain
 from limo_driver.errors import RecordingError
 from limo_driver.physics.effect import ArmMotion, MotionEffect
-from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.types import Motion
-from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,18 +12,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.residuals.mistakes import Mistake, Sample, constant_joints, dry_and_viscous, mistakes, stuck
+from estimators.diagnosis.residuals.mistakes import (
+    Mistake,
+    Sample,
+    constant_joints,
+    dry_and_viscous,
+    mistakes,
+    stuck,
+)
 from estimators.diagnosis.residuals.noise import roughness
+from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.errors import RecordingError
-from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
 
 
 def check_plausible(observed: Observations) -> None:
@@ -51,8 +57,14 @@ def _check_columns(observed: Observations, sample: Sample) -> bool:
     found = found_in(sample)
     wrong = [mistake.said for mistake in found if mistake.is_of_data]
     if wrong:
-        more = f"; and {len(wrong) - PLAUSIBILITY.said} more of the kind" if len(wrong) > PLAUSIBILITY.said else ""
-        raise _refused(observed, f"{'; '.join(wrong[:PLAUSIBILITY.said])}{more} (undone, torque fits motion)")
+        more = (
+            f"; and {len(wrong) - PLAUSIBILITY.said} more of the kind"
+            if len(wrong) > PLAUSIBILITY.said
+            else ""
+        )
+        raise _refused(
+            observed, f"{'; '.join(wrong[: PLAUSIBILITY.said])}{more} (undone, torque fits motion)"
+        )
     return bool(found)
 
 
@@ -72,7 +84,9 @@ def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
     torque = observed.measured - np.median(observed.measured, axis=0)
     rough = roughness(left, np.ones_like(observed.moving))
     strange = np.median(np.abs(left), axis=0)
-    doubt = (strange > PLAUSIBILITY.alive * rough) & (strange > PLAUSIBILITY.own * np.median(np.abs(torque), axis=0))
+    doubt = (strange > PLAUSIBILITY.alive * rough) & (
+        strange > PLAUSIBILITY.own * np.median(np.abs(torque), axis=0)
+    )
     return tuple(j for j in constant_joints(observed) if doubt[j])
 
 
@@ -116,15 +130,18 @@ def _check_motion(observed: Observations) -> None:
         farthest = float(np.ptp(observed.slow.position, axis=0).max())
         raise _refused(
             observed,
-            f"no joint moves on {MISTAKES.least_moving} independent rows (the farthest by {farthest:.2g} "
-            "rad), expected motion to learn from",
+            f"no joint moves on {MISTAKES.least_moving} independent rows (the farthest by "
+            f"{farthest:.2g} rad), expected motion to learn from",
         )
 
 
 def _check_measured(observed: Observations) -> None:
     for j in range(observed.n):
         use = observed.moving[:, j]
-        if use.sum() >= MISTAKES.least_moving and np.ptp(observed.measured[use, j]) < PLAUSIBILITY.constant:
+        if (
+            use.sum() >= MISTAKES.least_moving
+            and np.ptp(observed.measured[use, j]) < PLAUSIBILITY.constant
+        ):
             raise _refused(
                 observed,
                 f"torque_{j + 1} is {observed.measured[0, j]:.4g} N m in all rows although joint "
@@ -139,7 +156,9 @@ def _check_scale(observed: Observations) -> None:
     friction known badly.
     """
     scale = dict(_scales(observed))
-    wrong = [j for j, factor in scale.items() if not 1 / PLAUSIBILITY.scale < factor < PLAUSIBILITY.scale]
+    wrong = [
+        j for j, factor in scale.items() if not 1 / PLAUSIBILITY.scale < factor < PLAUSIBILITY.scale
+    ]
     usual = float(np.exp(np.mean(np.log(list(scale.values()))))) if len(scale) > 1 else 1.0
     if not 1 / PLAUSIBILITY.scale_of_all < usual < PLAUSIBILITY.scale_of_all:
         raise _refused(
@@ -198,7 +217,11 @@ def _size(sample: Sample) -> float:
 def _explains(before: Sample, after: Sample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
     strange = before.misfit > PLAUSIBILITY.strange
-    mended = strange & (after.misfit < PLAUSIBILITY.fits) & (PLAUSIBILITY.better * after.misfit < before.misfit)
+    mended = (
+        strange
+        & (after.misfit < PLAUSIBILITY.fits)
+        & (PLAUSIBILITY.better * after.misfit < before.misfit)
+    )
     return bool(mended.any()) and _size(after) < _size(before) - np.log(PLAUSIBILITY.better)
 
 
@@ -229,7 +252,9 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
         own = slice(PER_LINK * link, PER_LINK * (link + 1))
         if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
             given = np.minimum(given, fit.misfit(own))
-    least = max(PLAUSIBILITY.apart, PLAUSIBILITY.apart_sigmas * observed.simulation.tolerances.inertia)
+    least = max(
+        PLAUSIBILITY.apart, PLAUSIBILITY.apart_sigmas * observed.simulation.tolerances.inertia
+    )
     joints = np.flatnonzero((given > least) & (PLAUSIBILITY.much_better * free < given))
     if joints.size < PLAUSIBILITY.many or found_in(sample):  # a mounting looks like negative masses
         return ()
@@ -265,14 +290,18 @@ class _BodyFit:
             tuple(moves),
             tuple(_beside_friction(sample, j, Y[j]) for j in moves),
             tuple(sample.rest(j) for j in moves),
-            tuple(float(np.median(np.abs(_centred(sample, j)))) + PLAUSIBILITY.constant for j in moves),
+            tuple(
+                float(np.median(np.abs(_centred(sample, j)))) + PLAUSIBILITY.constant for j in moves
+            ),
         )
 
     def change(self, which: slice) -> FloatArray:
         """Return the change of some body parameters that leaves least."""
         scale = zip(self.columns, self.left, self.size, strict=True)
         A, y = zip(*((columns[:, which] / s, left / s) for columns, left, s in scale), strict=True)
-        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=PLAUSIBILITY.dependent)[0]
+        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=PLAUSIBILITY.dependent)[
+            0
+        ]
 
     def misfit(self, which: slice) -> FloatArray:
         """Return what is left of each joint's torque with some body parameters changed, (n,).

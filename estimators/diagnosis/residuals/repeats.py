@@ -16,8 +16,8 @@ from scipy.optimize import fminbound
 from scipy.signal import correlate, correlation_lags
 
 from estimators.diagnosis.residuals.held_out import rmse
-from estimators.diagnosis.wording import names_of
 from estimators.diagnosis.settings.residuals import REPEATS, ROWS
+from estimators.diagnosis.wording import names_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
 
 
 @dataclass(frozen=True)

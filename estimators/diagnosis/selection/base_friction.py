@@ -17,12 +17,12 @@ from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import Candidate, entered
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
-from estimators.regression.evidence import Evidence, Posterior
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
+from estimators.diagnosis.settings.selection import BASE_FRICTION
+from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, ViscousFriction
 from limo_driver.physics.effect import Friction
-from estimators.diagnosis.settings.selection import BASE_FRICTION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -87,7 +87,9 @@ def with_friction(observed: Observations) -> Observations:
     return observed.beside(observed.simulation, around=improvement.simulation())
 
 
-def _competing(observed: Observations, columns: ColumnTable, bare: Sequence[int]) -> list[Candidate]:
+def _competing(
+    observed: Observations, columns: ColumnTable, bare: Sequence[int]
+) -> list[Candidate]:
     level = np.maximum(rmse(observed.residual, observed.moving), 1e-3)
     tried = [
         hypothesis

@@ -18,9 +18,9 @@ from estimators.diagnosis.hypotheses.revision import (
     relative_inertia,
     reviser,
 )
+from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
-from estimators.diagnosis.settings.selection import CANDIDATES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -69,7 +69,9 @@ class Candidate:
         return _PART_OF.get(self.effect, self.effect), self.joints
 
 
-def candidates_of(observed: Observations, columns: ColumnTable, level: FloatArray) -> list[Candidate]:
+def candidates_of(
+    observed: Observations, columns: ColumnTable, level: FloatArray
+) -> list[Candidate]:
     """Add the columns of every hypothesis to the table.
 
     Args:
@@ -142,7 +144,9 @@ def _entered(
     )
 
 
-def _revisions(observed: Observations, columns: ColumnTable, level: FloatArray) -> Iterator[Candidate]:
+def _revisions(
+    observed: Observations, columns: ColumnTable, level: FloatArray
+) -> Iterator[Candidate]:
     """Yield every effect of the simulation, with its parameters free.
 
     They may change by all that they are, or by what makes a plausible torque, if that is more: a
@@ -159,7 +163,9 @@ def _revisions(observed: Observations, columns: ColumnTable, level: FloatArray) 
         parts = [derivative(observed, place, name) for name in names]
         joints, values = stacked(parts, columns.rows)
         relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
-        deviation = np.maximum(CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), CANDIDATES.tiny))
+        deviation = np.maximum(
+            CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), CANDIDATES.tiny)
+        )
         named = tuple(joint - 1 for joint in effect.joints)
         yield Candidate(
             effect.name,
@@ -180,7 +186,10 @@ def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]
             "link_inertia",
             (link,),
             "wrong_parameter",
-            Prior.free(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, CANDIDATES.wrong_inertia)),
+            Prior.free(
+                columns.add(range(link + 1), own @ scale),
+                np.full(PER_LINK, CANDIDATES.wrong_inertia),
+            ),
             mover(link, scale),
         )
     last = Y[:, :, PER_LINK * (n - 1) :]

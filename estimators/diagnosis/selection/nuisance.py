@@ -24,10 +24,10 @@ from estimators.diagnosis.hypotheses.revision import (
     relative_inertia,
     reviser,
 )
+from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
-from estimators.diagnosis.settings.selection import TOLERATED
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.physics import Parameter, Simulation
     from limo_driver.types import FloatArray
-
 
 
 @dataclass(frozen=True)

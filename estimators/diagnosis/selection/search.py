@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.regression.evidence import Evidence, Prior, joined
 from estimators.diagnosis.settings.selection import SEARCH
+from estimators.regression.evidence import Evidence, Prior, joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from estimators.diagnosis.selection.candidates import Candidate
-
 
 
 @dataclass(frozen=True)

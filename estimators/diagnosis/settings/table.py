@@ -45,7 +45,9 @@ def table() -> str:
     parts = [_HEAD]
     for name, group in groups():
         parts.append(f"## `{name}`\n{group.__doc__}\n")
-        parts.append("| setting | value | unit | meaning | trades | chosen |\n|---|---|---|---|---|---|")
+        parts.append(
+            "| setting | value | unit | meaning | trades | chosen |\n|---|---|---|---|---|---|"
+        )
         for item in settings_of(group):
             cells = (f"`{item.name}`", _said(item.value), item.unit, item.meaning, item.trades)
             parts.append(f"| {' | '.join((*cells, item.chosen))} |")

@@ -43,7 +43,10 @@ class TrainingSettings(Declared):
     seed: int = parameter("", lower=0, upper=2**64 - 1, default=0)  # as PyTorch takes it
     bandwidth: float = _above_zero("Hz", "of the filters on motion and torque", 10.0)
     rate: float = parameter(
-        "Hz", "of the network's samples; 0: the recording's, as in the paper", lower=0, default=200.0
+        "Hz",
+        "of the network's samples; 0: the recording's, as in the paper",
+        lower=0,
+        default=200.0,
     )
     sequence_length: int = _above_zero(
         "", "samples through which a recurrent network is differentiated", 100
@@ -59,8 +62,11 @@ class TrainingSettings(Declared):
         "", "stretches of motion that judge how the network carries over; 1: none do", 3
     )
     hidden: int = parameter(
-        "", "units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM, 32 for "
-        "a transformer's d_model", lower=0, default=0,
+        "",
+        "units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM, 32 for "
+        "a transformer's d_model",
+        lower=0,
+        default=0,
     )
     layers: int = _above_zero(
         "", "LSTM layers of an lstm-fcl (1 or 2); encoder and decoder layers, each", 1
@@ -73,8 +79,10 @@ class TrainingSettings(Declared):
         "", "sequences that a recurrent memory is carried through; 1: the paper's", 10
     )
     keep: str = parameter(
-        "", "weights that are best on held-out motion, or last (the paper's)",
-        of=KEEPS, default="best",
+        "",
+        "weights that are best on held-out motion, or last (the paper's)",
+        of=KEEPS,
+        default="best",
     )
     device: str = parameter("", "auto: a GPU where PyTorch sees one", of=DEVICES, default="auto")
 

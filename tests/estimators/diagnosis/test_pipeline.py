@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from estimators.diagnosis import diagnose, pipeline
 from estimators.diagnosis.contact import Push
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import RecordingError
 from limo_driver.physics import (
@@ -24,7 +25,6 @@ from limo_driver.physics import (
 )
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
-from estimators.diagnosis.settings.residuals import ROWS
 
 RATE = 100.0  # [Hz]
 MEMORY = 0.05  # [s], of the torque sensors' errors

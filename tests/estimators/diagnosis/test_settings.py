@@ -10,14 +10,15 @@ from estimators.diagnosis.settings.setting import settings_of
 from estimators.diagnosis.settings.table import groups, table
 
 PAGE = Path(__file__).parents[3] / "docs" / "diagnosis_settings.md"
-NAMES = [name for name, _ in groups()]
+GROUPS = list(groups())
+NAMES = [name for name, _ in GROUPS]
 
 
 def test_the_page_is_the_table():
     assert PAGE.read_text(encoding="utf-8") == table()
 
 
-@pytest.mark.parametrize(("name", "group"), groups(), ids=NAMES)
+@pytest.mark.parametrize(("name", "group"), GROUPS, ids=NAMES)
 def test_each_says_what_it_is_what_it_trades_and_why(name, group):
     for item in settings_of(group):
         assert item.meaning, name

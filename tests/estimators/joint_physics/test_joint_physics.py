@@ -12,9 +12,9 @@ from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.calibration import leverage_of
 from estimators.joint_physics.columns import SETTLED, JointColumns
-from estimators.regression.empirical_bayes import NormalEquations, fit, most_probable_prior
 from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import load_model
+from estimators.regression.empirical_bayes import NormalEquations, fit, most_probable_prior
 from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
@@ -143,7 +143,9 @@ def test_parts_of_the_motion_that_disagree_widen_the_covariance() -> None:
 
     def sums(rows: np.ndarray) -> NormalEquations:
         own, target = x[rows], y[rows]
-        return NormalEquations(own.T @ own, own.T @ target, float(target @ target), float(rows.sum()))
+        return NormalEquations(
+            own.T @ own, own.T @ target, float(target @ target), float(rows.sum())
+        )
 
     part = np.arange(500) // 100
     found = fit(sums(part >= 0), [sums(part != f) for f in range(5)], np.array([0, 1, 1]))

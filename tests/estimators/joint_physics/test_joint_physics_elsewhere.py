@@ -13,10 +13,10 @@ from estimators.evaluation import evaluate
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.calibration import Calibration
 from estimators.joint_physics.columns import JointColumns
-from estimators.regression.empirical_bayes import NormalEquations, most_probable_prior
 from estimators.joint_physics.regions import REGIONS, Regions
 from estimators.joint_physics.tolerances import tolerances
 from estimators.manifest import MANIFEST, as_manifest, read_manifest
+from estimators.regression.empirical_bayes import NormalEquations, most_probable_prior
 from estimators.service.store.version import digest
 from limo_driver.physics import JointElasticity, PreslidingHysteresis, Simulation, TorqueOffset
 from limo_driver.recordings.recording import Recording

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.result import Diagnosis, Explanation, Traces
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
@@ -25,7 +26,6 @@ from limo_driver.recordings.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import Motion
-from estimators.diagnosis.settings.residuals import ROWS
 
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 SLIP = PreslidingHysteresis(joint=2, stiffness=(100.0,), width=(0.02,))

@@ -195,7 +195,11 @@ events:
         ("events:\n  - {event: loss, at: 1, for: 1, part: 1}", 2, "loss: has no 'part'"),
         ("events:\n\n  - {event: loss, at: -1, for: 1, fraction: 1}", 3, "at is -1 s, expected"),
         ("events:\n  - {event: loss, at: 0, for: 1, fraction: 2}", 2, "fraction is 2, expected"),
-        ("events:\n  - {event: push, at: 0, for: 1, joint: 8, torque: 1}", 2, "joint is 8, expected"),
+        (
+            "events:\n  - {event: push, at: 0, for: 1, joint: 8, torque: 1}",
+            2,
+            "joint is 8, expected",
+        ),
         ("events:\n  - {event: quality, at: 0, for: 1, quality: bad}", 2, "one of poor, fair"),
         ("events: [", 1, "is no YAML"),
     ],

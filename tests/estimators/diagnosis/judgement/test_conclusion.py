@@ -59,7 +59,9 @@ def test_the_chosen_set_is_told_even_where_many_have_more_evidence(problem, nois
 
 def test_more_evidence_that_motion_held_out_denies_is_said_to(problem, noise):
     chosen = fitted(problem, (spring_of(problem),), noise)
-    denied = replace(problem, target=np.where(problem.split.held_out, -problem.target, problem.target))
+    denied = replace(
+        problem, target=np.where(problem.split.held_out, -problem.target, problem.target)
+    )
     assert chosen.gain > 0
     found = explanations_of(denied, fitted(denied, (), noise), FLOOR)
     assert found[0].note == "does not hold on motion held out"

@@ -17,6 +17,7 @@ from estimators.diagnosis.report.page import render
 from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.result import CHOSEN, Diagnosis, Explanation, Replay, Shift, Traces
 from estimators.diagnosis.result import Test as Question
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
@@ -32,7 +33,6 @@ from estimators.diagnosis.verdict import (
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.trajectory import Trajectory
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -261,7 +261,9 @@ def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(
 def test_the_page_says_what_its_evidence_is_not(parsed):
     text = " ".join(parsed.text.split())
     assert "Rows near rest are neither fitted nor scored" in text
-    assert f"A difference in log evidence of {CONTRIBUTION.tellable:g} means odds of 55 to 1" in text
+    assert (
+        f"A difference in log evidence of {CONTRIBUTION.tellable:g} means odds of 55 to 1" in text
+    )
     assert "They name nothing" in text
 
 

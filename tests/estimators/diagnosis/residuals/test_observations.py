@@ -9,10 +9,10 @@ import pytest
 
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.settings.residuals import ROWS
 from limo_driver.errors import RecordingError
 from limo_driver.physics import CoulombFriction, TorqueOffset
 from limo_driver.recordings.recording import Recording
-from estimators.diagnosis.settings.residuals import ROWS
 
 BANDWIDTH = 10.0  # [Hz]
 

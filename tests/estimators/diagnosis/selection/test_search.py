@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.diagnosis.selection.candidates import Candidate
-from estimators.regression.normal_equations import NormalEquations
-from estimators.regression.evidence import Evidence, Prior
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.selection import CANDIDATES, SEARCH
+from estimators.regression.evidence import Evidence, Prior
+from estimators.regression.normal_equations import NormalEquations
 
 ROWS = 400
 EFFECTS = (
