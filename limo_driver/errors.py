@@ -2,6 +2,7 @@
 
 LimoError
 ├── ConfigError (ValueError)            a file or option that cannot be used, with its place
+├── PlugInError (ImportError)           names the distribution and the entry point
 ├── BackendError
 │   ├── BackendNotFoundError (LookupError)      names the known backends
 │   ├── BackendUnavailableError (ImportError)   names the extra to install
@@ -50,6 +51,31 @@ class ConfigError(LimoError, ValueError):
         self.line = line
         place = "" if path is None else f"{path}: " if line is None else f"{path}, line {line}: "
         super().__init__(place + message)
+
+
+class PlugInError(LimoError, ImportError):
+    """A class that another distribution registers cannot be used.
+
+    Args:
+        group: Of entry points, for example `limo.effects`.
+        name: Of the entry point.
+        target: Module and class that it names.
+        distribution: Whose entry point it is.
+        reason: Why it cannot be used.
+    """
+
+    def __init__(self, group: str, name: str, target: str, distribution: str, reason: str) -> None:
+        self.group, self.plug_in, self.target, self.distribution = (
+            group,
+            name,
+            target,
+            distribution,
+        )
+        self.reason = reason
+        super().__init__(
+            f"entry point `{name} = {target}` in {group} of distribution {distribution} "
+            f"cannot be used: {reason}"
+        )
 
 
 class BackendError(LimoError):
