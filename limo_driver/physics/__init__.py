@@ -9,14 +9,16 @@ from limo_driver.physics.changing_friction import (
 )
 from limo_driver.physics.coupling import JointCoupling
 from limo_driver.physics.delay import TimeDelay
+from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
     Effect,
     Friction,
+    Hypothesis,
     JointEffect,
     MotionEffect,
-    Parameter,
+    Recorded,
     SensorEffect,
     TorqueEffect,
 )
@@ -29,6 +31,7 @@ from limo_driver.physics.friction import (
     ViscousFriction,
 )
 from limo_driver.physics.hysteresis import PreslidingHysteresis
+from limo_driver.physics.parameters import Parameter, parameter
 from limo_driver.physics.sensing import (
     EncoderOffset,
     Sensors,
@@ -48,12 +51,15 @@ __all__ = [
     "AsymmetricFriction",
     "Backlash",
     "BodyEffect",
+    "Confusion",
     "CoulombFriction",
+    "Description",
     "Effect",
     "EncoderOffset",
     "ExternalContact",
     "Friction",
     "GravityDirection",
+    "Hypothesis",
     "JointCoupling",
     "JointEffect",
     "JointElasticity",
@@ -64,6 +70,7 @@ __all__ = [
     "PositionDependentFriction",
     "PreslidingHysteresis",
     "QuadraticDrag",
+    "Recorded",
     "SensorEffect",
     "Sensors",
     "Simulation",
@@ -79,5 +86,6 @@ __all__ = [
     "TorqueOffset",
     "TorqueRipple",
     "ViscousFriction",
+    "parameter",
     "spoken",
 ]

@@ -12,7 +12,6 @@ import numpy as np
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics.effect import (
-    JOINT,
     ArmEffect,
     ArmMotion,
     BodyEffect,
@@ -23,6 +22,7 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.grouping import EffectGroups
+from limo_driver.physics.parameters import JOINT
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save
 from limo_driver.physics.transmission import JointElasticity

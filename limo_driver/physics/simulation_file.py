@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
 
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, PlugInError
 from limo_driver.model import BUILT_IN, Inertial, RobotModel
 from limo_driver.outputs import whole
-from limo_driver.physics.catalogue import CATALOGUE
-from limo_driver.physics.effect import JOINT, TEXT
+from limo_driver.physics.catalogue import effect_called, known_names
+from limo_driver.physics.parameters import JOINT, TEXT
 from limo_driver.physics.sensing import Sensors
 from limo_driver.yaml_reader import YamlReader, is_null
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from limo_driver.physics.effect import Effect, Parameter
+    from limo_driver.physics.effect import Effect
+    from limo_driver.physics.parameters import Parameter
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "effects")
@@ -171,14 +172,12 @@ class _Reader(YamlReader):
     def _effect(self, entry: yaml.Node, model: RobotModel) -> Effect:
         given = self._mapping(entry, "an effect", None)
         if "effect" not in given:
-            self._fail(entry, "lacks `effect:`, one of " + ", ".join(sorted(CATALOGUE)))
+            self._fail(entry, "lacks `effect:`, one of " + ", ".join(known_names()))
         name = self._text(given["effect"])
-        if name not in CATALOGUE:
-            self._fail(
-                given["effect"],
-                f"effect {name!r} is unknown; known: {', '.join(sorted(CATALOGUE))}",
-            )
-        effect = CATALOGUE[name]
+        try:
+            effect = effect_called(name)
+        except (ConfigError, PlugInError) as error:
+            self._fail(given["effect"], str(error))
         known = {item.name: item for item in effect.parameters()}
         place = ("joint",) if _has_joint(effect) else ()
         self._mapping(entry, name, ("effect", *place, *known))

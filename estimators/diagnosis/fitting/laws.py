@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.fitting.problem import Bench, Solution
     from estimators.diagnosis.fitting.refinement import Setting
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
+    from limo_driver.physics import Hypothesis
 
 REFINABLE = 100.0  # [nat] that a refinement may make up for, where no law has a name
 

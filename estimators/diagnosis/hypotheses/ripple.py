@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 
-from estimators.diagnosis.hypotheses.catalogue import rippling
+from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
 MOST_CYCLES = 400.0  # in a revolution
@@ -65,7 +65,7 @@ def ripples(
         slow = _slow_line(_Angle.of(observed, residual, joint, _FLAT))
         if slow and not any(abs(slow / N - 1.0) < _SAME for N in lines):
             some += [(slow, *more) for more in ((), *some)]
-        found += [rippling(joint + 1, cycles) for cycles in some]
+        found += [TorqueRipple.of_lines(joint + 1, cycles) for cycles in some]
     return found
 
 

@@ -21,6 +21,7 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
+from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,6 +113,7 @@ def conclude(
         notes=(
             *notes_on(bench.observed.undisturbed(None).beside(bench.observed.simulation)),
             *repeats.notes(bench.observed, proven),
+            *(f"An effect was not tried: {error}." for error in unusable()),
         ),
     )
 

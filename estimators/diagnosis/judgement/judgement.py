@@ -14,6 +14,8 @@ from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.residuals.observations import CREEP
 from estimators.diagnosis.selection.evidence import REACH
 from estimators.diagnosis.selection.search import LARGEST
+from estimators.diagnosis.wording import LINK_INERTIA
+from limo_driver.physics.catalogue import identical_to
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -28,8 +30,6 @@ if TYPE_CHECKING:
 
 FORETOLD = 0.45  # [noise floors] of foretellable rest that counts as unknown physics
 SMOOTHER, SMOOTH = 1.4, 1.9  # times the other joints', and least, ratio of a rest to its roughness
-_LOADS = ("payload", "link_inertia")
-_UNEVEN = ("asymmetric_friction", "torque_offset")
 _AT_LIMIT = 0.01  # [sigma]
 _WORTH_A_WORD = 1.5  # [sigma] that a value moved inside its tolerance
 DOMINANT = 0.96  # part of a joint's foretellable error that its findings have to explain
@@ -93,16 +93,12 @@ def equivalents(bench: Bench, solution: Solution, member: int) -> tuple[Candidat
 
 
 def identical(bench: Bench, member: int) -> tuple[str, ...]:
-    """Return what no recording can tell from a member.
-
-    A load is part of its carrier's inertia; friction of unlike height both ways is even friction
-    and an offset.
-    """
+    """Return what no recording can tell from a member; of links only the last carries a load."""
     candidate, last = bench.candidates[member], bench.observed.n - 1
-    for alike in (_LOADS, _UNEVEN):
-        if candidate.effect in alike and (alike is _UNEVEN or candidate.joints == (last,)):
-            return tuple(effect for effect in alike if effect != candidate.effect)
-    return ()
+    same = identical_to(candidate.effect)
+    if LINK_INERTIA in {candidate.effect, *same} and candidate.joints != (last,):
+        return ()
+    return same
 
 
 def margin(bench: Bench, solution: Solution, member: int, same: Sequence[Candidate]) -> float:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
 from estimators.diagnosis.result import Test
 from estimators.diagnosis.selection.columns import Columns, Products
 from estimators.diagnosis.selection.evidence import Evidence, Prior, joined, posterior
+from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -146,7 +146,9 @@ def _sign(observed: Observations, j: int) -> FloatArray:
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:
-    return np.stack([over_joint(stop(j + 1, w), observed) for w in _DISTANCES], axis=1)
+    return np.stack(
+        [over_joint(PreslidingHysteresis.stop(j + 1, w), observed) for w in _DISTANCES], axis=1
+    )
 
 
 def _rate(observed: Observations, j: int) -> FloatArray:

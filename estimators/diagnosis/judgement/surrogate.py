@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
+from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,7 +73,7 @@ def _features(observed: Observations, j: int) -> FloatArray:
     size = np.abs(load) / np.maximum(np.abs(load).max(axis=0), 1e-9)
     own = [np.tanh(v / speed) for speed in _SPEEDS]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
-    own += [over_joint(stop(j + 1, width), observed) for width in _WIDTHS]
+    own += [over_joint(PreslidingHysteresis.stop(j + 1, width), observed) for width in _WIDTHS]
     waves = [f(k * q) for k in range(1, _WAVES + 1) for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
     own += [sign * size[:, k] for k in range(observed.n)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,8 +12,6 @@ from estimators.diagnosis.hypotheses import catalogue as hypotheses
 from estimators.diagnosis.hypotheses.improvement import payload_of
 from estimators.diagnosis.hypotheses.responses import responses, stacked
 from estimators.diagnosis.hypotheses.revision import (
-    WIDTHS,
-    can_scale,
     derivative,
     mover,
     relative_inertia,
@@ -20,15 +19,16 @@ from estimators.diagnosis.hypotheses.revision import (
 )
 from estimators.diagnosis.selection.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.physics.catalogue import description_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.hypotheses.responses import Response
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.selection.columns import Columns
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
 MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
@@ -36,7 +36,6 @@ DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
 WRONG = 1.0  # relative deviation of a parameter that is simply wrong
 WRONG_INERTIA = 0.4
 _PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
-_PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
 _TINY = 1e-12
 _TOGETHER = 20  # hypotheses that pass the filter in one go
 
@@ -68,10 +67,10 @@ class Candidate:
         """What is named: effect and joints."""
         return self.effect, self.joints
 
-    @property
+    @cached_property
     def slot(self) -> tuple[str, tuple[int, ...]]:
         """What holds one candidate of a set: what one says, the others there would say again."""
-        return _PART_OF.get(self.effect, self.effect), self.joints
+        return description_of(self.effect).part_of or self.effect, self.joints
 
 
 def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -> list[Candidate]:
@@ -125,14 +124,6 @@ def _entered(
         if strength.max() <= _TINY:
             return None
     deviation = np.where(strength > _TINY, 1.0 / strength, 0.0)
-
-    def enter(improvement: Improvement, c: FloatArray) -> None:
-        if hypothesis.enter is not None:
-            hypothesis.enter(improvement, c)
-            return
-        for effect in hypothesis.realise(c):
-            improvement.add(effect)
-
     return Candidate(
         hypothesis.effect,
         hypothesis.joints,
@@ -142,7 +133,7 @@ def _entered(
             deviation,
             np.full(deviation.size, hypothesis.positive),
         ),
-        enter,
+        lambda improvement, c: improvement.enter(hypothesis, c),
         hypothesis,
     )
 
@@ -154,14 +145,14 @@ def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> I
     gain or an offset that is nearly zero in the simulation may be anything on the arm.
     """
     for place, effect in enumerate(observed.simulation.effects):
-        names = [
-            known.name
+        sizes = [
+            known
             for known in effect.parameters()
-            if can_scale(known) and known.name not in WIDTHS and getattr(effect, known.name)
+            if known.is_size and not known.smooths and getattr(effect, known.name)
         ]
-        if not names:
+        if not sizes:
             continue
-        parts = [derivative(observed, place, name) for name in names]
+        parts = [derivative(observed, place, known.name) for known in sizes]
         joints, values = stacked(parts, columns.rows)
         relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
         deviation = np.maximum(WRONG, 1.0 / np.maximum(relative.max(axis=0), _TINY))
@@ -171,7 +162,7 @@ def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> I
             named,
             "wrong_parameter",
             Prior.free(columns.add(joints, values), deviation),
-            reviser(place, effect.name, names),
+            reviser(place, sizes),
             rarity=DEVIATING,
         )
 
