@@ -5,14 +5,13 @@ model/
 ├── model.safetensors    tensors
 └── sim.yaml             the simulation whose residual was learned
 
-What each estimator keeps in them stands in `hybrid.folder` and `joint_physics.store`.
+What each estimator keeps in them is its own: it is found by its name, see `estimator_called`.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from hashlib import sha256
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -23,7 +22,8 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from estimators.manifest import MANIFEST, SCHEMA, as_manifest, read_manifest
-from limo_driver.errors import ConfigError, ModelStoreError
+from estimators.registry import estimator_called, known_estimators
+from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
 from limo_driver.outputs import replacing
 from limo_driver.physics import Simulation
 from limo_driver.types import same_robot
@@ -167,8 +167,13 @@ def load_model(folder: Path | str) -> ResidualModel[Any]:
     Raises:
         ModelStoreError: The folder is incomplete or does not fit together, by name.
     """
-    name = read_manifest(Path(folder)).text("estimator", tuple(_FOLDERS))
-    return import_module(_FOLDERS[name]).load(folder)
+    manifest = read_manifest(Path(folder))
+    name = manifest.text("estimator", known_estimators())
+    try:
+        estimator = estimator_called(name)
+    except (ConfigError, PlugInError) as error:
+        manifest.fail(str(error))
+    return estimator.load(folder)
 
 
 def check_simulation(model: ResidualModel[Any], simulation: Simulation) -> None:
@@ -215,13 +220,6 @@ def provenance(recording: Recording) -> dict[str, Any]:
         "time": [float(recording.time[0]), float(recording.time[-1])],
         "left_out": sum(len(item.rows) for item in recording.left_out),
     }
-
-
-# by the name in the manifest; a module is imported when one of its models is read
-_FOLDERS: Final = {
-    "hybrid": "estimators.hybrid.folder",
-    "joint-physics": "estimators.joint_physics.store",
-}
 
 
 def _read_simulation(folder: Path, manifest: JsonGiven) -> Simulation:

@@ -229,10 +229,15 @@ class Given(ABC):
         self, tag: str, kinds: Mapping[str, type[_Declared]], joints: int | None = None
     ) -> _Declared:
         """Return what the entries declare, of the kind that one of them names."""
+        kind = kinds[self.named(tag, tuple(kinds))]
+        return self.make(kind, joints=joints, beside=(tag,))
+
+    def named(self, tag: str, of: Sequence[str]) -> str:
+        """Return the kind that an entry names, and be called by it."""
         if tag not in self.entries:
-            self.fail(f"lacks `{tag}:`, one of {', '.join(kinds)}")
-        self.called = self.text(tag, tuple(kinds))
-        return self.make(kinds[self.called], joints=joints, beside=(tag,))
+            self.fail(f"lacks `{tag}:`, one of {', '.join(of)}")
+        self.called = self.text(tag, of)
+        return self.called
 
     @property
     @abstractmethod

@@ -5,6 +5,7 @@ LimoError
 │   ├── ConfigError (ValueError)        a file or option that cannot be used
 │   │   └── ParameterError              a value that a parameter cannot have, with what it can
 │   └── ModelStoreError                 a model folder that does not fit, by name
+├── PlugInError (ImportError)           names the distribution and the entry point
 ├── BackendError
 │   ├── BackendNotFoundError (LookupError)      names the known backends
 │   ├── BackendUnavailableError (ImportError)   names the extra to install
@@ -72,6 +73,31 @@ class ParameterError(ConfigError):
         self.name, self.given, self.expected = name, given, expected
         where = f"{place}: " if place else ""
         super().__init__(f"{where}{name} is {given}, expected {expected}")
+
+
+class PlugInError(LimoError, ImportError):
+    """A class that another distribution registers cannot be used.
+
+    Args:
+        group: Of entry points, for example `limo.effects`.
+        name: Of the entry point.
+        target: Module and class that it names.
+        distribution: Whose entry point it is.
+        reason: Why it cannot be used.
+    """
+
+    def __init__(self, group: str, name: str, target: str, distribution: str, reason: str) -> None:
+        self.group, self.plug_in, self.target, self.distribution = (
+            group,
+            name,
+            target,
+            distribution,
+        )
+        self.reason = reason
+        super().__init__(
+            f"entry point `{name} = {target}` in {group} of distribution {distribution} "
+            f"cannot be used: {reason}"
+        )
 
 
 class BackendError(LimoError):

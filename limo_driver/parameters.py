@@ -18,7 +18,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from enum import Enum
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, cast
 
 from limo_driver.errors import ConfigError, ParameterError
 
@@ -50,11 +50,22 @@ class Parameter:
     length: int | None = None  # of a list, where it is fixed
     columns: int | None = None  # of each row, for a list of rows
     key: str = ""  # in files, where that is not the name
+    adds: bool = False  # of two effects at one place, the sum of these makes one effect
+    smooths: bool = False  # a width that smooths rather than describes; its logarithm is linear
+    inverse: bool = False  # the torque is linear in its inverse
+    scales: bool = False  # a size, though its unit is 1
+    chosen: bool = False  # where or when something is, which no data are asked for
+    deviation: float | Literal["largest"] | None = None  # before any data; None: its own value
 
     @property
     def is_number(self) -> bool:
         """Whether the parameter is one real number, which can be fitted."""
         return self.kind == REAL and not self.is_list
+
+    @property
+    def is_size(self) -> bool:
+        """Whether it is a number that is neither a shape nor a sign."""
+        return self.is_number and (self.unit != "1" or self.scales)
 
     @property
     def in_file(self) -> str:
@@ -159,8 +170,16 @@ def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotatio
     length: int | None = None,
     columns: int | None = None,
     key: str = "",
+    adds: bool = False,
+    smooths: bool = False,
+    inverse: bool = False,
+    scales: bool = False,
+    chosen: bool = False,
+    deviation: float | Literal["largest"] | None = None,
 ):
     """Declare a parameter as a dataclass field; its kind is that of the annotation.
+
+    What stands after `key` is the use of a parameter of an effect.
 
     Args:
         unit: SI unit; empty if it has none, `JOINT` for the 1-based number of a joint.
@@ -175,10 +194,19 @@ def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotatio
         length: Of a list, where it is fixed.
         columns: Of each row, for a list of rows.
         key: Name in files, where that is another.
+        adds: Two effects at one place are one effect with the sum of these.
+        smooths: It is the width of a smoothed sign, known to be there and not how wide.
+        inverse: The torque is linear in its inverse, as a stiffness that winds up.
+        scales: It is a size, though its unit is 1.
+        chosen: It says where or when something is, and is not estimated.
+        deviation: How far it may be off before any data, in the unit; "largest" of a list as far as
+            its largest entry. Where nothing is said, as far as it is large, and a 0 stays.
     """
     known = {"unit": unit, "description": description, "lower": lower, "upper": upper}
     known |= {"above": above, "finite": finite, "of": tuple(of), "length": length}
-    return field(default=default, metadata={"parameter": known | {"columns": columns, "key": key}})
+    known |= {"columns": columns, "key": key, "adds": adds, "smooths": smooths, "inverse": inverse}
+    known |= {"scales": scales, "chosen": chosen, "deviation": deviation}
+    return field(default=default, metadata={"parameter": known})
 
 
 @cache

@@ -91,6 +91,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
     """
 
     name = "joint-physics"
+    held_out_is = "in each eighth of the poses, by a fit to the rest"
     folder = "estimators.joint_physics.store"
 
     def __init__(self, simulation: Simulation, bandwidth: float = 10.0) -> None:

@@ -18,16 +18,19 @@ Effect
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
 from limo_driver.parameters import JOINT, Declared, Parameter, parameter, parameters_of
+from limo_driver.physics.description import Description
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
 State: TypeAlias = "FloatArray"
@@ -83,6 +86,7 @@ class Effect(Declared, ABC):
     """One piece of physics."""
 
     name: ClassVar[str]  # the identifier in sim.yaml and in a diagnosis
+    description: ClassVar[Description] = Description()
 
     @classmethod
     @cache  # effects are made by the thousand while they are fitted
@@ -107,6 +111,96 @@ class Effect(Declared, ABC):
         """Return the memory before the first sample; empty for effects without memory."""
         return STATELESS
 
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
+        """Return what a diagnosis tries of the effect at a joint (1-based); nothing if not said."""
+        return ()
+
+    @classmethod
+    def on_arm(cls, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
+        """Return what a diagnosis tries of an effect that is of no single joint."""
+        return ()
+
+    @classmethod
+    def further_laws(cls, found: Hypothesis) -> Iterable[Hypothesis]:  # noqa: ARG003
+        """Return other laws of the effect, to compete with the one it was found by.
+
+        They need not search, since another law of the same effect is near enough to find it by.
+        """
+        return ()
+
+    def with_more(self, more: Effect) -> Effect | None:
+        """Return one effect for this and another one; None where they stay two."""
+        if type(more) is not type(self) or more.joints != self.joints:
+            return None
+        for known in self.parameters():
+            if known.adds:
+                own, its = getattr(self, known.name), getattr(more, known.name)
+                if own is None or its is None:
+                    return None
+                total = float(np.clip(own + its, known.lower, known.upper))
+                return replace(self, **{known.name: total})
+        return None
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask a simulated robot for the effect; without a native form it is sampled."""
+        robot.sample(self)
+
+    def from_time(self, start: float, recording: Recording) -> Effect:  # noqa: ARG002
+        """Return the effect on a robot whose time 0 is `start` [s] of a recording.
+
+        It differs for what knows the time, or remembers more than the last reversals.
+        """
+        return self
+
+
+class SimulatedRobot(Protocol):
+    """What effects can ask of a simulated robot; joints are 1-based.
+
+    What `sample` and `sense` take runs through its `advance`; the others are native forms.
+    """
+
+    def sample(self, effect: Effect) -> None:
+        """Run an effect one sample in each cycle."""
+        ...
+
+    def sense(self, effect: SensorEffect | TorqueEffect) -> None:
+        """Run an effect on what the torque sensor says, which changes no motion."""
+        ...
+
+    def add_friction(self, joint: int, law: int, parameters: FloatArray) -> None:
+        """Add a friction of one of `friction_laws`, with its padded parameters."""
+        ...
+
+    def add_slipping_spring(self, joint: int, stiffness: float, width: float) -> None:
+        """Add a spring [N m/rad] that slips at a width [rad]."""
+        ...
+
+    def add_inertia(self, joint: int, inertia: float) -> None:
+        """Add reflected inertia [kg m²]."""
+        ...
+
+    def add_compliance(self, joint: int, linear: float, cubic: float) -> None:
+        """Add compliance between encoder and link [rad/(N m)], [rad/(N m)³]."""
+        ...
+
+    def add_torque_offset(self, joint: int, offset: float) -> None:
+        """Add an offset to the torque sensor [N m]."""
+        ...
+
+    def add_encoder_offset(self, joint: int, offset: float) -> None:
+        """Move the zero of the encoder [rad]."""
+        ...
+
+    def expect_late(
+        self, joint: int, *, stiffness: float = 0.0, damping: float = 0.0, inertia: float = 0.0
+    ) -> None:
+        """Note what a sampled effect makes stiff [N m/rad], damped [N m s/rad] or heavy [kg m²].
+
+        It acts one cycle late, which the step has to carry.
+        """
+        ...
+
 
 class BodyEffect(Effect):
     """An effect on the rigid body itself."""
@@ -114,6 +208,9 @@ class BodyEffect(Effect):
     @abstractmethod
     def body(self, model: RobotModel) -> RobotModel:
         """Return what the effect makes of a rigid body."""
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for nothing: a simulated robot is made of `Simulation.body`."""
 
 
 class ArmEffect(Effect):
@@ -173,3 +270,68 @@ class SensorEffect(JointEffect):
     @abstractmethod
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return what this joint's sensor adds, (T,) [N m], and the memory after it."""
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for it in what the sensor says."""
+        robot.sense(self)
+
+
+Realise: TypeAlias = Callable[["FloatArray"], tuple[Effect, ...]]  # of fitted coefficients
+Enter: TypeAlias = Callable[[Sequence[Effect], "FloatArray"], tuple[Effect, ...]]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What recordings of an arm of n joints show before anything is fitted; K rows, T samples."""
+
+    position: FloatArray  # (K, n) [rad]
+    temperature: FloatArray | None  # (T, n) [°C]
+    start: float  # [s], of the earliest sample in the time of its recording
+    end: float  # [s], of the latest
+    longest: float  # [s] of one recording
+    gravity: FloatArray  # (3,) [m/s²], as the simulation says
+    effects: tuple[Effect, ...]  # that are known already
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.position.shape[1]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One effect at one place; its coefficients are still free.
+
+    It is a few effects at unit size. What they would add to the torque are columns; their
+    coefficients turn the same effects into the found ones. So what is compared, what is fitted and
+    what is written to `sim.yaml` are one equation.
+    """
+
+    effect: str
+    joints: tuple[int, ...]  # 0-based; empty for the whole arm
+    terms: tuple[Effect, ...]  # of unit size, one column each
+    realise: Realise  # coefficients → effects
+    positive: bool = False  # whether no coefficient can be negative
+    settings: tuple[float, ...] = ()  # what is not linear in the torque, for a refinement
+    family: Callable[..., Hypothesis] | None = field(default=None, compare=False)  # of settings
+    bounds: tuple[tuple[float, float], ...] = ()  # of the settings
+    law: str = ""  # in words, where the effect follows one of several
+    # effects of a simulation and coefficients → its effects, where adding to them is not enough
+    enter: Enter | None = field(default=None, compare=False)
+
+    @classmethod
+    def of_one(cls, effect: Effect, name: str, **more: Any) -> Hypothesis:  # noqa: ANN401  # fields
+        """Return the hypothesis of one effect that is linear in its parameter `name`.
+
+        Args:
+            effect: Of unit size.
+            name: Of the parameter.
+            more: Other fields of the hypothesis.
+        """
+        unit = getattr(effect, name)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            return (replace(effect, **{name: float(c[0] * unit)}),)
+
+        joint = getattr(effect, "joint", 0)
+        return cls(effect.name, (joint - 1,), (effect,), realise, **more)

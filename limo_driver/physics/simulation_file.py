@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import yaml
 
 from limo_driver.declarations import read_yaml
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, PlugInError
 from limo_driver.model import Inertial, RobotModel, beside
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
-from limo_driver.physics.catalogue import CATALOGUE
+from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.sensing import Sensors
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def load(path: Path) -> SimulationFile:
         inertials={link: _inertial(inertials[link], model.inertials[link]) for link in inertials},
         tolerances=given.optional("tolerances").make(Tolerances),
         sensors=_sensors(given.optional("sensors"), model.n),
-        effects=tuple(entry.make_one_of("effect", CATALOGUE, model.n) for entry in effects),
+        effects=tuple(_effect(entry, model.n) for entry in effects),
     )
 
 
@@ -133,6 +133,16 @@ def _vector(given: Given, name: str, nominal: _Vector) -> _Vector:
     if name not in given:
         return nominal
     return cast("_Vector", given.numbers(name, len(nominal)))
+
+
+def _effect(given: Given, joints: int) -> Effect:
+    """Read an effect; one of another distribution is imported when its name is read."""
+    name = given.named("effect", known_names())
+    try:
+        effect = effect_called(name)
+    except PlugInError as error:
+        given.fail(str(error), given["effect"].line)
+    return given.make(effect, joints=joints, beside=("effect",))
 
 
 def _sensors(given: Given, n: int) -> Sensors:

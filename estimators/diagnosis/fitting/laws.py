@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.fitting.refinement import Setting
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
+    from limo_driver.physics import Hypothesis
 
 
 def likeliest(

@@ -17,9 +17,9 @@ from estimators.regression.normal_equations import NormalEquations
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 
-from estimators.diagnosis.hypotheses.catalogue import rippling
 from estimators.diagnosis.settings.hypotheses import RIPPLE
+from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
 
@@ -50,7 +50,7 @@ def ripples(
         slow = _slow_line(_Angle.of(observed, residual, joint, RIPPLE.flat))
         if slow and not any(abs(slow / N - 1.0) < RIPPLE.same for N in lines):
             some += [(slow, *more) for more in ((), *some)]
-        found += [rippling(joint + 1, cycles) for cycles in some]
+        found += [TorqueRipple.of_lines(joint + 1, cycles) for cycles in some]
     return found
 
 

@@ -22,6 +22,7 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
+from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,6 +113,7 @@ def conclude(
         notes=(
             *notes_on(problem.observed.undisturbed(None).beside(problem.observed.simulation)),
             *repeats.notes(problem.observed, proven),
+            *(f"An effect was not tried: {error}." for error in unusable()),
         ),
     )
 

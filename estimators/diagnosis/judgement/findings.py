@@ -31,7 +31,7 @@ from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
-from estimators.diagnosis.wording import OF_BODIES, SIGNATURES, times
+from estimators.diagnosis.wording import is_of_bodies, signature_of, times
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def findings_of(
         candidate = problem.candidates[member]
         same = equivalents(problem, solution, member)
         gained = contribution(problem, solution, member)
-        everywhere = candidate.effect in OF_BODIES or not candidate.joints
+        everywhere = is_of_bodies(candidate.effect) or not candidate.joints
         own = list(range(problem.observed.n) if everywhere else candidate.joints)
         joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
         lead = margin(problem, solution, member, same)
@@ -113,7 +113,7 @@ def _sentence(
     candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
 ) -> str:
     return (
-        f"At joint {joint + 1} {SIGNATURES[candidate.effect]}; on motion held out, it brings the "
+        f"At joint {joint + 1} {signature_of(candidate.effect)}; on motion held out, it brings the "
         f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
         + (
             f"makes the recordings {times(lead)} likelier than the next explanation does."

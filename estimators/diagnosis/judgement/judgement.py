@@ -15,7 +15,9 @@ from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
+from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import REACH
+from limo_driver.physics.catalogue import identical_to
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,9 +29,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import Shift
     from estimators.diagnosis.selection.candidates import Candidate
     from limo_driver.types import FloatArray
-
-_LOADS = ("payload", "link_inertia")
-_UNEVEN = ("asymmetric_friction", "torque_offset")
 
 
 @dataclass(frozen=True)
@@ -91,16 +90,12 @@ def equivalents(
 
 
 def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
-    """Return what no recording can tell from a member.
-
-    A load is part of its carrier's inertia; friction of unlike height both ways is even friction
-    and an offset.
-    """
+    """Return what no recording can tell from a member; of links only the last carries a load."""
     candidate, last = problem.candidates[member], problem.observed.n - 1
-    for alike in (_LOADS, _UNEVEN):
-        if candidate.effect in alike and (alike is _UNEVEN or candidate.joints == (last,)):
-            return tuple(effect for effect in alike if effect != candidate.effect)
-    return ()
+    same = identical_to(candidate.effect)
+    if LINK_INERTIA in {candidate.effect, *same} and candidate.joints != (last,):
+        return ()
+    return same
 
 
 def margin(

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
 from estimators.diagnosis.result import Test
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.settings.judgement import QUESTIONS
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
+from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -142,7 +142,8 @@ def _sign(observed: Observations, j: int) -> FloatArray:
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:
-    return np.stack([over_joint(stop(j + 1, w), observed) for w in QUESTIONS.distances], axis=1)
+    stops = [PreslidingHysteresis.stop(j + 1, width) for width in QUESTIONS.distances]
+    return np.stack([over_joint(stop, observed) for stop in stops], axis=1)
 
 
 def _rate(observed: Observations, j: int) -> FloatArray:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
 from estimators.diagnosis.settings.judgement import BLACK_BOX
+from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,7 +67,8 @@ def _features(observed: Observations, j: int) -> FloatArray:
     size = np.abs(load) / np.maximum(np.abs(load).max(axis=0), 1e-9)
     own = [np.tanh(v / speed) for speed in BLACK_BOX.speeds]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
-    own += [over_joint(stop(j + 1, width), observed) for width in BLACK_BOX.widths]
+    stops = [PreslidingHysteresis.stop(j + 1, width) for width in BLACK_BOX.widths]
+    own += [over_joint(stop, observed) for stop in stops]
     waves = [f(k * q) for k in range(1, BLACK_BOX.waves + 1) for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
     own += [sign * size[:, k] for k in range(observed.n)]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import coulomb, viscous
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
@@ -94,7 +93,10 @@ def _competing(
     tried = [
         hypothesis
         for j in bare
-        for hypothesis in (*(coulomb(j + 1, width) for width in SIGN_WIDTHS), viscous(j + 1))
+        for hypothesis in (
+            *(CoulombFriction.of_unit_size(j + 1, width) for width in SIGN_WIDTHS),
+            ViscousFriction.of_unit_size(j + 1),
+        )
     ]
     found = (entered(hypothesis, observed, columns, level) for hypothesis in tried)
     return [candidate for candidate in found if candidate is not None]

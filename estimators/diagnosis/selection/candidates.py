@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,8 +12,6 @@ from estimators.diagnosis.hypotheses import catalogue as hypotheses
 from estimators.diagnosis.hypotheses.improvement import payload_of
 from estimators.diagnosis.hypotheses.responses import responses, stacked
 from estimators.diagnosis.hypotheses.revision import (
-    WIDTHS,
-    can_scale,
     derivative,
     mover,
     relative_inertia,
@@ -21,19 +20,19 @@ from estimators.diagnosis.hypotheses.revision import (
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.physics.catalogue import description_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.hypotheses.responses import Response
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.selection.columns import ColumnTable
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
 _PAYLOAD = np.repeat(CANDIDATES.payload, (1, 3, 6))  # [kg, kg m, kg m²], 1 sigma
-_PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
 
 
 @dataclass(frozen=True)
@@ -63,10 +62,10 @@ class Candidate:
         """What is named: effect and joints."""
         return self.effect, self.joints
 
-    @property
+    @cached_property
     def slot(self) -> tuple[str, tuple[int, ...]]:
         """What holds one candidate of a set: what one says, the others there would say again."""
-        return _PART_OF.get(self.effect, self.effect), self.joints
+        return description_of(self.effect).part_of or self.effect, self.joints
 
 
 def candidates_of(
@@ -122,14 +121,6 @@ def _entered(
         if strength.max() <= CANDIDATES.tiny:
             return None
     deviation = np.where(strength > CANDIDATES.tiny, 1.0 / strength, 0.0)
-
-    def enter(improvement: Improvement, c: FloatArray) -> None:
-        if hypothesis.enter is not None:
-            hypothesis.enter(improvement, c)
-            return
-        for effect in hypothesis.realise(c):
-            improvement.add(effect)
-
     return Candidate(
         hypothesis.effect,
         hypothesis.joints,
@@ -139,7 +130,7 @@ def _entered(
             deviation,
             np.full(deviation.size, hypothesis.positive),
         ),
-        enter,
+        lambda improvement, c: improvement.enter(hypothesis, c),
         hypothesis,
     )
 
@@ -153,14 +144,14 @@ def _revisions(
     gain or an offset that is nearly zero in the simulation may be anything on the arm.
     """
     for place, effect in enumerate(observed.simulation.effects):
-        names = [
-            known.name
+        sizes = [
+            known
             for known in effect.parameters()
-            if can_scale(known) and known.name not in WIDTHS and getattr(effect, known.name)
+            if known.is_size and not known.smooths and getattr(effect, known.name)
         ]
-        if not names:
+        if not sizes:
             continue
-        parts = [derivative(observed, place, name) for name in names]
+        parts = [derivative(observed, place, known.name) for known in sizes]
         joints, values = stacked(parts, columns.rows)
         relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
         deviation = np.maximum(
@@ -172,7 +163,7 @@ def _revisions(
             named,
             "wrong_parameter",
             Prior.free(columns.add(joints, values), deviation),
-            reviser(place, effect.name, names),
+            reviser(place, sizes),
             rarity=CANDIDATES.deviating,
         )
 

@@ -12,12 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.catalogue import UNIT_DELAY
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.hypotheses.revision import (
-    WIDTHS,
     beside_stated,
-    can_scale,
     derivative,
     mover,
     relative_change,
@@ -28,6 +25,7 @@ from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
+from limo_driver.physics.delay import UNIT_DELAY
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -50,19 +48,19 @@ class Tolerated:
     nominal: float
     scale: float  # what a relative change of 1 adds
     place: tuple[str, tuple[int, ...]] = ("", ())  # effect that has it, and its joints (0-based)
-    parameter: str = ""  # of an effect, where it is one
+    known: Parameter | None = None  # of an effect, where it is one
     lower: float = -np.inf
     upper: float = np.inf
 
     def value(self, coefficient: float) -> float:
         """Return the value that a fitted coefficient means, in the parameter's unit."""
-        part = relative_change(self.place[0], self.parameter, coefficient)
+        part = coefficient if self.known is None else relative_change(self.known, coefficient)
         return float(np.clip(self.nominal + self.scale * part, self.lower, self.upper))
 
     @property
     def of_effect(self) -> bool:
         """Whether it is a size of an effect, of no body or sensor; widths are but guessed."""
-        return bool(self.parameter) and self.parameter not in WIDTHS
+        return self.known is not None and not self.known.smooths
 
 
 @dataclass(frozen=True)
@@ -168,16 +166,16 @@ def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation
         known_as = next((item for item in stated.effects if item.place == effect.place), effect)
         for known in effect.parameters():
             value: Any = getattr(effect, known.name)
-            if not can_scale(known) or not value:
+            if not known.is_size or not value:
                 continue
             joints, values = derivative(observed, place, known.name)
             own = observed.simulation.tolerances.friction
-            tolerance = TOLERATED.width if known.name in WIDTHS else own
+            tolerance = TOLERATED.width if known.smooths else own
             named = getattr(known_as, known.name) or value
             # of what is stated: a tenth more of that is another part of this value
-            scale, start = beside_stated(effect.name, known.name, value / named)
+            scale, start = beside_stated(known, value / named)
             index = columns.add(joints, scale * values[:, :, None])
-            enter = reviser(place, effect.name, (known.name,))
+            enter = reviser(place, (known,))
             parts.append(
                 _Part(
                     (_tolerated(effect, known, float(named)),),
@@ -202,7 +200,7 @@ def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noq
         value,
         value,
         (effect.name, tuple(j - 1 for j in effect.joints)),
-        known.name,
+        known,
         known.lower,
         known.upper,
     )

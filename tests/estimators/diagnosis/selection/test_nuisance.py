@@ -86,17 +86,16 @@ def test_where_a_value_moved_to_counts_from_the_stated_one(observed, stated, at_
     back = Improvement(moved)
     found.enter(back, -found.start)
     for item, start in zip(found.parameters, found.start, strict=True):
-        if item.parameter:
-            assert item.value(start) == pytest.approx(at_hand[item.parameter])
-            assert getattr(back.effects[0], item.parameter) == pytest.approx(
-                getattr(stated, item.parameter)
-            )
+        if item.known:
+            name = item.known.name
+            assert item.value(start) == pytest.approx(at_hand[name])
+            assert getattr(back.effects[0], name) == pytest.approx(getattr(stated, name))
 
 
 def test_what_is_certain_has_no_tolerance_and_the_rest_keeps_its_own(nuisance):
     """A width is but guessed, and stays free beside the size of the same effect."""
     dry = nuisance.of({("coulomb_friction", (1,))})
-    assert [nuisance.parameters[k].parameter for k in np.flatnonzero(dry)] == ["tau_c"]
+    assert [nuisance.parameters[k].known.name for k in np.flatnonzero(dry)] == ["tau_c"]
     held = nuisance.certain(dry)
     assert held.prior.deviation[dry] == 0.0
     np.testing.assert_array_equal(held.prior.deviation[~dry], nuisance.prior.deviation[~dry])
