@@ -291,7 +291,7 @@ def shown(value: object) -> str:
     if isinstance(value, Enum):
         return word(value)
     if isinstance(value, float):
-        return f"{value:g}"
+        return f"{value:.10g}"
     is_list = isinstance(value, (tuple, list))
     text = f"[{', '.join(map(shown, cast('list[object]', value)))}]" if is_list else repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"

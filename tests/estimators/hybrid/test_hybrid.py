@@ -131,7 +131,10 @@ def edit(folder: Path, **changes: object) -> None:
     ("changes", "message"),
     [
         ({"schema": 2}, "schema is not 1"),
-        ({"network": "gpt"}, "'gpt' is unknown; known: mlp7, lstm-2, lstm-fcl, transformer"),
+        (
+            {"network": "gpt"},
+            "network is 'gpt', expected one of mlp7, lstm-2, lstm-fcl, transformer",
+        ),
         ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
         ({"inputs": []}, "inputs: number 1 is nothing"),
         ({"outputs": [{"name": "x", "unit": "N m", "mean": 0, "std": 1}]}, "number 1 is"),

@@ -14,7 +14,8 @@ from estimators.joint_physics.calibration import leverage_of
 from estimators.joint_physics.columns import SETTLED, JointColumns
 from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import load_model
-from estimators.regression.empirical_bayes import NormalEquations, fit, most_probable_prior
+from estimators.regression.empirical_bayes import fit, most_probable_prior
+from estimators.regression.normal_equations import NormalEquations
 from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
@@ -322,7 +323,7 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
     ("changes", "message"),
     [
         ({"schema": 2}, "schema is not 1"),
-        ({"estimator": "oracle"}, "'oracle' is unknown; known: hybrid, joint-physics"),
+        ({"estimator": "oracle"}, "estimator is 'oracle', expected one of hybrid, joint-physics"),
         ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
         ({"families": []}, "train it again"),
         ({"families": None}, "families is None, expected a list of objects"),

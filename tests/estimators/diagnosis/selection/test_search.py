@@ -78,9 +78,8 @@ def test_a_pair_that_greedy_addition_misses_is_found(columns, seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_member_chosen_too_early_is_taken_out_again(columns, seed, monkeypatch):
-    monkeypatch.setattr(
-        "estimators.diagnosis.selection.search.WIDTH", 1
-    )  # greedy: the blend comes first
+    narrow = replace(SEARCH, width=1)  # greedy: the blend comes first
+    monkeypatch.setattr("estimators.diagnosis.selection.search.SEARCH", narrow)
     search = search_of(columns, 3 * (columns[:, 0] + columns[:, 1]) + noise(seed))
     assert names(search, search.best()) == {0, 1}
 
