@@ -5,14 +5,13 @@ model/
 ├── model.safetensors    tensors
 └── sim.yaml             the simulation whose residual was learned
 
-What each estimator keeps in them stands in `hybrid.folder` and `joint_physics.store`.
+What each estimator keeps in them is its own: it is found by its name, see `estimator_called`.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from hashlib import sha256
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,8 +21,9 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
-from estimators.manifest import MANIFEST, SCHEMA, Entries, as_manifest, read_manifest
-from limo_driver.errors import ConfigError, ModelStoreError
+from estimators.manifest import MANIFEST, SCHEMA, as_manifest, read_manifest
+from estimators.registry import estimator_called, known_estimators
+from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
 from limo_driver.outputs import replacing
 from limo_driver.physics import Simulation
 from limo_driver.types import same_robot
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.residual_model import ResidualModel
+    from limo_driver.declarations import JsonGiven
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
 
@@ -47,7 +48,7 @@ class ModelFolder:
     """What a folder holds, checked to fit together."""
 
     path: Path
-    manifest: Entries
+    manifest: JsonGiven
     simulation: Simulation
 
     @classmethod
@@ -65,13 +66,13 @@ class ModelFolder:
         manifest = read_manifest(path)
         given = manifest.text("estimator")
         if given != estimator:
-            raise ModelStoreError(f"{manifest.place}: is of {given!r}, expected {estimator!r}")
+            manifest.fail(f"is of {given!r}, expected {estimator!r}")
         return cls(path, manifest, _read_simulation(path, manifest))
 
     @property
     def bandwidth(self) -> float:
         """Of the filters on motion and torque that the model was fitted behind [Hz]."""
-        return self.manifest.number("bandwidth", above=0.0)
+        return self.manifest.number("bandwidth", lower=0.0, above=True)
 
     def record(self, *error: str) -> dict[str, Any]:
         """Return which data the model was fitted to and how; empty where nothing is said.
@@ -81,15 +82,15 @@ class ModelFolder:
         """
         if "training" not in self.manifest:
             return {}
-        training = self.manifest.entries("training")
+        training = self.manifest["training"]
         if "recordings" in training:
-            training.list("recordings")
+            training["recordings"].sections()
         if "rmse" in training:
-            found = training.entries("rmse")
+            found = training["rmse"]
             for name in error[:-1]:
-                found = found.entries(name)
-            found.numbers(error[-1], self.simulation.model.n, least=0.0)
-        return dict(training.values)
+                found = found[name]
+            found.numbers(error[-1], self.simulation.model.n, lower=0.0)
+        return dict(training.content)
 
     def tensors(self) -> dict[str, NDArray[Any]]:
         """Read the tensors.
@@ -103,7 +104,7 @@ class ModelFolder:
             raise ModelStoreError(
                 f"{self.path / WEIGHTS}: cannot be read: {error.strerror}"
             ) from None
-        if sha256(data).hexdigest() != self.manifest.entries("weights").text("sha256"):
+        if sha256(data).hexdigest() != self.manifest["weights"].text("sha256"):
             raise ModelStoreError(
                 f"{self.path}: {WEIGHTS} is not the one of the manifest (sha256 differs)"
             )
@@ -166,8 +167,13 @@ def load_model(folder: Path | str) -> ResidualModel[Any]:
     Raises:
         ModelStoreError: The folder is incomplete or does not fit together, by name.
     """
-    name = read_manifest(Path(folder)).text("estimator", tuple(_FOLDERS))
-    return import_module(_FOLDERS[name]).load(folder)
+    manifest = read_manifest(Path(folder))
+    name = manifest.text("estimator", known_estimators())
+    try:
+        estimator = estimator_called(name)
+    except (ConfigError, PlugInError) as error:
+        manifest.fail(str(error))
+    return estimator.load(folder)
 
 
 def check_simulation(model: ResidualModel[Any], simulation: Simulation) -> None:
@@ -216,15 +222,8 @@ def provenance(recording: Recording) -> dict[str, Any]:
     }
 
 
-# by the name in the manifest; a module is imported when one of its models is read
-_FOLDERS: Final = {
-    "hybrid": "estimators.hybrid.folder",
-    "joint-physics": "estimators.joint_physics.store",
-}
-
-
-def _read_simulation(folder: Path, manifest: Entries) -> Simulation:
-    expected = manifest.entries("simulation").text("sha256")
+def _read_simulation(folder: Path, manifest: JsonGiven) -> Simulation:
+    expected = manifest["simulation"].text("sha256")
     try:
         simulation = Simulation.load(folder / SIMULATION)
         found = _digest(folder / SIMULATION)

@@ -22,8 +22,6 @@ _MODEL: Final = {"color": "#0072B2", "linewidth": 1.1, "zorder": 3, "linestyle":
 _STYLES: Final = {
     "measured": {"color": "0.65", "linewidth": 2.4, "zorder": 1},
     "rigid body": {"color": "#D55E00", "linewidth": 1.1, "zorder": 2},
-    "hybrid": _MODEL,
-    "joint-physics": _MODEL,
 }
 _WINDOW: Final = 6.0  # [s] shown
 _COLUMNS: Final = 4
@@ -42,7 +40,7 @@ def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     time = evaluation.recording.time[rows]
     for j, ax in enumerate(axes):
         for name, torque in _lines(evaluation):
-            ax.plot(time, torque[rows, j], label=name, **_STYLES[name])
+            ax.plot(time, torque[rows, j], label=name, **_STYLES.get(name, _MODEL))
         ax.set_ylabel(f"$\\tau_{{{j + 1}}}$ [N m]")
         ax.margins(x=0)
         ax.text(
@@ -74,7 +72,7 @@ def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
         position = evaluation.motion.position[rows, j]
         for name, torque in _lines(evaluation):
             own = torque[rows, j] - evaluation.frictionless[rows, j]
-            ax.plot(np.rad2deg(position), own, label=name, **_STYLES[name])
+            ax.plot(np.rad2deg(position), own, label=name, **_STYLES.get(name, _MODEL))
         ax.set_title(f"{evaluation.joint_names[j]}  {_figures(evaluation, j)}", fontsize="x-small")
         ax.set_xlabel(f"$q_{{{j + 1}}}$ [°]")
         ax.set_ylabel(f"friction, joint {j + 1} [N m]")

@@ -27,18 +27,31 @@ Fitted = TypeVar("Fitted")
 class ResidualModel(ABC, Generic[Fitted]):
     """Predict tau = tau_S + what was learned, tau_S the prediction of a simulation.
 
-    A subclass fits, and advances; recordings, single samples and folders are all the same.
+    A subclass fits, and advances; recordings and single samples are all the same. One whose class
+    is called with a simulation and a bandwidth can be trained by its name, see `unfitted`. What
+    `fit` finds has a `record`: data and errors as JSON values, see `evaluation.trained_on`.
 
     Args:
         simulation: Gives tau_S, normally an identified one.
     """
 
     name: ClassVar[str]
-    folder: ClassVar[str]  # module whose `load` and `save` know what the model folder holds
+    held_out_is: ClassVar[str] = "motion that was not fitted to"  # what its `record` judges it on
+    folder: ClassVar[str]  # module of `load` and `save`, where the class has none of its own
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
         self.fitted_: Fitted | None = None
+
+    @classmethod
+    def unfitted(cls, simulation: Simulation, bandwidth: float) -> Self:
+        """Return a model that can be fitted, as `limo train --model NAME` makes it.
+
+        Args:
+            simulation: Gives tau_S.
+            bandwidth: Of the zero-phase filters on motion and torque [Hz].
+        """
+        return cls(simulation, bandwidth)  # pyright: ignore[reportCallIssue]  # a subclass's own
 
     @classmethod
     def load(cls, folder: Path | str) -> Self:

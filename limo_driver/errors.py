@@ -1,7 +1,11 @@
 """Errors of limo: each builds its own message and keeps the facts as attributes.
 
 LimoError
-├── ConfigError (ValueError)            a file or option that cannot be used, with its place
+├── PlacedError                         knows the file and the line of the mistake
+│   ├── ConfigError (ValueError)        a file or option that cannot be used
+│   │   └── ParameterError              a value that a parameter cannot have, with what it can
+│   └── ModelStoreError                 a model folder that does not fit, by name
+├── PlugInError (ImportError)           names the distribution and the entry point
 ├── BackendError
 │   ├── BackendNotFoundError (LookupError)      names the known backends
 │   ├── BackendUnavailableError (ImportError)   names the extra to install
@@ -14,11 +18,10 @@ LimoError
 ├── RecordingError (ValueError)         measured data that cannot be used, with the rows
 ├── PathError
 │   └── InfeasiblePathError             names the condition that fails
-├── EstimatorError
-│   ├── NotFittedError
-│   ├── ShapeError (ValueError)
-│   └── DivergedError
-└── ModelStoreError                     a model folder that does not fit, by name
+└── EstimatorError
+    ├── NotFittedError
+    ├── ShapeError (ValueError)
+    └── DivergedError
 """
 
 from __future__ import annotations
@@ -34,8 +37,8 @@ class LimoError(Exception):
     """Anything that limo raises on purpose."""
 
 
-class ConfigError(LimoError, ValueError):
-    """A configuration that cannot be used.
+class PlacedError(LimoError):
+    """Something that cannot be used, with its place in a file where there is one.
 
     Args:
         message: What was given and what was expected.
@@ -50,6 +53,51 @@ class ConfigError(LimoError, ValueError):
         self.line = line
         place = "" if path is None else f"{path}: " if line is None else f"{path}, line {line}: "
         super().__init__(place + message)
+
+
+class ConfigError(PlacedError, ValueError):
+    """A configuration that cannot be used."""
+
+
+class ParameterError(ConfigError):
+    """A value that a parameter cannot have.
+
+    Args:
+        name: Of the parameter.
+        given: What was given, with its unit.
+        expected: What it can be, for example `a number above 0 N m`.
+        place: What the parameter is of, for example `payload`; empty if nothing needs to be said.
+    """
+
+    def __init__(self, name: str, given: str, expected: str, place: str = "") -> None:
+        self.name, self.given, self.expected = name, given, expected
+        where = f"{place}: " if place else ""
+        super().__init__(f"{where}{name} is {given}, expected {expected}")
+
+
+class PlugInError(LimoError, ImportError):
+    """A class that another distribution registers cannot be used.
+
+    Args:
+        group: Of entry points, for example `limo.effects`.
+        name: Of the entry point.
+        target: Module and class that it names.
+        distribution: Whose entry point it is.
+        reason: Why it cannot be used.
+    """
+
+    def __init__(self, group: str, name: str, target: str, distribution: str, reason: str) -> None:
+        self.group, self.plug_in, self.target, self.distribution = (
+            group,
+            name,
+            target,
+            distribution,
+        )
+        self.reason = reason
+        super().__init__(
+            f"entry point `{name} = {target}` in {group} of distribution {distribution} "
+            f"cannot be used: {reason}"
+        )
 
 
 class BackendError(LimoError):
@@ -233,5 +281,5 @@ class DivergedError(EstimatorError):
     """Training or estimation left the finite numbers."""
 
 
-class ModelStoreError(LimoError):
+class ModelStoreError(PlacedError):
     """A model folder that cannot be used, with the reason."""

@@ -30,6 +30,12 @@ _ROUNDING = 1e-9  # of the largest second moment
 _MANY = 1000  # samples, from which on another thread is worth waking
 
 
+def beside(robot: str, folder: Path) -> str:
+    """Return a robot as a file in a folder names it: built in, or a URDF, sought there first."""
+    file = folder / robot
+    return robot if robot in BUILT_IN or not file.is_file() else str(file.resolve())
+
+
 @dataclass(frozen=True)
 class Inertial:
     """Inertia of all that moves rigidly with one joint, in the frame of its link."""

@@ -14,22 +14,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal
 
-import yaml
-
-from backends.can.entries import FLAG, REAL, TEXT, WHOLE, Section, entry
+from limo_driver.declarations import read_yaml
 from limo_driver.errors import ConfigError
-from limo_driver.model import BUILT_IN, RobotModel
+from limo_driver.model import RobotModel, beside
+from limo_driver.parameters import Declared, parameter
 from limo_driver.types import RobotSpec
-from limo_driver.yaml_reader import YamlReader, is_null
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from limo_driver.declarations import Given
     from limo_driver.types import FloatArray
 
 CIA402: Final = "cia402"
@@ -40,54 +39,66 @@ REPLY_OFFSET: Final = 0x10  # of Damiao's replies, as OpenArm sets it
 
 Option = bool | int | float | str
 OF_CIA402: Final = {"master", "on_lost", "status_every", "temperature"}  # and of nobody else
-_Section = TypeVar("_Section", bound=Section)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bus(Section):
+class Bus(Declared):
     """How the bus is reached: python-can's words, and `options` for all others that it takes."""
 
-    interface: str = entry(TEXT)  # socketcan, udp_multicast, virtual, pcan, ...
-    channel: str = entry(TEXT)
-    bitrate: int = entry(WHOLE, 1_000_000, lower=10_000, upper=1_000_000)  # [bit/s], arbitration
-    fd: bool = entry(FLAG, default=False)
-    data_bitrate: int = entry(WHOLE, 5_000_000, lower=10_000, upper=8_000_000)  # [bit/s], of FD
+    interface: str = parameter(
+        "", "python-can's name: socketcan, udp_multicast, virtual, pcan, ..."
+    )
+    channel: str = parameter("", "of the interface")
+    bitrate: int = parameter(
+        "bit/s", "of the arbitration", default=1_000_000, lower=10_000, upper=1_000_000
+    )
+    fd: bool = parameter("", "whether frames are CAN FD", default=False)
+    data_bitrate: int = parameter(
+        "bit/s", "of the data of FD", default=5_000_000, lower=10_000, upper=8_000_000
+    )
     options: Mapping[str, Option] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.fd and self.data_bitrate < self.bitrate:
-            raise ConfigError(
-                f"data_bitrate is {self.data_bitrate} bit/s, expected at least the bitrate of "
-                f"{self.bitrate} bit/s"
-            )
+            raise self._refused("data_bitrate", f"at least the bitrate of {self.bitrate} bit/s")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Temperature(Section):
+class Temperature(Declared):
     """Where CiA 402 drives keep their temperature, which no standard object is for."""
 
-    object: int = entry(WHOLE, lower=0x2000, upper=0x9FFF)  # an i16
-    subindex: int = entry(WHOLE, 0, lower=0, upper=254)
-    step: float = entry(REAL, 0.1, lower=0.0, upper=100.0, above=True)  # [°C] of one count
+    object: int = parameter("", "index, of an i16", lower=0x2000, upper=0x9FFF)
+    subindex: int = parameter("", "of the object", default=0, lower=0, upper=254)
+    step: float = parameter("°C", "of one count", default=0.1, lower=0.0, upper=100.0, above=True)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cia402Joint(Section):
+class Cia402Joint(Declared):
     """A joint with a CiA 402 drive.
 
     count = direction (q - offset) counts_per_turn gear / 2 pi
     """
 
-    node: int = entry(WHOLE, lower=1, upper=127)
-    counts_per_turn: float = entry(REAL, lower=0.0, upper=2.0**32, above=True)  # of the encoder
-    gear: float = entry(REAL, 1.0, lower=0.0, upper=1e5, above=True)  # encoder turns per joint turn
-    rated_torque: float = entry(REAL, lower=0.0, upper=1e5, above=True)  # at the joint [N m]
-    torque_ratio: float = entry(REAL, 1.0, lower=0.0, upper=1e5, above=True)  # joint over 6076
-    direction: int = entry(WHOLE, 1, of=(1, -1))
-    offset: float = entry(REAL, 0.0, lower=-1e3, upper=1e3)  # joint position at count 0 [rad]
-    serial: int | None = entry(WHOLE, None, lower=0, upper=2**32 - 1)  # 1018:04, where known
-    vendor: int | None = entry(WHOLE, None, lower=0, upper=2**32 - 1)  # 1018:01
+    node: int = parameter("", "CANopen node id", lower=1, upper=127)
+    counts_per_turn: float = parameter("1", "of the encoder", lower=0.0, upper=2.0**32, above=True)
+    gear: float = parameter(
+        "1", "encoder turns per joint turn", default=1.0, lower=0.0, upper=1e5, above=True
+    )
+    rated_torque: float = parameter("N m", "at the joint", lower=0.0, upper=1e5, above=True)
+    torque_ratio: float = parameter(
+        "1", "torque at the joint over object 6076", default=1.0, lower=0.0, upper=1e5, above=True
+    )
+    direction: int = parameter("", "of the count", default=1, of=(1, -1))
+    offset: float = parameter(
+        "rad", "joint position at count 0", default=0.0, lower=-1e3, upper=1e3
+    )
+    serial: int | None = parameter(
+        "", "object 1018:04, where known", default=None, lower=0, upper=2**32 - 1
+    )
+    vendor: int | None = parameter(
+        "", "object 1018:01, where known", default=None, lower=0, upper=2**32 - 1
+    )
 
     @property
     def counts_per_radian(self) -> float:
@@ -96,15 +107,19 @@ class Cia402Joint(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DamiaoJoint(Section):
+class DamiaoJoint(Declared):
     """A joint with a Damiao motor in MIT mode: q = direction (motor - offset)."""
 
-    node: int = entry(WHOLE, lower=1, upper=0x7F)  # id that it takes commands on
-    reply: int = entry(WHOLE, 0, lower=0, upper=0x7FE)  # id of its replies; 0 is node + 0x10
-    direction: int = entry(WHOLE, 1, of=(1, -1))
-    offset: float = entry(REAL, 0.0, lower=-1e3, upper=1e3)  # motor position at joint zero [rad]
-    stiffness: float = entry(REAL, 50.0, lower=0.0, upper=500.0)  # kp of positions [N m/rad]
-    damping: float = entry(REAL, 1.0, lower=0.0, upper=5.0)  # kd of positions [N m s/rad]
+    node: int = parameter("", "id that it takes commands on", lower=1, upper=0x7F)
+    reply: int = parameter(
+        "", "id of its replies; 0 is node + 0x10", default=0, lower=0, upper=0x7FE
+    )
+    direction: int = parameter("", "of the count", default=1, of=(1, -1))
+    offset: float = parameter(
+        "rad", "motor position at joint zero", default=0.0, lower=-1e3, upper=1e3
+    )
+    stiffness: float = parameter("N m/rad", "kp of positions", default=50.0, lower=0.0, upper=500.0)
+    damping: float = parameter("N m s/rad", "kd of positions", default=1.0, lower=0.0, upper=5.0)
 
     @property
     def reply_id(self) -> int:
@@ -116,20 +131,32 @@ Joint = Cia402Joint | DamiaoJoint
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmConfig(Section):
+class ArmConfig(Declared):
     """All that is to be known of an arm before its bus is opened."""
 
     bus: Bus
-    convention: Literal["cia402", "damiao"] = entry(TEXT, CIA402, of=CONVENTIONS)
-    robot: str = entry(TEXT)  # built-in name or URDF
+    convention: Literal["cia402", "damiao"] = parameter(
+        "", "of the drives", default=CIA402, of=CONVENTIONS
+    )
+    robot: str = parameter("", "built-in name or URDF")
     joints: tuple[Joint, ...]
-    rate: float = entry(REAL, 250.0, lower=1.0, upper=4000.0)  # control cycles [Hz]
-    master: int = entry(WHOLE, 127, lower=1, upper=127)  # node id of this program's heartbeat
-    watchdog: float = entry(REAL, 0.1, lower=0.002, upper=5.0)  # [s] of silence: drives stop
-    on_lost: str = entry(TEXT, "quick_stop", of=("quick_stop", "fault", "disable"))
-    hold_after: int = entry(WHOLE, 2, lower=1, upper=1000)  # cycles of a silent joint
-    status_every: int = entry(WHOLE, 10, lower=1, upper=240)  # cycles between drive statuses
-    answer_timeout: float = entry(REAL, 1.0, lower=0.01, upper=60.0)  # [s] of a drive, at start-up
+    rate: float = parameter("Hz", "of control cycles", default=250.0, lower=1.0, upper=4000.0)
+    master: int = parameter(
+        "", "node id of this program's heartbeat", default=127, lower=1, upper=127
+    )
+    watchdog: float = parameter(
+        "s", "of silence, after which drives stop", default=0.1, lower=0.002, upper=5.0
+    )
+    on_lost: str = parameter(
+        "", "what drives then do", default="quick_stop", of=("quick_stop", "fault", "disable")
+    )
+    hold_after: int = parameter("", "cycles of a silent joint", default=2, lower=1, upper=1000)
+    status_every: int = parameter(
+        "", "cycles between drive statuses", default=10, lower=1, upper=240
+    )
+    answer_timeout: float = parameter(
+        "s", "for the answer of a drive at start-up", default=1.0, lower=0.01, upper=60.0
+    )
     temperature: Temperature | None = None
 
     def __post_init__(self) -> None:
@@ -143,10 +170,7 @@ class ArmConfig(Section):
                 raise ConfigError(f"joint {j} is no {self.convention} joint")
         self._check_nodes()
         if self.watchdog < 2 / self.rate:
-            raise ConfigError(
-                f"watchdog is {self.watchdog:g} s, expected at least two cycles "
-                f"of {1 / self.rate:g} s"
-            )
+            raise self._refused("watchdog", f"at least two cycles of {1 / self.rate:g} s")
         self._check_counts()
 
     @classmethod
@@ -156,7 +180,7 @@ class ArmConfig(Section):
         Raises:
             ConfigError: Names the line, what was given and what exists.
         """
-        return _Reader(Path(path)).arm()
+        return _read(Path(path))
 
     @cached_property
     def model(self) -> RobotModel:
@@ -186,7 +210,7 @@ class ArmConfig(Section):
             both = [str(j) for j, joint in enumerate(self.joints, 1) if joint.node == node]
             raise ConfigError(f"joints {' and '.join(both)} have the same node {node}")
         if self.convention == CIA402 and self.master in counted:
-            raise ConfigError(f"master is {self.master}, which is the node of a joint")
+            raise self._refused("master", "no node of a joint")
 
     def _check_counts(self) -> None:
         limits = self.model.limits
@@ -205,99 +229,23 @@ class ArmConfig(Section):
                 )
 
 
-class _Reader(YamlReader):
-    """Makes an arm of the nodes of one file."""
-
-    def arm(self) -> ArmConfig:
-        if self.root is None:
-            raise ConfigError("is empty; it needs bus, robot and joints", path=self.path)
-        given = self._mapping(self.root, "the file", [item.name for item in fields(ArmConfig)])
-        self._require(self.root, "the file", ArmConfig, given)
-        convention = self._text(given["convention"]) if "convention" in given else CIA402
-        if convention not in CONVENTIONS:
-            known = ", ".join(CONVENTIONS)
-            self._fail(given["convention"], f"convention is {convention}, expected one of {known}")
-        if convention != CIA402:
-            self._refuse_of_cia402(given, convention)
-        parts: dict[str, Any] = {
-            "bus": self._bus(given.pop("bus")),
-            "joints": self._joints(given.pop("joints"), convention),
-            "robot": self._robot(given.pop("robot")),
-        }
-        if (temperature := given.pop("temperature", None)) is not None and not is_null(temperature):
-            parts["temperature"] = self._section(temperature, "temperature", Temperature)
-        return self._made(self.root, ArmConfig, given, parts)
-
-    def _refuse_of_cia402(self, given: dict[str, yaml.Node], convention: str) -> None:
-        for name in OF_CIA402 & given.keys():
-            self._fail(
-                given[name], f"{name} is for CiA 402 drives; {convention} motors have no such thing"
-            )
-
-    def _robot(self, node: yaml.Node) -> str:
-        name = self._text(node)
-        beside = self.path.parent / name
-        return name if name in BUILT_IN or not beside.is_file() else str(beside.resolve())
-
-    def _bus(self, node: yaml.Node) -> Bus:
-        given = self._mapping(node, "bus", [item.name for item in fields(Bus)])
-        self._require(node, "bus", Bus, given)
-        options = self._optional(given.pop("options", None), "options", None)
-        parts = {"options": {key: self._option(value) for key, value in options.items()}}
-        return self._made(node, Bus, given, parts)
-
-    def _option(self, node: yaml.Node) -> Option:
-        self._text(node)
-        value: Option = yaml.SafeLoader("").construct_object(node)
-        return value
-
-    def _joints(self, node: yaml.Node, convention: str) -> tuple[Joint, ...]:
-        if not isinstance(node, yaml.SequenceNode):
-            self._fail(node, "joints: has to be a list of `- {node: ..., ...}`")
-        kind = Cia402Joint if convention == CIA402 else DamiaoJoint
-        return tuple(
-            self._section(item, f"joint {j}", kind) for j, item in enumerate(node.value, start=1)
-        )
-
-    def _section(self, node: yaml.Node, what: str, kind: type[_Section]) -> _Section:
-        given = self._mapping(node, what, [item.name for item in _entries(kind)])
-        self._require(node, what, kind, given)
-        return self._made(node, kind, given, {})
-
-    def _require(
-        self, node: yaml.Node, what: str, kind: type[Section], given: dict[str, yaml.Node]
-    ) -> None:
-        missing = [
-            item.name
-            for item in _entries(kind)
-            if item.default is MISSING and item.default_factory is MISSING
-        ]
-        if missing := [name for name in missing if name not in given]:
-            self._fail(node, f"{what} lacks {', '.join(missing)}")
-
-    def _made(
-        self,
-        node: yaml.Node,
-        kind: type[_Section],
-        given: dict[str, yaml.Node],
-        parts: dict[str, Any],
-    ) -> _Section:
-        known = {item.name: item.metadata["kind"] for item in _entries(kind) if item.metadata}
-        values = {name: self._value(value, known[name]) for name, value in given.items()}
-        try:
-            return kind(**parts, **values)
-        except ConfigError as error:
-            # The message begins with the name of the entry that is wrong, where it is one entry.
-            name = str(error).split(maxsplit=1)[0]
-            self._fail(given.get(name, node), str(error))
-
-    def _value(self, node: yaml.Node, kind: str) -> Any:  # noqa: ANN401  # of the field's own type
-        if kind == FLAG:
-            return self._flag(node)
-        if kind == WHOLE:
-            return self._whole(node)
-        return self._number(node) if kind == REAL else self._text(node)
+def _read(path: Path) -> ArmConfig:
+    given = read_yaml(path, needs="bus, robot and joints").of_kind(ArmConfig)
+    robot, listed = beside(given.text("robot"), path.parent), given["joints"].sections()
+    convention = CIA402
+    if "convention" in given:
+        convention = given.text("convention", CONVENTIONS)
+    if convention != CIA402 and (foreign := OF_CIA402 & given.entries.keys()):
+        for name in foreign:
+            given[name].fail(f"is for CiA 402 drives; {convention} motors have no such thing")
+    kind = Cia402Joint if convention == CIA402 else DamiaoJoint
+    joints: list[Joint] = [entry.make(kind) for entry in listed]
+    parts: dict[str, Any] = {"robot": robot, "joints": tuple(joints), "bus": _bus(given["bus"])}
+    if not given.optional("temperature").is_empty:
+        parts["temperature"] = given["temperature"].make(Temperature)
+    return given.make(ArmConfig, parts)
 
 
-def _entries(kind: type[Section]) -> tuple[Any, ...]:
-    return fields(kind)  # type: ignore[arg-type]  # each section is a dataclass
+def _bus(given: Given) -> Bus:
+    options = given.optional("options").entries
+    return given.make(Bus, {"options": {name: value.plain() for name, value in options.items()}})

@@ -1,39 +1,26 @@
-"""How the simulated robot realises each effect: natively where a native form is known.
+"""What the effects of a simulation ask of the simulated robot: native forms, or to be sampled.
 
-`realise` is dispatched on the class of the effect. An effect without an entry of its own runs
-through its `advance`, sample by sample in Python: slower, and as correct. What changes the rigid
-body is in `Simulation.body` already, of which the MuJoCo model is made.
+Each effect asks in its `realise`. One that is sampled runs through its `advance`, cycle by cycle in
+Python: slower, and as correct. What changes the rigid body is in `Simulation.body` already, of
+which the MuJoCo model is made.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import singledispatch
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from limo_driver.errors import ConfigError
-from limo_driver.physics import (
-    Armature,
-    BodyEffect,
-    Effect,
-    EncoderOffset,
-    JointCoupling,
-    JointElasticity,
-    PreslidingHysteresis,
-    SensorEffect,
-    TemperatureDependentFriction,
-    TorqueDrift,
-    TorqueOffset,
-)
-from limo_driver.physics.friction import Frictions, VelocityFriction
+from limo_driver.physics import JointCoupling
+from limo_driver.physics.friction_laws import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
+    from limo_driver.physics import Effect, SensorEffect, TorqueEffect
     from limo_driver.types import FloatArray
 
 
@@ -55,19 +42,60 @@ class Plant(NamedTuple):
 
 @dataclass
 class Draft:
-    """Collects what the effects of a simulation ask for."""
+    """Collects what the effects of a simulation ask for, see `SimulatedRobot`."""
 
     n: int
-    frictions: list[VelocityFriction] = field(default_factory=list)
+    frictions: list[tuple[int, int, FloatArray]] = field(default_factory=list)  # joint, law, row
     elements: list[tuple[int, float, float]] = field(default_factory=list)
     sampled: list[Effect] = field(default_factory=list)  # effects without a native form
-    sensed: list[SensorEffect | TorqueDrift] = field(default_factory=list)  # change no motion
+    sensed: list[SensorEffect | TorqueEffect] = field(default_factory=list)  # change no motion
 
     def __post_init__(self) -> None:
         self.link_inertia, self.compliance, self.cubic, self.offset = np.zeros((4, self.n))
         self.encoder_offset = np.zeros(self.n)  # [rad]
         # What sampled effects make stiff or heavy, one cycle late: the step has to carry it.
         self.late_stiffness, self.late_damping, self.late_inertia = np.zeros((3, self.n))
+
+    def sample(self, effect: Effect) -> None:
+        """Run an effect one sample in each cycle."""
+        self.sampled.append(effect)
+
+    def sense(self, effect: SensorEffect | TorqueEffect) -> None:
+        """Run an effect on what the torque sensor says."""
+        self.sensed.append(effect)
+
+    def add_friction(self, joint: int, law: int, parameters: FloatArray) -> None:
+        """Add a friction of one of `friction_laws`."""
+        self.frictions.append((joint - 1, law, parameters))
+
+    def add_slipping_spring(self, joint: int, stiffness: float, width: float) -> None:
+        """Add a spring [N m/rad] that slips at a width [rad]."""
+        self.elements.append((joint - 1, stiffness, width))
+
+    def add_inertia(self, joint: int, inertia: float) -> None:
+        """Add reflected inertia [kg m²]."""
+        self.link_inertia[joint - 1] += inertia
+
+    def add_compliance(self, joint: int, linear: float, cubic: float) -> None:
+        """Add compliance between encoder and link [rad/(N m)], [rad/(N m)³]."""
+        self.compliance[joint - 1] += linear
+        self.cubic[joint - 1] += cubic
+
+    def add_torque_offset(self, joint: int, offset: float) -> None:
+        """Add an offset to the torque sensor [N m]."""
+        self.offset[joint - 1] += offset
+
+    def add_encoder_offset(self, joint: int, offset: float) -> None:
+        """Move the zero of the encoder [rad]."""
+        self.encoder_offset[joint - 1] += offset
+
+    def expect_late(
+        self, joint: int, *, stiffness: float = 0.0, damping: float = 0.0, inertia: float = 0.0
+    ) -> None:
+        """Note what a sampled effect makes stiff, damped or heavy, one cycle late."""
+        self.late_stiffness[joint - 1] += stiffness
+        self.late_damping[joint - 1] += damping
+        self.late_inertia[joint - 1] += inertia
 
     @property
     def shafts(self) -> tuple[JointCoupling, ...]:
@@ -81,7 +109,7 @@ class Draft:
 
     def plant(self, motor_inertia: FloatArray) -> Plant:
         """Return the tables."""
-        frictions = Frictions.of(sorted(self.frictions, key=lambda effect: effect.joint))
+        frictions = sorted(self.frictions, key=lambda row: row[0])
         elements = sorted(self.elements)
         return Plant(
             motor_inertia=motor_inertia,
@@ -89,9 +117,9 @@ class Draft:
             compliance=self.compliance,
             cubic=self.cubic,
             offset=self.offset,
-            friction_joint=frictions.joint,
-            friction_law=frictions.law,
-            friction_parameters=frictions.parameters,
+            friction_joint=np.array([row[0] for row in frictions], dtype=np.int64),
+            friction_law=np.array([row[1] for row in frictions], dtype=np.int64),
+            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, PARAMETERS),
             element_joint=np.array([row[0] for row in elements], dtype=np.int64),
             element_stiffness=np.array([row[1] for row in elements], dtype=float),
             element_width=np.array([row[2] for row in elements], dtype=float),
@@ -99,79 +127,12 @@ class Draft:
 
 
 def draft_of(effects: Iterable[Effect], n: int) -> Draft:
-    """Realise every effect on an arm of n joints."""
+    """Realise every effect on an arm of n joints.
+
+    Raises:
+        ConfigError: The simulated robot cannot have one of them.
+    """
     draft = Draft(n)
     for effect in effects:
-        realise(effect, draft)
+        effect.realise(draft)
     return draft
-
-
-@singledispatch
-def realise(effect: Effect, draft: Draft) -> None:
-    """Enter an effect into the draft; without a native form it is sampled."""
-    draft.sampled.append(effect)
-
-
-@realise.register
-def _(effect: VelocityFriction, draft: Draft) -> None:
-    draft.frictions.append(effect)
-
-
-@realise.register
-def _(effect: PreslidingHysteresis, draft: Draft) -> None:
-    if effect.law == "maxwell_slip":
-        draft.elements += [
-            (effect.joint - 1, stiffness, width)
-            for stiffness, width in zip(effect.stiffness, effect.width, strict=True)
-        ]
-        return
-    draft.sampled.append(effect)
-    draft.late_stiffness[effect.joint - 1] += effect.initial_stiffness
-    draft.late_damping[effect.joint - 1] += effect.sigma_1 or 0.0
-
-
-@realise.register
-def _(effect: JointCoupling, draft: Draft) -> None:
-    draft.sampled.append(effect)
-    draft.late_inertia[effect.joint - 1] += effect.inertia
-
-
-@realise.register
-def _(effect: TemperatureDependentFriction, draft: Draft) -> None:
-    if effect.per_kelvin is not None:
-        raise ConfigError(
-            f"{effect.place}: the simulated robot has no temperature, which per_kelvin needs; "
-            "give excess and time_constant"
-        )
-    draft.sampled.append(effect)
-
-
-@realise.register
-def _(effect: BodyEffect, draft: Draft) -> None:
-    """Leave it: the MuJoCo model is made of `Simulation.body`."""
-
-
-@realise.register
-def _(effect: SensorEffect | TorqueDrift, draft: Draft) -> None:
-    draft.sensed.append(effect)
-
-
-@realise.register
-def _(effect: EncoderOffset, draft: Draft) -> None:
-    draft.encoder_offset[effect.joint - 1] += effect.offset
-
-
-@realise.register
-def _(effect: JointElasticity, draft: Draft) -> None:
-    draft.compliance[effect.joint - 1] += 1.0 / effect.stiffness
-    draft.cubic[effect.joint - 1] += effect.cubic
-
-
-@realise.register
-def _(effect: TorqueOffset, draft: Draft) -> None:
-    draft.offset[effect.joint - 1] += effect.offset
-
-
-@realise.register
-def _(effect: Armature, draft: Draft) -> None:
-    draft.link_inertia[effect.joint - 1] += effect.inertia

@@ -15,23 +15,19 @@ import numpy as np
 from backends.mujoco_sim.robot import MujocoRobot
 from backends.simulated import DEFAULT_PERIOD
 from limo_driver.errors import PathError
-from limo_driver.physics.changing_friction import TemperatureDependentFriction
-from limo_driver.physics.effect import JointMotion
-from limo_driver.physics.environment import ExternalContact
-from limo_driver.physics.sensing import Sensors, TorqueDrift
+from limo_driver.physics.sensing import Sensors
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect, Simulation
+    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 LEAD_IN = 1.0  # [s] in which the arm gets from rest into the recorded motion
 WARM_UP = 2.0  # [s] of recorded motion before a stretch: memory of reversals and filter settle
 _LEAD = 1  # cycles by which the measured motion leads the set-points, which are fed forward
-_CONSTANT = 1e6  # [s], time constant of what does not change
 
 
 @dataclass(frozen=True)
@@ -133,45 +129,8 @@ def recorded_path(
 
 def _from(simulation: Simulation, recording: Recording, start: float) -> Simulation:
     """Return a simulation whose time 0 is `start` [s] of the recording, with ideal sensors."""
-    effects = tuple(_effect_from(effect, recording, start) for effect in simulation.effects)
+    effects = tuple(effect.from_time(start, recording) for effect in simulation.effects)
     return replace(simulation, effects=effects, sensors=Sensors())
-
-
-def _effect_from(effect: Effect, recording: Recording, start: float) -> Effect:
-    """Bring an effect that knows the time of the recording to the robot's time."""
-    if isinstance(effect, TorqueDrift):
-        return replace(effect, times=tuple(t - start for t in effect.times))
-    if isinstance(effect, ExternalContact):
-        return replace(effect, windows=tuple((a - start, b - start) for a, b in effect.windows))
-    if isinstance(effect, TemperatureDependentFriction):
-        if effect.excess is not None and effect.time_constant is not None:
-            return replace(effect, excess=effect.excess * (1.0 - _warmth(effect, recording, start)))
-        return _at_temperature(effect, recording, start)
-    return effect
-
-
-def _warmth(effect: TemperatureDependentFriction, recording: Recording, start: float) -> float:
-    """Return how warm a joint had run by then, from 0 to 1."""
-    rows = recording.time < start
-    if np.count_nonzero(rows) < 2:  # noqa: PLR2004  # no motion before
-        return 0.0
-    time, position = recording.time[rows], recording.position[rows, effect.joint - 1]
-    rest = np.zeros_like(time)
-    motion = JointMotion(time, position, np.gradient(position, time), rest, rest)
-    _, state = effect.advance(effect.initial_state(), motion)
-    return float(state[0])
-
-
-def _at_temperature(
-    effect: TemperatureDependentFriction, recording: Recording, start: float
-) -> Effect:
-    """Return the friction at the temperature that was measured then; it hardly changes in 20 s."""
-    measured = recording.temperature
-    if measured is None or effect.per_kelvin is None:
-        return effect  # which the robot refuses by name
-    row = int(np.searchsorted(recording.time, start).clip(0, len(recording) - 1))
-    excess = float(effect.excess_at(measured[row, effect.joint - 1]))
-    return replace(effect, excess=excess, time_constant=_CONSTANT, per_kelvin=None, reference=None)
 
 
 def _at(at: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:

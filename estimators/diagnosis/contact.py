@@ -19,10 +19,11 @@ from scipy.linalg import solve_triangular
 from scipy.ndimage import minimum_filter1d
 
 from estimators.diagnosis.hypotheses.responses import Response, Sharp, ready, response, sharp
-from estimators.diagnosis.judgement.findings import OF_CONTACT
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.observations import Observations  # noqa: TC001  # read by singledispatch
 from estimators.diagnosis.residuals.plausibility import doubtful_encoders
+from estimators.diagnosis.settings.judgement import CONFIDENCE
+from estimators.diagnosis.settings.pushes import PUSHES
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import ExternalContact
@@ -38,23 +39,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _Z95 = 1.96
-_STRONGEST_PUSH = 100.0  # [N] or [N m], 1 sigma
-_REMEMBERED = 4.0  # rows over which errors are alike
-MOST_PUSHES = 6
-LENGTHS = (0.4, 0.7, 1.2, 2.0)  # [s], of the first scan
-LEAST_EVIDENCE = 25.0  # [nat] for a push against nothing, where the residual is even
-LEAST_SHARE = 0.35  # of what is strange about its rows, that one wrench has to explain
-ALONE = 8.0  # [nat] that one wrench on the arm has to be better than one joint alone
-_FORCE, _LEVER = 20.0, 0.15  # [N], [m], 1 sigma of a push and of where it acts
-_SCALE = np.array([*3 * (_FORCE,), *3 * (_FORCE * _LEVER,)])  # [N, N m]
-_TORQUE = 5.0  # [N m], 1 sigma of what could act on one joint alone
-_MOVING = 0.8  # part of a push in which a joint has to move if it is to count
-_STRIDE = 0.25  # of the length, between windows of the first scan
-_STEPS = (0.2, 0.1, 0.05, 0.02)  # [s], by which a window is then moved
-_SHORTEST, _LONGEST = 0.25, 3.0  # [s]
-_PIECES = 8  # constant stretches that a half sine is made of
-_CALM = 0.9  # quantile of the scan that stands for what is not a push
-_SPREAD = 0.3  # [s] over which the filter spreads a push
+_SCALE = np.array([*3 * (PUSHES.force,), *3 * (PUSHES.force * PUSHES.lever,)])  # [N, N m]
 
 
 def contact_of(
@@ -82,9 +67,9 @@ def contact_of(
         weight = observed.moving.any(axis=0) / rest.floor
         X = (columns * weight[:, None, None]).reshape(-1, len(terms))
         y = (proven[rows] * weight).T.ravel()
-        precision = X.T @ X + np.eye(len(terms)) / _STRONGEST_PUSH**2
+        precision = X.T @ X + np.eye(len(terms)) / PUSHES.strongest**2
         wrench = np.linalg.solve(precision, X.T @ y)
-        spread = _Z95 * np.sqrt(_REMEMBERED * np.diag(np.linalg.inv(precision)))
+        spread = _Z95 * np.sqrt(PUSHES.remembered * np.diag(np.linalg.inv(precision)))
         windows.append((push.start, push.end))
         wrenches.append(tuple(wrench.tolist()))
         pairs = zip((wrench - spread).tolist(), (wrench + spread).tolist(), strict=True)
@@ -97,7 +82,7 @@ def contact_of(
             kind="missing",
             joints=tuple(range(1, observed.n + 1)),
             equivalent=(),
-            confidence=OF_CONTACT,
+            confidence=CONFIDENCE.of_contact,
             parameters={
                 "windows": Interval(tuple(windows), "s"),
                 "wrench": Interval(tuple(wrenches), "N, N m", tuple(intervals)),
@@ -155,7 +140,7 @@ def _(effect: ContactIn, observed: Observations) -> Sharp:
     values = np.zeros((len(observed.kept), observed.n))
     time = observed.motion.time
     for rows in observed.segments:
-        near = (time[rows] > start - 2 * _SPREAD) & (time[rows] < end + 2 * _SPREAD)
+        near = (time[rows] > start - 2 * PUSHES.spread) & (time[rows] < end + 2 * PUSHES.spread)
         near &= observed.recording_of_sample[rows] == effect.recording
         samples = rows.start + np.flatnonzero(near)
         if samples.size > 2:  # noqa: PLR2004  # else nothing to filter
@@ -180,7 +165,7 @@ def _filtered(
 
 def wrench_of(push: Push) -> tuple[ContactIn, ...]:
     """Return six contacts: half a sine over a push, of unit size along each axis of the wrench."""
-    edges = np.linspace(push.start, push.end, _PIECES + 1)
+    edges = np.linspace(push.start, push.end, PUSHES.pieces + 1)
     middle = (0.5 * (edges[1:] + edges[:-1]) - push.start) / (push.end - push.start)
     windows = tuple(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
     return tuple(
@@ -210,17 +195,17 @@ def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[
     trials = [
         scan.trial(recording, float(start), float(start + length))
         for recording in range(len(observed.recordings))
-        for length in LENGTHS
+        for length in PUSHES.lengths
         for start in scan.starts(recording, length)
     ]
     if not trials:
         return ()
-    calm = np.quantile([push.evidence for push in trials], _CALM)
-    least = LEAST_EVIDENCE + 3.0 * max(0.0, float(calm))
+    calm = np.quantile([push.evidence for push in trials], PUSHES.calm)
+    least = PUSHES.least_evidence + 3.0 * max(0.0, float(calm))
     found: list[Push] = []
     seen: list[Push] = []
     for push in sorted(trials, key=lambda push: -push.evidence):
-        if push.evidence < least or len(found) > MOST_PUSHES:
+        if push.evidence < least or len(found) > PUSHES.most:
             break
         if any(overlap(push, other) for other in seen):
             continue
@@ -228,13 +213,13 @@ def pushes(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[
         new = not any(overlap(better, other) for other in found)
         # at an end of the range it would be longer still, or a spike
         length = better.end - better.start
-        inside = _SHORTEST + _STEPS[-1] < length < _LONGEST - _STEPS[0]
-        one_wrench = better.evidence > LEAST_SHARE * scan.strangeness(better)
-        if new and inside and one_wrench and better.evidence - scan.alone(better) > ALONE:
+        inside = PUSHES.shortest + PUSHES.steps[-1] < length < PUSHES.longest - PUSHES.steps[0]
+        one_wrench = better.evidence > PUSHES.least_share * scan.strangeness(better)
+        if new and inside and one_wrench and better.evidence - scan.alone(better) > PUSHES.alone:
             found.append(better)
         seen.append(better)
     # what recurs all the time is no push
-    return tuple(found) if len(found) <= MOST_PUSHES else ()
+    return tuple(found) if len(found) <= PUSHES.most else ()
 
 
 def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
@@ -242,14 +227,18 @@ def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
     time = observed.slow.time
     result = np.zeros(time.size, dtype=bool)
     for push in found:
-        near = (time > push.start - _SPREAD) & (time < push.end + _SPREAD)
+        near = (time > push.start - PUSHES.spread) & (time < push.end + PUSHES.spread)
         result |= near & (observed.recording == push.recording)
     return result
 
 
 def overlap(a: Push, b: Push) -> bool:
     """Say whether two pushes share rows, once the filter has spread them."""
-    return a.recording == b.recording and a.start < b.end + _SPREAD and b.start < a.end + _SPREAD
+    return (
+        a.recording == b.recording
+        and a.start < b.end + PUSHES.spread
+        and b.start < a.end + PUSHES.spread
+    )
 
 
 @dataclass(frozen=True)
@@ -270,7 +259,7 @@ class _Scan:
         white = np.stack([noise.whiten(residual[:, j], j) for j in joints], axis=1)
         memory = np.stack([noise.weight[j][noise.known[:, j]].T for j in joints], axis=2)
         weight = np.stack([1.0 / noise.white[j][noise.known[:, j]] for j in joints], axis=1)
-        reach = 2 * round(_SPREAD / observed.row_period) + 1
+        reach = 2 * round(PUSHES.spread / observed.row_period) + 1
         use = minimum_filter1d(observed.moving, reach, axis=0)  # a joint that stops holds anything
         return cls(observed, np.where(use, white, 0.0), jacobian, memory, weight * use)
 
@@ -279,13 +268,13 @@ class _Scan:
         time = self.observed.slow.time[self.observed.recording == recording]
         if not time.size or time[-1] - time[0] < 2 * length:
             return np.zeros(0)
-        return np.arange(time[0], time[-1] - length, _STRIDE * length)
+        return np.arange(time[0], time[-1] - length, PUSHES.stride * length)
 
     def trial(self, recording: int, start: float, end: float) -> Push:
         """Return the evidence for a push that lasts for given seconds."""
         rows = self._rows(recording, start, end)
         course = self._course(rows, start, end)
-        use = (self.weight[rows] > 0).mean(axis=0) > _MOVING
+        use = (self.weight[rows] > 0).mean(axis=0) > PUSHES.moving
         if use.sum() <= self.observed.n // 2:
             return Push(recording, start, end, 0.0)
         A = self._white(course[:, None, None] * self.jacobian[rows], rows) * _SCALE[:, None]
@@ -294,7 +283,7 @@ class _Scan:
     def alone(self, push: Push) -> float:
         """Return the evidence for something on one joint alone, whichever that is best."""
         rows = self._rows(push.recording, push.start, push.end)
-        course = _TORQUE * self._course(rows, push.start, push.end)
+        course = PUSHES.torque * self._course(rows, push.start, push.end)
         A = self._white(np.repeat(course[:, None, None], self.observed.n, axis=2), rows)
         y = self.residual[rows]
         return max(_evidence(A[:, :, j : j + 1], y[:, j : j + 1]) for j in range(self.observed.n))
@@ -309,7 +298,7 @@ class _Scan:
 
     def settled(self, push: Push) -> Push:
         """Move start and end to where the evidence is highest."""
-        for step in _STEPS:
+        for step in PUSHES.steps:
             while True:
                 moves = [
                     (push.start + a * step, push.end + b * step)
@@ -318,7 +307,7 @@ class _Scan:
                 trials = [
                     self.trial(push.recording, start, end)
                     for start, end in moves
-                    if _SHORTEST <= end - start <= _LONGEST
+                    if PUSHES.shortest <= end - start <= PUSHES.longest
                 ]
                 best = max(trials, key=lambda trial: trial.evidence)
                 if best.evidence <= push.evidence:

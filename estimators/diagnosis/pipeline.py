@@ -12,7 +12,14 @@ from threadpoolctl import threadpool_limits
 from estimators.diagnosis.contact import contact_of, covered, overlap, pushes
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.linearised import polished
-from estimators.diagnosis.fitting.problem import Bench, Progress, Solution, fitted, improve, quiet
+from estimators.diagnosis.fitting.problem import (
+    Progress,
+    RegressionProblem,
+    Solution,
+    fitted,
+    improve,
+    quiet,
+)
 from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.judgement.findings import left_by_tolerances
@@ -29,6 +36,7 @@ from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.result import Diagnosis, Traces
+from estimators.diagnosis.settings.pushes import ROUNDS
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -39,25 +47,23 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-SEVERAL = 3  # effects, of which one may stand for what two others make of one another
-_ROUNDS = 2  # more of pushes and effects in turn
-BEYOND_DOUBT = 100.0  # [nat] for a push, which is an event and cannot be proven on other rows
 
-
-def _found(bench: Bench, solution: Solution) -> list[tuple[str, tuple[int, ...], bool]]:
+def _found(
+    problem: RegressionProblem, solution: Solution
+) -> list[tuple[str, tuple[int, ...], bool]]:
     """Return effect, joints (1-based) and whether it was missing, of each member."""
-    some = [bench.candidates[member] for member in solution.members]
-    everywhere = range(bench.observed.n)
+    some = [problem.candidates[member] for member in solution.members]
+    everywhere = range(problem.observed.n)
     return [
         (item.effect, tuple(j + 1 for j in item.joints or everywhere), item.kind == "missing")
         for item in some
     ]
 
 
-def _proven(bench: Bench, solution: Solution) -> FloatArray:
+def _proven(problem: RegressionProblem, solution: Solution) -> FloatArray:
     """Return the residual (K, n) of a simulation that was fitted to no row held out [N m]."""
-    start, places = improve(bench, solution), _found(bench, solution)
-    return polished(bench.observed, start, bench.split.fitted, places).residual
+    start, places = improve(problem, solution), _found(problem, solution)
+    return polished(problem.observed, start, problem.split.fitted, places).residual
 
 
 def _require_different(recordings: Sequence[Recording]) -> None:
@@ -99,23 +105,25 @@ def diagnose(
         RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
     """
     progress("reading motion", 0.0)
-    bench = Bench.of(observe(simulation, recordings, bandwidth), progress)
-    judged, pushed = _without_pushes(bench, progress)
+    problem = RegressionProblem.of(observe(simulation, recordings, bandwidth), progress)
+    judged, pushed = _without_pushes(problem, progress)
     judged = _beyond_tolerances(judged, progress)
     judged, harmful = judged.harmless()
-    bench, solution, rest = judged.bench, judged.solution, judged.rest
-    observed = bench.observed
+    problem, solution, rest = judged.problem, judged.solution, judged.rest
+    observed = problem.observed
     progress("fitting to all rows", 0.95)
-    noise = Noise.of(bench.left(solution.fitted), observed.moving, observed.segment)
-    final = fitted(bench, solution.members, noise, everything=True)
+    noise = Noise.of(problem.left(solution.fitted), observed.moving, observed.segment)
+    final = fitted(problem, solution.members, noise, everything=True)
     improved = observed.beside(simulation)
     if not harmful:
-        improved = polished(observed, improve(bench, final), observed.moving, _found(bench, final))
+        improved = polished(
+            observed, improve(problem, final), observed.moving, _found(problem, final)
+        )
     strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
     contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
-    tolerances = left_by_tolerances(bench, solution)
+    tolerances = left_by_tolerances(problem, solution)
     verdict = conclude(
-        bench,
+        problem,
         solution,
         rest,
         judged.named,
@@ -124,10 +132,10 @@ def diagnose(
         tolerances,
         contact,
     )
-    shifts = shifts_of(bench, final)
+    shifts = shifts_of(problem, final)
     said = remarks(
         shifts,
-        members=bench.beyond_base(solution.members),
+        members=problem.beyond_base(solution.members),
         harmful=harmful,
         doubted=len(pushed) if strange else 0,
     )
@@ -142,49 +150,53 @@ def diagnose(
         before=simulation,
         after=improved.simulation,
         recordings=tuple(recordings),
-        traces=_traces(bench, tolerances, improved.simulated),
-        explanations=explanations_of(bench, solution, rest.floor),
-        tests=tests_of(bench, solution),
+        traces=_traces(problem, tolerances, improved.simulated),
+        explanations=explanations_of(problem, solution, rest.floor),
+        tests=tests_of(problem, solution),
         shifts=shifts,
         bandwidth=bandwidth,
     )
 
 
-def _without_pushes(bench: Bench, progress: Progress) -> tuple[_Judged, tuple[Push, ...]]:
+def _without_pushes(
+    problem: RegressionProblem, progress: Progress
+) -> tuple[_Judged, tuple[Push, ...]]:
     """Return the set that is found beside pushes, and those: nothing is fitted to events.
 
     They are sought in what a set of effects leaves, since effects that are not out look like pushes
     themselves. What larger errors hid shows once the whole set is out, and what they feigned is
     gone then.
     """
-    solution = solve(bench, progress)
-    pushed = _beyond_doubt(bench.observed, bench.left(solution.fitted), solution.noise)
+    solution = solve(problem, progress)
+    pushed = _beyond_doubt(problem.observed, problem.left(solution.fitted), solution.noise)
     if pushed:
-        bench, solution = _without(bench, pushed, progress)
-    judged, seen = _round(bench, solution, progress)
-    for _ in range(_ROUNDS):
+        problem, solution = _without(problem, pushed, progress)
+    judged, seen = _round(problem, solution, progress)
+    for _ in range(ROUNDS.more):
         hidden = tuple(push for push in seen if not _among(push, pushed))
         if not hidden:
             break
         pushed = (*pushed, *hidden)
-        judged, seen = _round(*_without(bench, pushed, progress), progress)
+        judged, seen = _round(*_without(problem, pushed, progress), progress)
     return judged, tuple(push for push in seen if _among(push, pushed))
 
 
-def _without(bench: Bench, pushed: Sequence[Push], progress: Progress) -> tuple[Bench, Solution]:
+def _without(
+    problem: RegressionProblem, pushed: Sequence[Push], progress: Progress
+) -> tuple[RegressionProblem, Solution]:
     """Leave the rows of pushes out, and solve again."""
-    bench = bench.undisturbed(covered(bench.observed, pushed))
-    return bench, solve(bench, progress)
+    problem = problem.undisturbed(covered(problem.observed, pushed))
+    return problem, solve(problem, progress)
 
 
 def _round(
-    bench: Bench, solution: Solution, progress: Progress
+    problem: RegressionProblem, solution: Solution, progress: Progress
 ) -> tuple[_Judged, tuple[Push, ...]]:
     """Settle and judge a set; return it with the pushes that are seen in what it leaves."""
-    solution = settled(bench, solution, progress)
+    solution = settled(problem, solution, progress)
     progress("proving on held-out motion", 0.8)
-    judged = _best(_Judged.of(bench, solution), progress)
-    everywhere = bench.observed.undisturbed(None)
+    judged = _best(_Judged.of(problem, solution), progress)
+    everywhere = problem.observed.undisturbed(None)
     return judged, _beyond_doubt(everywhere, judged.proven, judged.solution.noise)
 
 
@@ -200,17 +212,19 @@ def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) ->
         return ()
     calm = Noise.of(residual, rows & ~covered(observed, likely)[:, None], segment)
     found = pushes(observed, residual, calm.over(rows, segment))
-    return tuple(push for push in found if push.evidence > BEYOND_DOUBT and _among(push, likely))
+    return tuple(
+        push for push in found if push.evidence > ROUNDS.beyond_doubt and _among(push, likely)
+    )
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
     """Return what is found around a set, where that may differ and foretells no worse."""
-    bench, solution = judged.bench, judged.solution
-    several = len(solution.members) >= SEVERAL
-    if not (several or judged.rest.foretellable.any()) or not curved(bench, solution):
+    problem, solution = judged.problem, judged.solution
+    several = len(solution.members) >= ROUNDS.several
+    if not (several or judged.rest.foretellable.any()) or not curved(problem, solution):
         return judged
-    again = _Judged.of(*settled_around(bench, solution, progress))
-    return judged if worse(bench, again.proven, judged.proven, judged.rest) else again
+    again = _Judged.of(*settled_around(problem, solution, progress))
+    return judged if worse(problem, again.proven, judged.proven, judged.rest) else again
 
 
 def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
@@ -220,12 +234,14 @@ def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
     them; fitted values stay within their limits, and what they would do beyond is unknown. Held as
     it is stated, such a value has to be a finding, and may bring no other name with it.
     """
-    bench, solution = judged.bench, judged.solution
-    held = suspects(bench, solution, judged.unknown)
-    if not held or harms(bench, judged.proven, judged.rest):
+    problem, solution = judged.problem, judged.solution
+    held = suspects(problem, solution, judged.unknown)
+    if not held or harms(problem, judged.proven, judged.rest):
         return judged
-    bench = (bench.first or bench).as_stated(bench.nuisance.of(held))
-    again = _best(_Judged.of(bench, settled(bench, solve(bench, progress), progress)), progress)
+    problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
+    again = _best(
+        _Judged.of(problem, settled(problem, solve(problem, progress), progress)), progress
+    )
     known = judged.places(solution.members) | held
     explained = set(again.unknown) < set(judged.unknown) and again.places(again.named) <= known
     return again if explained else judged
@@ -235,7 +251,7 @@ def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
 class _Judged:
     """A set with its proof, what is left, and which of it is named."""
 
-    bench: Bench
+    problem: RegressionProblem
     solution: Solution
     proven: FloatArray  # (K, n) residual of a simulation that was fitted to no row held out [N m]
     rest: Leftover
@@ -243,15 +259,15 @@ class _Judged:
     unknown: tuple[int, ...]  # joints, 0-based
 
     @classmethod
-    def of(cls, bench: Bench, solution: Solution) -> _Judged:
+    def of(cls, problem: RegressionProblem, solution: Solution) -> _Judged:
         """Prove and judge a set."""
-        proven = _proven(bench, solution)
-        rest = leftover(bench.observed, proven)
-        return cls(bench, solution, proven, rest, *abstained(bench, solution, rest))
+        proven = _proven(problem, solution)
+        rest = leftover(problem.observed, proven)
+        return cls(problem, solution, proven, rest, *abstained(problem, solution, rest))
 
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
         """Return effect and joints (0-based) of some candidates."""
-        return {self.bench.candidates[member].place for member in members}
+        return {self.problem.candidates[member].place for member in members}
 
     def harmless(self) -> tuple[_Judged, bool]:
         """Return this if it does not harm, or without what only stands in, or without anything.
@@ -259,20 +275,20 @@ class _Judged:
         Returns:
             What is left, and whether that is nothing since all of it harms.
         """
-        bench, judged = self.bench, self
-        if not harms(bench, judged.proven, judged.rest):
+        problem, judged = self.problem, self
+        if not harms(problem, judged.proven, judged.rest):
             return judged, False
         if judged.named != judged.solution.members:
-            judged = _Judged.of(bench, fitted(bench, judged.named, judged.solution.noise))
-            if not harms(bench, judged.proven, judged.rest):
+            judged = _Judged.of(problem, fitted(problem, judged.named, judged.solution.noise))
+            if not harms(problem, judged.proven, judged.rest):
                 return judged, False
-        given, nothing = bench.observed.residual, fitted(bench, (), judged.solution.noise)
-        rest = leftover(bench.observed, given)
-        return _Judged(bench, nothing, given, rest, *abstained(bench, nothing, rest)), True
+        given, nothing = problem.observed.residual, fitted(problem, (), judged.solution.noise)
+        rest = leftover(problem.observed, given)
+        return _Judged(problem, nothing, given, rest, *abstained(problem, nothing, rest)), True
 
 
-def _traces(bench: Bench, tolerances: FloatArray, after: FloatArray) -> Traces:
-    observed = bench.observed
+def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArray) -> Traces:
+    observed = problem.observed
     slow, kept = observed.slow, observed.kept
     return Traces(
         time=slow.time,
@@ -285,6 +301,6 @@ def _traces(bench: Bench, tolerances: FloatArray, after: FloatArray) -> Traces:
         before=observed.simulated,
         tolerances=observed.measured - tolerances,
         after=after,
-        held_out=np.asarray(bench.split.held_out.any(axis=1)),
+        held_out=np.asarray(problem.split.held_out.any(axis=1)),
         moving=observed.undisturbed(None).moving,
     )

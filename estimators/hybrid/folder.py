@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.manifest import Entries
     from estimators.neural import Network
+    from limo_driver.declarations import Given, JsonGiven
     from limo_driver.types import FloatArray
 
 _COLUMNS: Final = "columns"  # which inputs each part of the network sees
@@ -78,7 +78,7 @@ def load(folder: Path | str) -> HybridModel:
 
 def _fitted(opened: ModelFolder, n: int) -> FittedNetwork:
     manifest = opened.manifest
-    features = _features(manifest.entries("features"), n)
+    features = _features(manifest["features"], n)
     standalone = "standalone" in manifest and manifest.flag("standalone")
     outputs, gain = _output_scaling(manifest, _outputs(n, standalone=standalone))
     inputs = _input_scaling(manifest, features.inputs)
@@ -89,7 +89,7 @@ def _fitted(opened: ModelFolder, n: int) -> FittedNetwork:
         inputs,
         outputs,
         gain,
-        manifest.number("rate", least=_RATES[0], most=_RATES[1]),
+        manifest.number("rate", lower=_RATES[0], upper=_RATES[1]),
         opened.bandwidth,
         _record(opened, n),
         standalone,
@@ -100,8 +100,8 @@ def _record(opened: ModelFolder, n: int) -> dict[str, Any]:
     """Return what is said of training; the standard deviation follows from its errors."""
     record = opened.record("held_out", "hybrid")
     if "left_out" in record.get("rmse", {}):
-        left_out = opened.manifest.entries("training").entries("rmse").entries("left_out")
-        left_out.numbers("hybrid", n, least=0.0)
+        left_out = opened.manifest["training"]["rmse"]["left_out"]
+        left_out.numbers("hybrid", n, lower=0.0)
     return record
 
 
@@ -125,15 +125,15 @@ def _network(kind: str, opened: ModelFolder, features: Features) -> Network:
     return network
 
 
-def _features(entries: Entries, n: int) -> Features:
+def _features(entries: Given, n: int) -> Features:
     return Features(
         n,
         entries.flag("own_joint"),
-        entries.numbers("stop_widths", above=0.0),
-        entries.numbers("direction_speeds", above=0.0),
-        entries.number("compliance", least=0.0),
-        entries.number("reversal", above=0.0),
-        entries.number("saturation", above=0.0),
+        entries.numbers("stop_widths", lower=0.0, above=True),
+        entries.numbers("direction_speeds", lower=0.0, above=True),
+        entries.number("compliance", lower=0.0),
+        entries.number("reversal", lower=0.0, above=True),
+        entries.number("saturation", lower=0.0, above=True),
         entries.texts("without"),
     )
 
@@ -157,40 +157,39 @@ def _described(features: tuple[Feature, ...], **numbers: FloatArray) -> list[dic
     ]
 
 
-def _input_scaling(manifest: Entries, expected: tuple[Feature, ...]) -> InputScaling:
+def _input_scaling(manifest: JsonGiven, expected: tuple[Feature, ...]) -> InputScaling:
     entries = _entries_of(manifest, "inputs", expected)
-    mean, std = _numbers(entries, "mean"), _numbers(entries, "std", above=0.0)
+    mean, std = _numbers(entries, "mean"), _numbers(entries, "std", lower=0.0, above=True)
     lowest = _numbers(entries, "lowest")
     highest = [
-        entry.number("highest", least=low) for entry, low in zip(entries, lowest, strict=True)
+        entry.number("highest", lower=low) for entry, low in zip(entries, lowest, strict=True)
     ]
     return InputScaling(mean, std, lowest, np.array(highest))
 
 
-def _output_scaling(manifest: Entries, expected: tuple[Feature, ...]) -> tuple[Scaling, FloatArray]:
+def _output_scaling(
+    manifest: JsonGiven, expected: tuple[Feature, ...]
+) -> tuple[Scaling, FloatArray]:
     """Return normalisation and gain."""
     entries = _entries_of(manifest, "outputs", expected)
-    gain = np.array([entry.number("gain", least=0.0, most=1.0) for entry in entries])
-    return Scaling(_numbers(entries, "mean"), _numbers(entries, "std", above=0.0)), gain
+    gain = np.array([entry.number("gain", lower=0.0, upper=1.0) for entry in entries])
+    return Scaling(_numbers(entries, "mean"), _numbers(entries, "std", lower=0.0, above=True)), gain
 
 
-def _entries_of(manifest: Entries, what: str, expected: tuple[Feature, ...]) -> tuple[Entries, ...]:
+def _entries_of(manifest: JsonGiven, what: str, expected: tuple[Feature, ...]) -> tuple[Given, ...]:
     """Return the entries of `what`, which have to be those expected, in order."""
-    entries = manifest.list(what)
+    entries = manifest[what].sections()
     given = [(entry.text("name"), entry.text("unit")) for entry in entries]
     for i, feature in enumerate(expected):
         if i >= len(given) or given[i] != (feature.name, feature.unit):
             name = given[i] if i < len(given) else "nothing"
-            raise ModelStoreError(
-                f"{manifest.place}: {what}: number {i + 1} is {name}, expected "
-                f"{(feature.name, feature.unit)}"
+            manifest[what].fail(
+                f"number {i + 1} is {name}, expected {(feature.name, feature.unit)}"
             )
     if len(given) > len(expected):
-        raise ModelStoreError(
-            f"{manifest.place}: {what}: {len(given)} entries, expected {len(expected)}"
-        )
+        manifest[what].fail(f"{len(given)} entries, expected {len(expected)}")
     return entries
 
 
-def _numbers(entries: tuple[Entries, ...], name: str, *, above: float = -np.inf) -> FloatArray:
-    return np.array([entry.number(name, above=above) for entry in entries])
+def _numbers(entries: tuple[Given, ...], name: str, **bounds: Any) -> FloatArray:  # noqa: ANN401  # of a `Parameter`
+    return np.array([entry.number(name, **bounds) for entry in entries])

@@ -36,15 +36,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.base import DEVIATIONS
-from estimators.joint_physics.evidence import LEAST_NOISE
+from estimators.regression.empirical_bayes import LEAST_NOISE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from estimators.joint_physics.evidence import Fit, Posterior
-    from estimators.joint_physics.normal_equations import JudgedRows, NormalEquations
+    from estimators.joint_physics.normal_equations import JudgedRows, MotionEquations
+    from estimators.regression.empirical_bayes import RegionalFit, WeightPosterior
     from limo_driver.types import FloatArray
 
 COVERAGE: Final = 0.95
@@ -93,7 +93,7 @@ class Calibration:
         return leverage > self.farthest
 
 
-def calibrate(sums: NormalEquations, fits: Sequence[Fit]) -> Calibration:
+def calibrate(sums: MotionEquations, fits: Sequence[RegionalFit]) -> Calibration:
     """Judge each joint's fits without a part of the motion on the rows of that part."""
     columns = sums.judged.columns.shape[2]
     least = [0.0 if enough else 1.0 for enough in (sums.folds.count >= columns).all(axis=0)]
@@ -120,7 +120,7 @@ class _Judged:
         judged: JudgedRows,
         part: NDArray[np.int64],
         joint: int,
-        without: Sequence[Posterior],
+        without: Sequence[WeightPosterior],
         spread: FloatArray,
     ) -> _Judged:
         error, leverage = judged.residual[:, joint].copy(), np.zeros(part.size)
@@ -135,7 +135,7 @@ class _Judged:
 
 
 def _calibrate_joint(
-    sums: NormalEquations, fit: Fit, joint: int, least: float
+    sums: MotionEquations, fit: RegionalFit, joint: int, least: float
 ) -> tuple[float, float, float, float, float]:
     """Return noise, factor, growth, usual size and farthest leverage of one joint."""
     rows, noise = sums.judged, fit.prior.noise
@@ -147,7 +147,7 @@ def _calibrate_joint(
     excess = (far.error / DEVIATIONS) ** 2 / factor - noise
     growth = float(np.quantile(excess / np.maximum(far.leverage, _LEAST_LEVERAGE), COVERAGE))
     growth = max(growth, 1.0)
-    everything = sums.folds.evidence(joint)
+    everything = sums.folds.equations(joint)
     usual = max(everything.energy / everything.rows, LEAST_NOISE)
     shows = max(_SHOWS * noise, _MATTERS * usual)
     beyond = max(float(np.quantile(near.leverage + near.added, _INSIDE)), shows)

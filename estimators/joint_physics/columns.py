@@ -73,7 +73,7 @@ class Family:
 
 
 @dataclass(frozen=True)
-class Rows:
+class ColumnRows:
     """What is known of T samples before any torque is.
 
     A joint is settled once it has turned so far that its friction no longer depends on how it came
@@ -88,13 +88,13 @@ class Rows:
         """Which joints are settled, (T, n)."""
         return self.about[0] > SETTLED
 
-    def of(self, samples: NDArray[np.bool_]) -> Rows:
+    def of(self, samples: NDArray[np.bool_]) -> ColumnRows:
         """Return those of some samples, by a mask (T,)."""
-        return Rows(self.columns[:, samples], self.about[:, samples])
+        return ColumnRows(self.columns[:, samples], self.about[:, samples])
 
 
 @dataclass(frozen=True)
-class Columns:
+class JointColumns:
     """The columns of n joints, K each.
 
     Args:
@@ -171,7 +171,7 @@ class Columns:
 
     def advance(
         self, memory: FloatArray, motion: Motion, torque: FloatArray, every: int = 1
-    ) -> tuple[Rows, FloatArray]:
+    ) -> tuple[ColumnRows, FloatArray]:
         """Compute the columns of T samples that follow `memory`.
 
         Args:
@@ -199,4 +199,4 @@ class Columns:
             X,
             about,
         )
-        return Rows(X, about), after
+        return ColumnRows(X, about), after

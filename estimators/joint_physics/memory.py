@@ -32,7 +32,7 @@ from limo_driver.compiled import compiled
 from limo_driver.physics.hysteresis import PreslidingHysteresis
 
 if TYPE_CHECKING:
-    from estimators.joint_physics.columns import Columns
+    from estimators.joint_physics.columns import JointColumns
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
@@ -50,7 +50,7 @@ class UnknownMemory:
 
     @classmethod
     def of(
-        cls, columns: Columns, weights: FloatArray, moments: FloatArray, simulation: Simulation
+        cls, columns: JointColumns, weights: FloatArray, moments: FloatArray, simulation: Simulation
     ) -> UnknownMemory:
         """Gather heights from weights (n, K) and the hysteresis of a simulation."""
         start = {name: columns.of_family(name).start for name in ("friction", "load", "place")}
@@ -74,7 +74,7 @@ class UnknownMemory:
         return found
 
 
-def moments_of(gram: FloatArray, count: FloatArray, columns: Columns) -> FloatArray:
+def moments_of(gram: FloatArray, count: FloatArray, columns: JointColumns) -> FloatArray:
     """Return E[z zᵀ] of the stops from Σ x xᵀ (n, K, K) of so many rows (n,)."""
     stops = slice(first := columns.of_family("friction").start, first + _STOPS)
     return gram[:, stops, stops] / count[:, None, None]

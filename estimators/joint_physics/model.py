@@ -10,20 +10,20 @@ import numpy as np
 
 from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate
-from estimators.joint_physics.columns import Columns
-from estimators.joint_physics.evidence import fit
+from estimators.joint_physics.columns import JointColumns
 from estimators.joint_physics.memory import UnknownMemory, moments_of
-from estimators.joint_physics.normal_equations import NormalEquations
+from estimators.joint_physics.normal_equations import MotionEquations
 from estimators.joint_physics.prediction import Prediction
 from estimators.joint_physics.tolerances import tolerances
 from estimators.model_folder import provenance
+from estimators.regression.empirical_bayes import fit
 from estimators.residual_model import ResidualModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Self
 
-    from estimators.joint_physics.evidence import Fit
+    from estimators.regression.empirical_bayes import RegionalFit
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
@@ -42,8 +42,8 @@ class FittedPhysics:
     @classmethod
     def of(
         cls,
-        sums: NormalEquations,
-        columns: Columns,
+        sums: MotionEquations,
+        columns: JointColumns,
         simulation: Simulation,
         recordings: Sequence[Recording],
     ) -> FittedPhysics:
@@ -82,8 +82,8 @@ class JointPhysics(ResidualModel[FittedPhysics]):
 
     tau_S is the prediction of a simulation, normally an identified one. What it leaves is fitted by
     Bayesian linear regression in columns that physics suggests, so that little data is enough and
-    motion larger than that of the data is predicted as physics continues, see `Columns`. k_j is 1
-    where the data tell the weights and falls to 0 where they do not, see `Calibration`.
+    motion larger than that of the data is predicted as physics continues (`JointColumns`). k_j is
+    1 where the data tell the weights and falls to 0 where they do not, see `Calibration`.
 
     Args:
         simulation: Gives tau_S, and with its rigid body the columns.
@@ -91,11 +91,12 @@ class JointPhysics(ResidualModel[FittedPhysics]):
     """
 
     name = "joint-physics"
+    held_out_is = "in each eighth of the poses, by a fit to the rest"
     folder = "estimators.joint_physics.store"
 
     def __init__(self, simulation: Simulation, bandwidth: float = 10.0) -> None:
         super().__init__(simulation)
-        self.columns = Columns(simulation.body, bandwidth)
+        self.columns = JointColumns(simulation.body, bandwidth)
 
     @property
     def bandwidth(self) -> float:
@@ -113,7 +114,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         Raises:
             RecordingError: There is none, one is of another robot, or they are too short.
         """
-        sums = NormalEquations.of(self.simulation, self.columns, recordings)
+        sums = MotionEquations.of(self.simulation, self.columns, recordings)
         self.fitted_ = FittedPhysics.of(sums, self.columns, self.simulation, recordings)
         return self
 
@@ -141,8 +142,8 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         return estimate, JointPhysicsState(simulation, columns)
 
 
-def _fit_joint(sums: NormalEquations, columns: Columns, joint: int) -> Fit:
-    everything = sums.regions.evidence(joint)
+def _fit_joint(sums: MotionEquations, columns: JointColumns, joint: int) -> RegionalFit:
+    everything = sums.regions.equations(joint)
     known = tolerances(columns, joint, everything.rms)
     return fit(everything, sums.regions.each_left_out(joint), columns.family, known)
 

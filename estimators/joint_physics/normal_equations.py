@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.joint_physics.columns import SETTLED
-from estimators.joint_physics.evidence import Evidence
 from estimators.joint_physics.regions import REGIONS, Regions
 from estimators.recordings import check_recordings
+from estimators.regression.normal_equations import NormalEquations
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.joint_physics.columns import Columns, Rows
+    from estimators.joint_physics.columns import ColumnRows, JointColumns
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -45,37 +45,37 @@ class Sums:
     count: FloatArray  # (P, n), rows
 
     @classmethod
-    def none(cls, parts: int, columns: Columns) -> Sums:
+    def none(cls, parts: int, columns: JointColumns) -> Sums:
         """Return the sums over no rows."""
         shape, K = (parts, columns.n), columns.count
         return cls(
             np.zeros((*shape, K, K)), np.zeros((*shape, K)), np.zeros(shape), np.zeros(shape)
         )
 
-    def add(self, part: int, joint: int, rows: Evidence) -> None:
+    def add(self, part: int, joint: int, rows: NormalEquations) -> None:
         """Add the sums over some rows of a part and a joint (0-based), in place."""
         self.gram[part, joint] += rows.gram
         self.product[part, joint] += rows.product
         self.energy[part, joint] += rows.energy
         self.count[part, joint] += rows.rows
 
-    def evidence(self, joint: int, without: int | None = None) -> Evidence:
+    def equations(self, joint: int, without: int | None = None) -> NormalEquations:
         """Return the sums of one joint (0-based), all of them or without a part."""
         use = np.arange(len(self.count)) != without
-        return Evidence(
+        return NormalEquations(
             self.gram[use, joint].sum(axis=0),
             self.product[use, joint].sum(axis=0),
             float(self.energy[use, joint].sum()),
             float(self.count[use, joint].sum()),
         )
 
-    def each_left_out(self, joint: int) -> list[Evidence]:
+    def each_left_out(self, joint: int) -> list[NormalEquations]:
         """Return the sums of one joint (0-based) without each part."""
-        return [self.evidence(joint, without=part) for part in range(len(self.count))]
+        return [self.equations(joint, without=part) for part in range(len(self.count))]
 
 
 @dataclass(frozen=True)
-class NormalEquations:
+class MotionEquations:
     """Sums over the same rows, by folds of time and by regions of the poses."""
 
     folds: Sums
@@ -84,8 +84,8 @@ class NormalEquations:
 
     @classmethod
     def of(
-        cls, simulation: Simulation, columns: Columns, recordings: Sequence[Recording]
-    ) -> NormalEquations:
+        cls, simulation: Simulation, columns: JointColumns, recordings: Sequence[Recording]
+    ) -> MotionEquations:
         """Sum over recordings what the simulation leaves of the filtered torque.
 
         Raises:
@@ -101,7 +101,7 @@ class NormalEquations:
                 both = (fold == f) & (region == r)
                 for j in range(columns.n):
                     own = both & rows.settled[:, j]
-                    found = Evidence.of(rows.columns[j, own], residual[own, j])
+                    found = NormalEquations.of(rows.columns[j, own], residual[own, j])
                     folds.add(f, j, found)
                     regions.add(r, j, found)
             kept.append(JudgedRows.of(rows, residual, fold, region, every))
@@ -122,7 +122,7 @@ class JudgedRows:
     @classmethod
     def of(
         cls,
-        rows: Rows,
+        rows: ColumnRows,
         residual: FloatArray,
         fold: NDArray[np.int64],
         region: NDArray[np.int64],
@@ -144,7 +144,9 @@ class JudgedRows:
         )
 
 
-def _check_enough(count: FloatArray, columns: Columns, recordings: Sequence[Recording]) -> None:
+def _check_enough(
+    count: FloatArray, columns: JointColumns, recordings: Sequence[Recording]
+) -> None:
     """Check that each joint moves in every fold, and has as many rows as weights; count (F, n).
 
     With fewer, priors alone decide on weights, and folds that are alike confirm each other.
@@ -179,20 +181,20 @@ def _turned(recordings: Sequence[Recording]) -> FloatArray:
     return found
 
 
-def _stride(recording: Recording, columns: Columns) -> int:
+def _stride(recording: Recording, columns: JointColumns) -> int:
     """Return how many samples there are to a row."""
     return max(1, int(recording.rate / (_DENSE * columns.bandwidth)))
 
 
-def _share(recordings: Sequence[Recording], columns: Columns) -> int:
+def _share(recordings: Sequence[Recording], columns: JointColumns) -> int:
     """Return how many rows there are to one that is judged."""
     rows = sum(len(recording) // _stride(recording, columns) for recording in recordings)
     return -(-rows // _JUDGED) or 1
 
 
 def _chunks(
-    simulation: Simulation, columns: Columns, recordings: Sequence[Recording]
-) -> Iterator[tuple[Rows, FloatArray, NDArray[np.int64], NDArray[np.int64]]]:
+    simulation: Simulation, columns: JointColumns, recordings: Sequence[Recording]
+) -> Iterator[tuple[ColumnRows, FloatArray, NDArray[np.int64], NDArray[np.int64]]]:
     """Give r rows, their residual torque (r, n), fold (r,) and region (r,), chunk by chunk."""
     regions = Regions.of(recordings)
     for recording in recordings:

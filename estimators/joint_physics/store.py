@@ -53,13 +53,12 @@ def load(folder: Path | str) -> JointPhysics:
     """
     opened = ModelFolder.open(folder, JointPhysics.name)
     model = JointPhysics(opened.simulation, opened.bandwidth)
-    families = opened.manifest.list("families")
+    families = opened.manifest["families"].sections()
     given = [(entry.text("name"), entry.number("size")) for entry in families]
     expected = [(family.name, family.size) for family in model.columns.families]
     if given != expected:
-        raise ModelStoreError(
-            f"{opened.manifest.place}: has the families {given}, but this version computes "
-            f"{expected}; train it again"
+        opened.manifest.fail(
+            f"has the families {given}, but this version computes {expected}; train it again"
         )
     n, K = model.columns.n, model.columns.count
     shapes = {"weights": (n, K), "root": (n, K, K)} | dict.fromkeys(_POSITIVE, (n,))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 if TYPE_CHECKING:
-    from estimators.joint_physics.columns import Columns
+    from estimators.joint_physics.columns import JointColumns
     from limo_driver.types import FloatArray
 
 _GAIN: Final = 0.05
@@ -25,7 +25,7 @@ _ANGLE: Final = 0.005  # [rad]
 _LEAST_TORQUE: Final = 1e-6  # [N m], so that a joint that bears none has finite deviations
 
 
-def tolerances(columns: Columns, joint: int, rms: FloatArray) -> FloatArray:
+def tolerances(columns: JointColumns, joint: int, rms: FloatArray) -> FloatArray:
     """Return the standard deviations of the weights of a joint before any data, (K,).
 
     Args:

@@ -9,22 +9,24 @@ folder/
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.declarations import read_json
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.model import BUILT_IN, RobotModel
+from limo_driver.model import BUILT_IN, RobotModel, beside
+from limo_driver.parameters import Parameter
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from limo_driver.declarations import Given
     from limo_driver.types import FloatArray
 
 SCHEMA: Final = 1
@@ -32,6 +34,7 @@ DESCRIPTION: Final = "data.json"
 RECORDINGS: Final = ("excitation.parquet", "limo.parquet", "validation.parquet")
 ROBOT: Final = "robot"  # in data.json, and among the digests
 _REQUIRED: Final = (ROBOT, "made_by", "scaffold_starts")
+_STARTS: Final = Parameter("scaffold_starts", "s", is_list=True)
 _SAME_RATE: Final = 0.05
 _SHORTEST: Final = 1.0  # [s] of a scaffold, so that its motion can be filtered and scored
 
@@ -57,11 +60,11 @@ class TableData:
             ConfigError: A file is missing, or data.json cannot be used; the message says where.
             RecordingError: A recording is of another robot, or of another rate than the others.
         """
-        said = _read(folder / DESCRIPTION)
+        said = read_json(folder / DESCRIPTION, ConfigError, SCHEMA).needs(*_REQUIRED)
         for name in RECORDINGS:
             if not (folder / name).is_file():
                 raise ConfigError(f"lacks {name}; it has to hold {_contents()}", path=folder)
-        model = _robot(said[ROBOT], folder)
+        model = RobotModel.load(beside(said.text(ROBOT), folder))
         excitation, limo, validation = (Recording.load(folder / name) for name in RECORDINGS)
         for recording in (excitation, limo, validation):
             recording.check_robot(model)
@@ -71,12 +74,19 @@ class TableData:
                 "Hz; expected one rate, since networks remember by samples",
                 path=validation.source,
             )
-        starts = _starts(said["scaffold_starts"], limo, folder / DESCRIPTION)
+        starts = _starts(said["scaffold_starts"], limo)
         digests = {name: _digest(folder / name) for name in (*RECORDINGS, DESCRIPTION)}
         if model.name not in BUILT_IN:  # what a URDF says can change while its name stays
             digests[ROBOT] = _digest(model.urdf)
         return cls(
-            folder, model, str(said["made_by"]), excitation, limo, validation, starts, digests
+            folder,
+            model,
+            str(said["made_by"].content),
+            excitation,
+            limo,
+            validation,
+            starts,
+            digests,
         )
 
     @property
@@ -104,54 +114,20 @@ def _digest(path: Path) -> str:
     return sha256(path.read_bytes()).hexdigest()
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        said = json.loads(path.read_text())
-    except OSError as error:
-        raise ConfigError(
-            f"cannot be read: {error.strerror}; a data folder holds {_contents()}", path=path
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"is no JSON: {error}", path=path) from None
-    if not isinstance(said, dict) or said.get("schema") != SCHEMA:
-        raise ConfigError(f"its schema is not {SCHEMA}", path=path)
-    missing = [name for name in _REQUIRED if name not in said]
-    if missing:
-        raise ConfigError(f"lacks {', '.join(missing)}", path=path)
-    return said
-
-
-def _robot(given: Any, folder: Path) -> RobotModel:  # noqa: ANN401  # from JSON
-    """Load a robot: built in, or a URDF, which is looked for in the folder first."""
-    if not isinstance(given, str):
-        raise ConfigError(
-            f"robot is {given!r}, expected a built-in name or a URDF file",
-            path=folder / DESCRIPTION,
-        )
-    beside = folder / given
-    return RobotModel.load(beside if given not in BUILT_IN and beside.is_file() else given)
-
-
-def _starts(given: Any, limo: Recording, path: Path) -> FloatArray:  # noqa: ANN401  # from JSON
-    """Check the times at which scaffolds start."""
-    try:
-        starts = np.asarray(given, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        starts = np.empty(0)
-    if starts.ndim != 1 or starts.size < 2 or not np.isfinite(starts).all():  # noqa: PLR2004
-        raise ConfigError("scaffold_starts: expected a list of 2 or more times [s]", path=path)
+def _starts(given: Given, limo: Recording) -> FloatArray:
+    """Read the times at which scaffolds start."""
+    starts = np.array(given.value(_STARTS))
+    if starts.size < 2:  # noqa: PLR2004
+        given.refuse("a list of 2 or more times [s]")
     shortest = int(np.diff(starts).argmin())
     if starts[shortest + 1] - starts[shortest] < _SHORTEST:
-        raise ConfigError(
-            f"scaffold_starts: {starts[shortest + 1]:g} s follows {starts[shortest]:g} s; expected "
-            f"times that increase, each by {_SHORTEST:g} s or more",
-            path=path,
+        given.fail(
+            f"{starts[shortest + 1]:g} s follows {starts[shortest]:g} s; expected times that "
+            f"increase, each by {_SHORTEST:g} s or more"
         )
     first, last = float(limo.time[0]), float(limo.time[-1])
     if starts[0] < first or starts[-1] > last - _SHORTEST:
-        raise ConfigError(
-            f"scaffold_starts: span {starts[0]:g} to {starts[-1]:g} s, but {limo.source} "
-            f"{first:g} to {last:g} s",
-            path=path,
+        given.fail(
+            f"span {starts[0]:g} to {starts[-1]:g} s, but {limo.source} {first:g} to {last:g} s"
         )
     return starts

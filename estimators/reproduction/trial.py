@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from estimators.reproduction.rows import PARTS, PERCEPTRON, ROWS, TOPOLOGIES, Row
 from limo_driver.errors import ConfigError
 from limo_driver.outputs import whole
+from limo_driver.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,21 +27,18 @@ _DIGITS: Final = 10  # of the digest in a file name
 
 
 @dataclass(frozen=True)
-class Protocol:
+class Protocol(Declared):
     """How much of the table is computed; the defaults are the paper's.
 
     Raises:
         ConfigError: A number is below 1.
     """
 
-    runs: int = 10  # trainings of each row, from other seeds
-    epochs: int = 100
-    batch: int = 50  # sub-sequences of one step of the optimiser; an MLP keeps the paper's rows
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if value < 1:
-                raise ConfigError(f"{name} = {value} has to be 1 or more")
+    runs: int = parameter("", "trainings of each row, from other seeds", lower=1, default=10)
+    epochs: int = parameter("", lower=1, default=100)
+    batch: int = parameter(  # an MLP keeps the paper's rows
+        "", "sub-sequences of one step of the optimiser", lower=1, default=50
+    )
 
     def __str__(self) -> str:
         """Name the numbers, as `10 runs of 100 epochs, batches of 50 sub-sequences`."""

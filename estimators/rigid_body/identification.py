@@ -17,7 +17,7 @@ from estimators.rigid_body.consistent import (
 )
 from estimators.rigid_body.folds import FOLDS, jackknife
 from estimators.rigid_body.least_squares import BaseFit, choose_sign_widths, fit_base
-from estimators.rigid_body.normal_equations import NormalEquations, Rows, accumulate
+from estimators.rigid_body.normal_equations import ArmEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.terms import JointTerms, Term
 from estimators.rigid_body.tolerances import tolerances_of
@@ -224,7 +224,7 @@ def _disagreement(
     bodies: _Bodies,
     tolerance: float,
     found: ConsistentFit,
-    equations: NormalEquations,
+    equations: ArmEquations,
     weight: FloatArray,
 ) -> FloatArray:
     """Return the covariance (p, p) of parameters fitted without each fold in turn.
@@ -295,7 +295,7 @@ def _changes(model: RobotModel, fit: ConsistentFit) -> tuple[LinkChange, ...]:
 
 
 def _warnings(
-    base: BaseParameters, fit: BaseFit, rmse: FloatArray, equations: NormalEquations
+    base: BaseParameters, fit: BaseFit, rmse: FloatArray, equations: ArmEquations
 ) -> list[str]:
     found: list[str] = []
     if fit.excited < base.rank:

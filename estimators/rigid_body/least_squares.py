@@ -11,7 +11,7 @@ from estimators.rigid_body.folds import FOLDS, jackknife
 
 if TYPE_CHECKING:
     from estimators.rigid_body.base_parameters import BaseParameters
-    from estimators.rigid_body.normal_equations import NormalEquations
+    from estimators.rigid_body.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 
@@ -36,7 +36,7 @@ class BaseFit:
     excited: int  # base parameters that the motion reveals
 
 
-def fit_base(equations: NormalEquations, base: BaseParameters, nominal: FloatArray) -> BaseFit:
+def fit_base(equations: ArmEquations, base: BaseParameters, nominal: FloatArray) -> BaseFit:
     """Fit base parameters, with the joints weighted as the equations say.
 
     Combinations that the motion does not excite stay at their nominal value. The covariance is the
@@ -89,12 +89,12 @@ def _trusted(effective: FloatArray, thinned: FloatArray) -> FloatArray:
 class WidthChoice:
     """The equations and terms with the sign width that fits each joint best."""
 
-    equations: NormalEquations
+    equations: ArmEquations
     terms: JointTerms
 
 
 def choose_sign_widths(
-    equations: NormalEquations, terms: JointTerms, base: BaseParameters, nominal: FloatArray
+    equations: ArmEquations, terms: JointTerms, base: BaseParameters, nominal: FloatArray
 ) -> WidthChoice:
     """Fit with each width for all joints, and take the best of each joint."""
     n = equations.count.size
@@ -113,7 +113,7 @@ class _Weighted:
     rmse: FloatArray  # (n,) [N m]
 
 
-def _reweighted(equations: NormalEquations, base: BaseParameters, nominal: FloatArray) -> _Weighted:
+def _reweighted(equations: ArmEquations, base: BaseParameters, nominal: FloatArray) -> _Weighted:
     """Solve, and where joints count by their errors, solve again until these settle."""
     start = base.reduce(nominal)
     scale_of_torque = np.sqrt(equations.energy / np.maximum(equations.count, 1))
@@ -139,7 +139,7 @@ class _Solution:
 
 
 def _solve(
-    equations: NormalEquations,
+    equations: ArmEquations,
     base: BaseParameters,
     start: FloatArray,
     weight: FloatArray,

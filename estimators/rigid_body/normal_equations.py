@@ -17,7 +17,8 @@ from estimators.recordings import check_recordings
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.folds import FOLDS, fold_of
 from estimators.rigid_body.regressor import PER_LINK, Chain
-from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.errors import RecordingError
+from limo_driver.parameters import Declared, parameter
 from limo_driver.recordings.differentiation import smooth
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ MOVING = 0.02  # [rad/s], above which a joint counts as moving
 
 
 @dataclass(frozen=True)
-class Rows:
+class Rows(Declared):
     """Which measured rows a fit uses, how they are filtered, and how much they count.
 
     Args:
@@ -54,19 +55,13 @@ class Rows:
         ConfigError: No such weighting or bandwidth.
     """
 
-    bandwidth: float = 10.0
+    bandwidth: float = parameter("Hz", lower=0, above=True, default=10.0)
     moving_only: bool = False
-    weighting: str = "error"
-
-    def __post_init__(self) -> None:
-        if not 0 < self.bandwidth < np.inf:
-            raise ConfigError(f"bandwidth {self.bandwidth:g} Hz: has to be above 0 and finite")
-        if self.weighting not in WEIGHTINGS:
-            raise ConfigError(f"weighting {self.weighting!r} is not one of {', '.join(WEIGHTINGS)}")
+    weighting: str = parameter(of=WEIGHTINGS, default="error")
 
 
 @dataclass(frozen=True)
-class NormalEquations:
+class ArmEquations:
     """Sums over the rows of each fold, for each of n joints and p full parameters.
 
     As accumulated, there is one Coulomb column for each sign width; `choose` leaves one.
@@ -119,7 +114,7 @@ class NormalEquations:
         """Return the mean of y yᵀ over each joint's rows, (n, p, p)."""
         return self.gram / np.maximum(self.count, 1)[:, None, None]
 
-    def choose(self, terms: JointTerms, choice: Sequence[int]) -> NormalEquations:
+    def choose(self, terms: JointTerms, choice: Sequence[int]) -> ArmEquations:
         """Return the equations with one sign width, by its index, for each joint."""
         n = self.count.size
         links, own = PER_LINK * n, len(terms.all())
@@ -141,7 +136,7 @@ def accumulate(
     recordings: Sequence[Recording],
     rows: Rows,
     progress: Callable[[int], None] | None = None,
-) -> NormalEquations:
+) -> ArmEquations:
     """Sum up the normal equations of recordings, holding the regressor of one chunk at a time.
 
     Every row is filtered; of recordings much faster than the bandwidth, every few are summed.
@@ -167,9 +162,7 @@ def accumulate(
         raise RecordingError("no row is left to fit to: nothing moves, or the stretches are short")
     gram, product = sums.symmetric()
     thinned = ThinnedRows.joined(sums.thinned)
-    return NormalEquations(
-        gram, product, sums.energy, sums.count, thinned, sums.chain, rows.weighting
-    )
+    return ArmEquations(gram, product, sums.energy, sums.count, thinned, sums.chain, rows.weighting)
 
 
 @dataclass(frozen=True)

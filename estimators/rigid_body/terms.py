@@ -11,9 +11,9 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import Armature, CoulombFriction, TorqueOffset, ViscousFriction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
-    from limo_driver.physics import Effect
+    from limo_driver.physics import Effect, JointEffect
     from limo_driver.types import FloatArray
 
 SIGN_WIDTHS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1)  # [rad/s]
@@ -68,43 +68,13 @@ class JointTerms:
     def all(self) -> tuple[Term, ...]:
         """Return the terms in the order of their columns; armature is last."""
         terms = [
-            Term(
-                "viscous_friction",
-                "f_v",
-                "N m s/rad",
-                True,
-                lambda joint, value: ViscousFriction(joint=joint, f_v=value),
-            ),
-            Term(
-                "coulomb_friction",
-                "tau_c",
-                "N m",
-                True,
-                lambda joint, value: CoulombFriction(
-                    joint=joint, tau_c=value, v_eps=self.width(joint)
-                ),
-            ),
+            _term(ViscousFriction, "f_v"),
+            _term(CoulombFriction, "tau_c", lambda joint: {"v_eps": self.width(joint)}),
         ]
         if self.offset:
-            terms.append(
-                Term(
-                    "torque_offset",
-                    "offset",
-                    "N m",
-                    False,
-                    lambda joint, value: TorqueOffset(joint=joint, offset=value),
-                )
-            )
+            terms.append(_term(TorqueOffset, "offset"))
         if self.armature:
-            terms.append(
-                Term(
-                    "armature",
-                    "inertia",
-                    "kg m^2",
-                    True,
-                    lambda joint, value: Armature(joint=joint, inertia=value),
-                )
-            )
+            terms.append(_term(Armature, "inertia"))
         return tuple(terms)
 
     def columns(
@@ -120,3 +90,20 @@ class JointTerms:
         if self.armature:
             columns.append(acceleration)
         return np.stack(columns, axis=2)
+
+
+def _term(
+    effect: type[JointEffect],
+    name: str,
+    more: Callable[[int], Mapping[str, float]] = lambda joint: {},  # noqa: ARG005
+) -> Term:
+    """Return the term of one parameter of an effect, with what else the effect needs at a joint."""
+    known = next(item for item in effect.parameters() if item.name == name)
+    make: Callable[..., JointEffect] = effect
+    return Term(
+        effect.name,
+        name,
+        known.unit,
+        known.lower >= 0.0,
+        lambda joint, value: make(joint=joint, **{name: value}, **more(joint)),
+    )

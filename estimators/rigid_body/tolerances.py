@@ -39,7 +39,7 @@ from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import Tolerances
 
 if TYPE_CHECKING:
-    from estimators.rigid_body.normal_equations import NormalEquations
+    from estimators.rigid_body.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 
@@ -48,7 +48,7 @@ _LEAST_ERROR = 1e-9  # [N m], so that exact data keep finite weights
 
 
 def tolerances_of(
-    parameters: FloatArray, covariance: FloatArray, equations: NormalEquations, terms: JointTerms
+    parameters: FloatArray, covariance: FloatArray, equations: ArmEquations, terms: JointTerms
 ) -> Tolerances:
     """Return the relative standard deviations of inertias and friction.
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits
@@ -15,8 +16,12 @@ if TYPE_CHECKING:
 _PART_OF_LIMIT: Final = 0.1  # of the torque limit, that a learned part may add by default
 
 
+def _above_zero(unit: str, description: str, default: float | None):  # noqa: ANN202  # a field
+    return parameter(unit, description, lower=0, above=True, default=default)
+
+
 @dataclass(frozen=True)
-class ServiceSettings:
+class ServiceSettings(Declared):
     """How estimates are made and judged; a torque is for all joints, or a part of their limits.
 
     What a contact is may also be said joint by joint.
@@ -25,15 +30,14 @@ class ServiceSettings:
         ConfigError: A value is not above 0.
     """
 
-    rate: float | None = None  # [Hz] of the states; measured if not given
-    delay: float = 0.1  # [s] by which estimates are late
-    history: float = 120.0  # [s] of states from which a new model's memory is made
-    bound: float | None = None  # [N m] that the learned part may add; a tenth of the limit if None
-    contact_torque: float | tuple[float, ...] = 4.0  # [N m] of external torque
-    contact_duration: float | tuple[float, ...] = 0.15  # [s] for which it has to last
-
-    def __post_init__(self) -> None:
-        _check(self)
+    rate: float | None = _above_zero("Hz", "of the states; measured if not given", None)
+    delay: float = _above_zero("s", "by which estimates are late", 0.1)
+    history: float = _above_zero("s", "of states from which a new model's memory is made", 120.0)
+    bound: float | None = _above_zero(
+        "N m", "that the learned part may add; a tenth of the limit if None", None
+    )
+    contact_torque: float | tuple[float, ...] = _above_zero("N m", "of external torque", 4.0)
+    contact_duration: float | tuple[float, ...] = _above_zero("s", "for which it has to last", 0.15)
 
     def bounds(self, limits: JointLimits) -> FloatArray:
         """Return the largest torque that a learned part may add, (n,) [N m]."""
@@ -61,29 +65,24 @@ def _per_joint(name: str, value: float | tuple[float, ...], n: int) -> FloatArra
 
 
 @dataclass(frozen=True)
-class RetrainingSettings:
+class RetrainingSettings(Declared):
     """When a challenger is trained, and how it is judged; seconds are of joint states that came.
 
     Raises:
         ConfigError: A value is not above 0.
     """
 
-    seconds: float = 300.0  # of the newest motion that a challenger learns from
-    every: float | None = None  # seconds after which one is trained without drift
-    pause: float = 600.0  # seconds at least between trainings
-    training_limit: float = 1800.0  # [s] of this machine's time, after which training is ended
-    shadow: float = 60.0  # seconds of motion before the first verdict
-    shadow_limit: float = 1800.0  # seconds after which a challenger that is not better is dropped
-    probation: float = 300.0  # seconds of motion in which a new champion may be sent back
+    seconds: float = _above_zero("", "of the newest motion that a challenger learns from", 300.0)
+    every: float | None = _above_zero("", "seconds after which one is trained without drift", None)
+    pause: float = _above_zero("", "seconds at least between trainings", 600.0)
+    training_limit: float = _above_zero(
+        "s", "of this machine's time, after which training is ended", 1800.0
+    )
+    shadow: float = _above_zero("", "seconds of motion before the first verdict", 60.0)
+    shadow_limit: float = _above_zero(
+        "", "seconds after which a challenger that is not better is dropped", 1800.0
+    )
+    probation: float = _above_zero(
+        "", "seconds of motion in which a new champion may be sent back", 300.0
+    )
     kind: str = "same"  # of the challenger, as the champion; see `learning`
-
-    def __post_init__(self) -> None:
-        _check(self)
-
-
-def _check(settings: ServiceSettings | RetrainingSettings) -> None:
-    for field in fields(settings):
-        given = getattr(settings, field.name)
-        for value in given if isinstance(given, tuple) else (given,):
-            if isinstance(value, int | float) and not 0 < value < float("inf"):
-                raise ConfigError(f"{field.name} = {value:g} has to be above 0 and finite")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.fitted_network import FittedNetwork
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
+    from estimators.residual_model import ResidualModel
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -24,7 +25,10 @@ def command(  # one argument for each option
     out: Annotated[Path, typer.Option(help="Model folder to write.")],
     model: Annotated[
         str,
-        typer.Option(help="joint-physics, or a network: mlp7, lstm-2, lstm-fcl, transformer."),
+        typer.Option(
+            help="joint-physics, or a network: mlp7, lstm-2, lstm-fcl, transformer; or an "
+            "estimator that another package registers."
+        ),
     ] = "mlp7",
     features: Annotated[
         str,
@@ -100,18 +104,16 @@ def command(  # one argument for each option
 
     from estimators.hybrid import HybridModel
     from estimators.hybrid.training.settings import usual_settings
-    from estimators.joint_physics import JointPhysics
     from estimators.neural import NETWORKS
     from limo_driver.console.terminal import terminal
-    from limo_driver.errors import ConfigError
+    from limo_driver.plugins import ESTIMATORS, plug_in
 
-    if model == JointPhysics.name:
-        _refuse_network_options(context)
-        _train_physics(recordings, sim, out, bandwidth, as_json=as_json)
-        return
+    plug_in(ESTIMATORS, model, NETWORKS)  # refuses one that takes the name of a network
     if model not in NETWORKS:
-        known = ", ".join((JointPhysics.name, *NETWORKS))
-        raise ConfigError(f"no model is called {model!r}; known: {known}")
+        estimator = _estimator(model, tuple(NETWORKS))
+        _refuse_network_options(context, model)
+        _train_estimator(estimator, recordings, sim, out, bandwidth, as_json=as_json)
+        return
     usual = usual_settings(features)
     settings = replace(
         usual,
@@ -217,8 +219,24 @@ def _print(
 _OF_EVERY_MODEL: Final = frozenset(("recordings", "sim", "out", "model", "bandwidth", "as_json"))
 
 
-def _refuse_network_options(context: typer.Context) -> None:
-    """Refuse options that joint-physics has no use for.
+def _estimator(model: str, networks: tuple[str, ...]) -> type[ResidualModel[Any]]:
+    """Return what is no network, by its name.
+
+    Raises:
+        ConfigError: There is none, or it is trained in another way.
+        PlugInError: It is of another distribution and cannot be used.
+    """
+    from estimators.registry import known_estimators, to_train, trained_by_name
+    from limo_driver.errors import ConfigError
+
+    if model not in known_estimators():
+        known = ", ".join((*trained_by_name(), *networks))
+        raise ConfigError(f"no model is called {model!r}; known: {known}")
+    return to_train(model)
+
+
+def _refuse_network_options(context: typer.Context, model: str) -> None:
+    """Refuse options that only networks have a use for.
 
     Raises:
         ConfigError: Names one.
@@ -229,31 +247,39 @@ def _refuse_network_options(context: typer.Context) -> None:
         source = context.get_parameter_source(name)
         if name not in _OF_EVERY_MODEL and source is not None and source.name == "COMMANDLINE":
             option = name.replace("_", "-")
-            raise ConfigError(f"--{option} is of networks; joint-physics has no such choice")
+            raise ConfigError(f"--{option} is of networks; {model} has no such choice")
 
 
-def _train_physics(
-    recordings: list[Path], sim: Path, out: Path, bandwidth: float, *, as_json: bool
+def _train_estimator(
+    estimator: type[ResidualModel[Any]],
+    recordings: list[Path],
+    sim: Path,
+    out: Path,
+    bandwidth: float,
+    *,
+    as_json: bool,
 ) -> None:
     import json
 
     from rich.table import Table
 
-    from estimators.joint_physics import JointPhysics
     from limo_driver.console.terminal import terminal
 
     simulation, measured, _ = _load(recordings, sim, out)
-    model = JointPhysics(simulation, bandwidth).fit(measured)
+    model = estimator.unfitted(simulation, bandwidth).fit(measured)
     model.save(out)
-    rmse = model.fitted.record["rmse"]
+    rmse = model.fitted.record.get("rmse", {})
     if as_json:
         terminal().print_json(json.dumps({"model": str(out), "rmse": rmse}))
         return
+    if not {"simulation", "held_out"} <= set(rmse):
+        terminal().print(f"{out}: {model.name}, which does not say how large its errors are")
+        return
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
-        caption="held out: in each eighth of the poses, by a fit to the rest",
+        caption=f"held out: {estimator.held_out_is}",
     )
-    for heading in ("joint", "simulation", "joint-physics, held out"):
+    for heading in ("joint", "simulation", f"{estimator.name}, held out"):
         table.add_column(heading, justify="right")
     for j, values in enumerate(zip(rmse["simulation"], rmse["held_out"], strict=True)):
         table.add_row(str(j + 1), *(f"{value:.4f}" for value in values))

@@ -22,6 +22,7 @@ from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.network.messages.schemas import SCHEMAS
+from limo_driver.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,20 +36,21 @@ _STAMP = "%Y%m%dT%H%M%S.%fZ"
 _SUFFIX = ".mcap"
 
 
+def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a dataclass field
+    return parameter(unit, description, lower=0.0, above=True, finite=False, default=default)
+
+
 @dataclass(frozen=True)
-class LogLimits:
+class LogLimits(Declared):
     """How large and how old files become, one alone and all together."""
 
-    file_bytes: float = 256e6  # a new file is begun beyond this
-    file_seconds: float = 600.0
-    total_bytes: float = inf  # the oldest finished files are deleted beyond this
-    total_seconds: float = inf  # so are files last written longer ago than this
-    queue: int = 20_000  # messages that wait for the disk; more are dropped
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value > 0:
-                raise ConfigError(f"{name} is {value}, expected more than 0")
+    file_bytes: float = _limit("", "a new file is begun beyond this", 256e6)
+    file_seconds: float = _limit("s", "a new file is begun beyond this", 600.0)
+    total_bytes: float = _limit("", "the oldest finished files are deleted beyond this", inf)
+    total_seconds: float = _limit("s", "so are files last written longer ago than this", inf)
+    queue: int = parameter(
+        "", "messages that wait for the disk; more are dropped", lower=1, default=20_000
+    )
 
 
 class McapLog(Closing):

@@ -1,5 +1,6 @@
 """The catalogue of joint physics, and simulations made of it."""
 
+from limo_driver.parameters import Parameter, parameter
 from limo_driver.physics.body import GravityDirection, Payload
 from limo_driver.physics.catalogue import CATALOGUE, spoken
 from limo_driver.physics.changing_friction import (
@@ -9,14 +10,16 @@ from limo_driver.physics.changing_friction import (
 )
 from limo_driver.physics.coupling import JointCoupling
 from limo_driver.physics.delay import TimeDelay
+from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
     Effect,
     Friction,
+    Hypothesis,
     JointEffect,
     MotionEffect,
-    Parameter,
+    Recorded,
     SensorEffect,
     TorqueEffect,
 )
@@ -48,12 +51,15 @@ __all__ = [
     "AsymmetricFriction",
     "Backlash",
     "BodyEffect",
+    "Confusion",
     "CoulombFriction",
+    "Description",
     "Effect",
     "EncoderOffset",
     "ExternalContact",
     "Friction",
     "GravityDirection",
+    "Hypothesis",
     "JointCoupling",
     "JointEffect",
     "JointElasticity",
@@ -64,6 +70,7 @@ __all__ = [
     "PositionDependentFriction",
     "PreslidingHysteresis",
     "QuadraticDrag",
+    "Recorded",
     "SensorEffect",
     "Sensors",
     "Simulation",
@@ -79,5 +86,6 @@ __all__ = [
     "TorqueOffset",
     "TorqueRipple",
     "ViscousFriction",
+    "parameter",
     "spoken",
 ]

@@ -5,12 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from limo_driver.errors import ConfigError
 from limo_driver.model import Inertial
-from limo_driver.physics.effect import BodyEffect, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import BodyEffect, Hypothesis
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from limo_driver.model import RobotModel
+    from limo_driver.physics.effect import Effect, Recorded
+    from limo_driver.types import FloatArray
+
+_TILT = 0.1  # [m/s²]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +38,26 @@ class Payload(BodyEffect):
     """
 
     name: ClassVar[str] = "payload"
+    description: ClassVar[Description] = Description(
+        signature="the joints err in the fixed ratios of a body at the flange",
+        confusions=(
+            Confusion(
+                "link_inertia",
+                "a payload is part of the last link's inertia; record once with and once without "
+                "it",
+                identical=True,
+            ),
+        ),
+        part_of="link_inertia",
+    )
     mass: float = parameter("kg", "mass", lower=0.0, upper=1e3)
     com: tuple[float, float, float] = parameter(
-        "m", "centre of mass in the frame of the last link", lower=-10.0, upper=10.0, length=3
+        "m",
+        "centre of mass in the frame of the last link",
+        lower=-10.0,
+        upper=10.0,
+        length=3,
+        deviation=0.2,
     )
     inertia: tuple[float, float, float, float, float, float] = parameter(
         "kg m^2",
@@ -39,6 +66,7 @@ class Payload(BodyEffect):
         upper=1e3,
         length=6,
         default=(0.0,) * 6,
+        deviation=0.02,
     )
 
     def __post_init__(self) -> None:
@@ -68,10 +96,47 @@ class GravityDirection(BodyEffect):
     """
 
     name: ClassVar[str] = "gravity_direction"
+    description: ClassVar[Description] = Description(
+        signature="the gravity torques err as if the base were tilted",
+        shown_by="wide_sweep",
+        confusions=(
+            Confusion(
+                "spring_load",
+                "gravity changes with the whole pose, a spring with its own joint only",
+                "wide_sweep",
+            ),
+            Confusion(
+                "torque_offset", "gravity changes with the pose, an offset does not", "wide_sweep"
+            ),
+        ),
+    )
     gravity: tuple[float, float, float] = parameter(
-        "m/s^2", "true gravity in the frame of the base", lower=-30.0, upper=30.0, length=3
+        "m/s^2",
+        "true gravity in the frame of the base",
+        lower=-30.0,
+        upper=30.0,
+        length=3,
+        deviation=1.0,
     )
 
     def body(self, model: RobotModel) -> RobotModel:
         """Return the arm under the true gravity."""
         return model.with_gravity(self.gravity)
+
+    def with_more(self, more: Effect) -> Effect | None:
+        """Return the newer one: there is but one gravity."""
+        return more if isinstance(more, GravityDirection) else None
+
+    @classmethod
+    def on_arm(cls, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield a base that is not mounted as the simulation says."""
+        nominal = np.array(recorded.gravity)
+        across = [axis for axis in np.eye(3) if abs(axis @ nominal) < 1.0]
+        terms = tuple(cls(gravity=tuple((nominal + _TILT * axis).tolist())) for axis in across)
+        size = float(np.linalg.norm(nominal))
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            tilted = nominal + _TILT * sum(x * axis for x, axis in zip(c, across, strict=True))
+            return (cls(gravity=tuple((tilted * size / np.linalg.norm(tilted)).tolist())),)
+
+        yield Hypothesis(cls.name, (), terms, realise)

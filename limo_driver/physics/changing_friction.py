@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import TEXT, Friction, State, parameter
-from limo_driver.physics.friction import sign_width
+from limo_driver.parameters import parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import Friction, Hypothesis, JointMotion, State
+from limo_driver.physics.friction import CREEP_SPEEDS, CoulombFriction, sign_width, sign_width_at
 
 if TYPE_CHECKING:
-    from limo_driver.physics.effect import JointMotion
+    from collections.abc import Iterator
+
+    from limo_driver.physics.effect import Effect, Recorded, SimulatedRobot
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 VARIANTS = ("absolute", "positive", "negative", "stribeck", "quadratic")
 REFERENCE = 25.0  # [°C]
+PLACES = 14  # of friction over a joint's range
+WARMING_TIMES = (0.1, 0.3, 1.0)  # of the length of the recordings
+_CONSTANT = 1e6  # [s], time constant of what does not change
 _WARMING = 0.01  # [rad/s] beyond which motion warms a gear
 
 
@@ -52,8 +61,24 @@ class LoadDependentFriction(DryFriction):
     """
 
     name: ClassVar[str] = "load_dependent_friction"
-    coefficient: float = parameter("1", "friction by load, k", lower=0.0, upper=10.0)
-    variant: str = parameter(TEXT, f"one of {', '.join(VARIANTS)}", default="absolute")
+    description: ClassVar[Description] = Description(
+        signature="the friction loop widens with the load the joint carries",
+        shown_by="wide_sweep",
+        confusions=(
+            Confusion(
+                "position_dependent_friction",
+                "the same path at another load changes one and not the other",
+                "wide_sweep",
+            ),
+            Confusion(
+                "temperature_dependent_friction",
+                "one follows the load there and back, the other fades with time",
+                "wide_sweep",
+            ),
+        ),
+    )
+    coefficient: float = parameter("1", "friction by load, k", lower=0.0, upper=10.0, scales=True)
+    variant: str = parameter("text", "how load presses", of=VARIANTS, default="absolute")
     v_s: float | None = parameter(
         "rad/s", "Stribeck velocity of that variant", lower=1e-5, upper=10.0, default=None
     )
@@ -61,10 +86,6 @@ class LoadDependentFriction(DryFriction):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.variant not in VARIANTS:
-            raise ConfigError(
-                f"{self.place}: variant {self.variant!r} is unknown; known: {', '.join(VARIANTS)}"
-            )
         if (self.variant == "stribeck") != (self.v_s is not None):
             fault = "lacks v_s" if self.v_s is None else f"has no v_s as {self.variant}"
             raise ConfigError(f"{self.place}: {fault}; the variant stribeck needs it, no other")
@@ -82,6 +103,26 @@ class LoadDependentFriction(DryFriction):
         fade = 1.0 if self.v_s is None else np.exp(-np.abs(motion.velocity / self.v_s))
         return np.abs(motion.load) * fade
 
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield every variant; a wide sign would make it a part of gravity's torque."""
+        for variant in ("absolute", "positive", "negative", "quadratic"):
+            effect = cls(joint=joint, coefficient=0.1, variant=variant)
+            yield Hypothesis.of_one(effect, "coefficient", positive=True)
+        yield cls.at_creep(joint, CREEP_SPEEDS[2])
+
+    @classmethod
+    def at_creep(cls, joint: int, v_s: float) -> Hypothesis:
+        """Return friction by load that fades with the speed."""
+        return Hypothesis.of_one(
+            cls(joint=joint, coefficient=0.1, variant="stribeck", v_s=v_s),
+            "coefficient",
+            positive=True,
+            settings=(v_s,),
+            family=partial(cls.at_creep, joint),
+            bounds=((3e-3, 0.6),),
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class PositionDependentFriction(DryFriction):
@@ -94,9 +135,27 @@ class PositionDependentFriction(DryFriction):
     """
 
     name: ClassVar[str] = "position_dependent_friction"
-    positions: tuple[float, ...] = parameter("rad", "positions", lower=-20.0, upper=20.0)
+    description: ClassVar[Description] = Description(
+        signature="the friction loop changes its height over the joint's range",
+        shown_by="wide_sweep",
+        confusions=(
+            Confusion(
+                "temperature_dependent_friction",
+                "the same positions before and after the joint has warmed up",
+                "revisit",
+            ),
+            Confusion(
+                "torque_ripple",
+                "friction changes sign with the direction, ripple does not",
+                "creep",
+            ),
+        ),
+    )
+    positions: tuple[float, ...] = parameter(
+        "rad", "positions", lower=-20.0, upper=20.0, chosen=True
+    )
     excess: tuple[float, ...] = parameter(
-        "N m", "added friction at each position", lower=-1e3, upper=1e3
+        "N m", "added friction at each position", lower=-1e3, upper=1e3, deviation="largest"
     )
     v_eps: float = sign_width()
 
@@ -108,6 +167,23 @@ class PositionDependentFriction(DryFriction):
     def height(self, motion: JointMotion) -> FloatArray:
         """Return the excess at the position of each sample [N m], (T,)."""
         return np.interp(motion.position, self.positions, self.excess)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield it at places all over the range that the joint turned in."""
+        q, eps = recorded.position[:, joint - 1], sign_width_at(joint, recorded)
+        low, high = float(q.min()), float(q.max())
+        knots = tuple(np.linspace(low, max(high, low + 1e-3), PLACES).tolist())
+        terms = tuple(
+            cls(joint=joint, positions=knots, excess=tuple(hat), v_eps=eps)
+            for hat in np.eye(PLACES)
+        )
+        yield Hypothesis(
+            cls.name,
+            (joint - 1,),
+            terms,
+            lambda c: (replace(terms[0], excess=tuple(float(x) for x in c)),),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,6 +203,15 @@ class TemperatureDependentFriction(DryFriction):
     """
 
     name: ClassVar[str] = "temperature_dependent_friction"
+    description: ClassVar[Description] = Description(
+        signature="friction changes over minutes while the motion stays alike",
+        shown_by="revisit",
+        confusions=(
+            Confusion(
+                "torque_drift", "warmth changes the height of the loop, drift its middle", "revisit"
+            ),
+        ),
+    )
     excess: float | None = parameter(
         "N m", "added friction when cold", lower=-1e3, upper=1e3, default=None
     )
@@ -137,7 +222,12 @@ class TemperatureDependentFriction(DryFriction):
         "N m/K", "added friction by temperature", lower=-100.0, upper=100.0, default=None
     )
     reference: float | None = parameter(
-        "°C", f"temperature without excess ({REFERENCE:g})", lower=-50.0, upper=200.0, default=None
+        "°C",
+        f"temperature without excess ({REFERENCE:g})",
+        lower=-50.0,
+        upper=200.0,
+        default=None,
+        chosen=True,
     )
     v_eps: float = sign_width()
 
@@ -182,6 +272,78 @@ class TemperatureDependentFriction(DryFriction):
         """Return what per_kelvin makes of a temperature [°C]: added friction [N m], same shape."""
         reference = REFERENCE if self.reference is None else self.reference
         return (self.per_kelvin or 0.0) * (temperature - reference)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield what fades at several rates, and what a temperature does where it was measured."""
+        eps = sign_width_at(joint, recorded)
+        for part in WARMING_TIMES:
+            yield cls.fading(joint, eps, part * recorded.longest)
+        warmth = recorded.temperature
+        if warmth is not None and np.isfinite(warmth[:, joint - 1]).all():
+            yield cls.by_temperature(joint, eps, float(warmth[:, joint - 1].mean()))
+
+    @classmethod
+    def fading(cls, joint: int, v_eps: float, time_constant: float) -> Hypothesis:
+        """Return friction that fades as a joint warms up."""
+        return Hypothesis.of_one(
+            cls(joint=joint, excess=1.0, time_constant=time_constant, v_eps=v_eps),
+            "excess",
+            settings=(time_constant,),
+            family=partial(cls.fading, joint, v_eps),
+            bounds=((0.02 * time_constant, 20 * time_constant),),
+        )
+
+    @classmethod
+    def by_temperature(cls, joint: int, v_eps: float, mean: float) -> Hypothesis:
+        """Return friction that follows a temperature, with what it is at the mean [°C]."""
+        slope = cls(joint=joint, per_kelvin=0.1, reference=mean, v_eps=v_eps)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            per_kelvin = 0.1 * float(c[0])
+            reference = mean - float(c[1]) / per_kelvin if per_kelvin else mean
+            reference = float(np.clip(reference, -50.0, 200))
+            return (replace(slope, per_kelvin=per_kelvin, reference=reference),)
+
+        height = CoulombFriction(joint=joint, tau_c=1.0, v_eps=v_eps)
+        return Hypothesis(slope.name, (joint - 1,), (slope, height), realise)
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for it sampled.
+
+        Raises:
+            ConfigError: It needs a temperature.
+        """
+        if self.per_kelvin is not None:
+            raise ConfigError(
+                f"{self.place}: the simulated robot has no temperature, which per_kelvin needs; "
+                "give excess and time_constant"
+            )
+        robot.sample(self)
+
+    def from_time(self, start: float, recording: Recording) -> Effect:
+        """Return what is left of the excess by then, or that of the temperature measured then."""
+        if self.excess is not None and self.time_constant is not None:
+            return replace(self, excess=self.excess * (1.0 - self._warmth(start, recording)))
+        measured = recording.temperature
+        if measured is None or self.per_kelvin is None:
+            return self  # which the robot refuses by name
+        row = int(np.searchsorted(recording.time, start).clip(0, len(recording) - 1))
+        excess = float(self.excess_at(measured[row, self.joint - 1]))  # hardly changes in 20 s
+        return replace(
+            self, excess=excess, time_constant=_CONSTANT, per_kelvin=None, reference=None
+        )
+
+    def _warmth(self, start: float, recording: Recording) -> float:
+        """Return how warm a joint had run by then, from 0 to 1."""
+        rows = recording.time < start
+        if np.count_nonzero(rows) < 2:  # noqa: PLR2004  # no motion before
+            return 0.0
+        time, position = recording.time[rows], recording.position[rows, self.joint - 1]
+        rest = np.zeros_like(time)
+        motion = JointMotion(time, position, np.gradient(position, time), rest, rest)
+        _, state = self.advance(self.initial_state(), motion)
+        return float(state[0])
 
 
 @compiled(reads=("time", "heat"))

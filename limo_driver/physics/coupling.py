@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import JOINT, ArmEffect, State, parameter
+from limo_driver.parameters import JOINT, parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import ArmEffect, Hypothesis, State
 from limo_driver.physics.friction import sign_width
 
 if TYPE_CHECKING:
-    from limo_driver.physics.effect import ArmMotion
+    from collections.abc import Iterator
+
+    from limo_driver.physics.effect import ArmMotion, Recorded, SimulatedRobot
     from limo_driver.types import FloatArray
 
 
@@ -32,20 +35,31 @@ class JointCoupling(ArmEffect):
     """
 
     name: ClassVar[str] = "joint_coupling"
-    joint: int  # 1-based
+    description: ClassVar[Description] = Description(
+        signature="torque goes with the combined motion of two joints",
+        shown_by="apart",
+        confusions=(
+            Confusion(
+                "torque_crosstalk",
+                "coupling follows the other joint's speed, crosstalk its torque",
+                "apart",
+            ),
+        ),
+    )
+    joint: int = parameter(JOINT, "the joint that feels the torque")
     other: int = parameter(JOINT, "the other joint", lower=1, upper=64)
     f_v: float = parameter("N m s/rad", "viscous friction", lower=0.0, upper=1e4, default=0.0)
     tau_c: float = parameter("N m", "Coulomb friction", lower=0.0, upper=1e3, default=0.0)
     inertia: float = parameter("kg m^2", "inertia", lower=0.0, upper=1e3, default=0.0)
-    ratio: float = parameter("1", "1 or -1", lower=-1.0, upper=1.0, default=1.0)
+    ratio: float = parameter("1", "1 or -1", lower=-1.0, upper=1.0, default=1.0, chosen=True)
     v_eps: float = sign_width()
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.other == self.joint:
-            raise ConfigError(f"{self.place}: other = {self.other} is the joint itself")
+            raise self._refused("other", "another joint")
         if abs(self.ratio) != 1.0:
-            raise ConfigError(f"{self.place}: ratio = {self.ratio:g} has to be 1 or -1")
+            raise self._refused("ratio", "1 or -1")
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -66,3 +80,29 @@ class JointCoupling(ArmEffect):
         w, rate = self.shaft(motion.motion.velocity), self.shaft(motion.motion.acceleration)
         torque[:, self.joint - 1] = self.friction(w) + self.inertia * rate
         return torque, state
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for it sampled, as heavy as it is."""
+        robot.sample(self)
+        robot.expect_late(self.joint, inertia=self.inertia)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield it with neighbours, and with every other joint, about which a wrist turns too."""
+        for other in (joint - 2, joint - 1, joint + 1, joint + 2):
+            for ratio in (1, -1):
+                if 1 <= other <= recorded.n:
+                    yield cls.between(joint, other, ratio)
+
+    @classmethod
+    def between(cls, joint: int, other: int, ratio: int) -> Hypothesis:
+        """Return what one joint feels of another's motion."""
+        base = cls(joint=joint, other=other, f_v=0.0, tau_c=0.0, inertia=0.0, ratio=ratio)
+        terms = (replace(base, f_v=1.0), replace(base, tau_c=1.0), replace(base, inertia=1.0))
+        return Hypothesis(
+            base.name,
+            (joint - 1, other - 1),
+            terms,
+            lambda c: (replace(base, f_v=float(c[0]), tau_c=float(c[1]), inertia=float(c[2])),),
+            positive=True,
+        )

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from limo_driver.compiled import compiled
-from limo_driver.physics.effect import SensorEffect, State, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import Hypothesis, SensorEffect, State
 
 if TYPE_CHECKING:
-    from limo_driver.physics.effect import SensedTorque
+    from collections.abc import Iterator
+
+    from limo_driver.physics.effect import Recorded, SensedTorque
     from limo_driver.types import FloatArray
+
+UNIT_DELAY = 1e-3  # [s]
+LATE = (4e-3, 0.012, 0.03)  # [s], since within a sample all delays look alike
+DELAYS = (2e-4, 0.1)  # [s]
+DELAYED, LAGGING = "a pure delay", "a first-order lag"
 
 _LAST = 3  # time, input and output of the lag stand before the samples still to come
 
@@ -28,6 +38,17 @@ class TimeDelay(SensorEffect):
     """
 
     name: ClassVar[str] = "time_delay"
+    description: ClassVar[Description] = Description(
+        signature="the measured torque lags behind the motion",
+        shown_by="two_frequencies",
+        confusions=(
+            Confusion(
+                "viscous_friction",
+                "a delay's phase grows with the frequency at the same speed",
+                "two_frequencies",
+            ),
+        ),
+    )
     delay: float = parameter("s", "pure delay", lower=0.0, upper=1.0, default=0.0)
     lag: float = parameter("s", "time constant of the lag", lower=0.0, upper=10.0, default=0.0)
 
@@ -47,6 +68,40 @@ class TimeDelay(SensorEffect):
         kept = max(int(np.searchsorted(times, times[-1] - self.delay, side="right")) - 1, 0)
         after = [[sensed.time[-1], late[-1], output[-1]], times[kept:], torques[kept:]]
         return output - torque, np.concatenate(after)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield a short delay, of which the torque is linear."""
+        delay = cls(joint=joint, delay=UNIT_DELAY)
+        yield Hypothesis.of_one(delay, "delay", positive=True, law=DELAYED)
+
+    @classmethod
+    def further_laws(cls, found: Hypothesis) -> Iterator[Hypothesis]:
+        """Yield longer delays, and a lag."""
+        joint = found.joints[0] + 1
+        for time in LATE:
+            yield cls.of_time(joint, "delay", DELAYED, time)
+        yield cls.of_time(joint, "lag", LAGGING, LATE[0])
+
+    @classmethod
+    def of_time(cls, joint: int, name: str, law: str, time: float) -> Hypothesis:
+        """Return a torque that comes late by `name`; how that acts on what is fast depends on it.
+
+        Args:
+            joint: 1-based.
+            name: Of the parameter.
+            law: In words.
+            time: Of the parameter [s].
+        """
+        return Hypothesis.of_one(
+            cls(joint=joint, **{name: time}),
+            name,
+            positive=True,
+            settings=(time,),
+            family=partial(cls.of_time, joint, name, law),
+            law=law,
+            bounds=(DELAYS,),
+        )
 
 
 @compiled(reads=("time", "value"))

@@ -18,58 +18,24 @@ Effect
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
-from limo_driver.errors import ConfigError
+from limo_driver.parameters import JOINT, Declared, Parameter, parameter, parameters_of
+from limo_driver.physics.description import Description
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
 State: TypeAlias = "FloatArray"
 STATELESS: FloatArray = np.zeros(0)
 STATELESS.flags.writeable = False
-TEXT, JOINT = "text", "joint"  # units of parameters that are no physical quantity
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """What is known of a parameter before any data."""
-
-    name: str
-    unit: str  # or "text", or "joint" for the 1-based number of another joint
-    lower: float
-    upper: float
-    description: str
-    is_list: bool = False
-    optional: bool = False
-    length: int | None = None  # of a list, where it is fixed
-    columns: int | None = None  # of each row, for a list of rows
-
-    @property
-    def is_number(self) -> bool:
-        """Whether the parameter is one real number, which can be fitted."""
-        return not self.is_list and self.unit not in {TEXT, JOINT}
-
-
-def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotation's
-    unit: str,
-    description: str,
-    *,
-    lower: float = -np.inf,
-    upper: float = np.inf,
-    default: Any = MISSING,  # noqa: ANN401  # of the field's own type
-    length: int | None = None,
-    columns: int | None = None,
-):
-    """Declare a parameter of an effect as a dataclass field."""
-    known = {"unit": unit, "lower": lower, "upper": upper, "description": description}
-    return field(default=default, metadata={**known, "length": length, "columns": columns})
 
 
 @dataclass(frozen=True)
@@ -116,30 +82,17 @@ class SensedTorque:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect(ABC):
+class Effect(Declared, ABC):
     """One piece of physics."""
 
     name: ClassVar[str]  # the identifier in sim.yaml and in a diagnosis
+    description: ClassVar[Description] = Description()
 
     @classmethod
     @cache  # effects are made by the thousand while they are fitted
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return the named parameters with unit and bounds."""
-        return tuple(
-            Parameter(
-                item.name,
-                item.metadata["unit"],
-                item.metadata["lower"],
-                item.metadata["upper"],
-                item.metadata["description"],
-                is_list="tuple" in str(item.type),
-                optional=item.default is not MISSING,
-                length=item.metadata["length"],
-                columns=item.metadata["columns"],
-            )
-            for item in fields(cls)
-            if "unit" in item.metadata
-        )
+        return tuple(item for item in parameters_of(cls) if item.name != "joint")
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -154,60 +107,99 @@ class Effect(ABC):
         numbers = ", ".join(map(str, self.joints))
         return f"{self.name}, joint{'s' if len(self.joints) > 1 else ''} {numbers}"
 
-    def __post_init__(self) -> None:
-        for known in self.parameters():
-            if known.unit != TEXT and getattr(self, known.name) is not None:
-                self._check(known)
-
-    def _check(self, known: Parameter) -> None:
-        given = getattr(self, known.name)
-        values = self._rows(known) if known.columns else np.atleast_1d(np.asarray(given, float))
-        if known.length is not None and values.shape != (known.length,):
-            raise ConfigError(
-                f"{self.place}: {known.name} has {values.size} numbers, expected {known.length}"
-            )
-        if known.columns:
-            rows = tuple(tuple(row) for row in values.tolist())
-            object.__setattr__(self, known.name, rows)
-        elif known.is_list:
-            object.__setattr__(self, known.name, tuple(values.ravel().tolist()))
-        bad = ~((values >= known.lower) & (values <= known.upper))
-        if bad.any():
-            raise ConfigError(
-                f"{self.place}: {known.name} = {values[bad][0]:g} {known.unit} "
-                f"is outside [{known.lower:g}, {known.upper:g}]"
-            )
-
-    def _rows(self, known: Parameter) -> FloatArray:
-        """Return a list of rows as an array, (k, columns)."""
-        rows = [np.asarray(row, dtype=float) for row in getattr(self, known.name)]
-        for number, row in enumerate(rows, start=1):
-            if row.shape != (known.columns,):
-                raise ConfigError(
-                    f"{self.place}: {known.name}, row {number} has {row.size} numbers, "
-                    f"expected {known.columns}"
-                )
-        return np.array(rows).reshape(-1, known.columns or 0)
-
-    def _same_length(self, *names: str) -> None:
-        """Refuse lists that do not belong together entry by entry, and empty ones."""
-        lengths = {name: len(getattr(self, name)) for name in names}
-        if len(set(lengths.values())) > 1 or 0 in lengths.values():
-            listed = ", ".join(f"{size} {name}" for name, size in lengths.items())
-            raise ConfigError(f"{self.place}: has {listed}; each entry needs all of them")
-
-    def _increasing(self, name: str) -> None:
-        """Refuse a list that does not increase strictly."""
-        values = getattr(self, name)
-        for before, after in pairwise(values):
-            if not before < after:
-                raise ConfigError(
-                    f"{self.place}: {name} has {after:g} after {before:g}; it has to increase"
-                )
-
     def initial_state(self) -> State:
         """Return the memory before the first sample; empty for effects without memory."""
         return STATELESS
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
+        """Return what a diagnosis tries of the effect at a joint (1-based); nothing if not said."""
+        return ()
+
+    @classmethod
+    def on_arm(cls, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
+        """Return what a diagnosis tries of an effect that is of no single joint."""
+        return ()
+
+    @classmethod
+    def further_laws(cls, found: Hypothesis) -> Iterable[Hypothesis]:  # noqa: ARG003
+        """Return other laws of the effect, to compete with the one it was found by.
+
+        They need not search, since another law of the same effect is near enough to find it by.
+        """
+        return ()
+
+    def with_more(self, more: Effect) -> Effect | None:
+        """Return one effect for this and another one; None where they stay two."""
+        if type(more) is not type(self) or more.joints != self.joints:
+            return None
+        for known in self.parameters():
+            if known.adds:
+                own, its = getattr(self, known.name), getattr(more, known.name)
+                if own is None or its is None:
+                    return None
+                total = float(np.clip(own + its, known.lower, known.upper))
+                return replace(self, **{known.name: total})
+        return None
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask a simulated robot for the effect; without a native form it is sampled."""
+        robot.sample(self)
+
+    def from_time(self, start: float, recording: Recording) -> Effect:  # noqa: ARG002
+        """Return the effect on a robot whose time 0 is `start` [s] of a recording.
+
+        It differs for what knows the time, or remembers more than the last reversals.
+        """
+        return self
+
+
+class SimulatedRobot(Protocol):
+    """What effects can ask of a simulated robot; joints are 1-based.
+
+    What `sample` and `sense` take runs through its `advance`; the others are native forms.
+    """
+
+    def sample(self, effect: Effect) -> None:
+        """Run an effect one sample in each cycle."""
+        ...
+
+    def sense(self, effect: SensorEffect | TorqueEffect) -> None:
+        """Run an effect on what the torque sensor says, which changes no motion."""
+        ...
+
+    def add_friction(self, joint: int, law: int, parameters: FloatArray) -> None:
+        """Add a friction of one of `friction_laws`, with its padded parameters."""
+        ...
+
+    def add_slipping_spring(self, joint: int, stiffness: float, width: float) -> None:
+        """Add a spring [N m/rad] that slips at a width [rad]."""
+        ...
+
+    def add_inertia(self, joint: int, inertia: float) -> None:
+        """Add reflected inertia [kg m²]."""
+        ...
+
+    def add_compliance(self, joint: int, linear: float, cubic: float) -> None:
+        """Add compliance between encoder and link [rad/(N m)], [rad/(N m)³]."""
+        ...
+
+    def add_torque_offset(self, joint: int, offset: float) -> None:
+        """Add an offset to the torque sensor [N m]."""
+        ...
+
+    def add_encoder_offset(self, joint: int, offset: float) -> None:
+        """Move the zero of the encoder [rad]."""
+        ...
+
+    def expect_late(
+        self, joint: int, *, stiffness: float = 0.0, damping: float = 0.0, inertia: float = 0.0
+    ) -> None:
+        """Note what a sampled effect makes stiff [N m/rad], damped [N m s/rad] or heavy [kg m²].
+
+        It acts one cycle late, which the step has to carry.
+        """
+        ...
 
 
 class BodyEffect(Effect):
@@ -216,6 +208,9 @@ class BodyEffect(Effect):
     @abstractmethod
     def body(self, model: RobotModel) -> RobotModel:
         """Return what the effect makes of a rigid body."""
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for nothing: a simulated robot is made of `Simulation.body`."""
 
 
 class ArmEffect(Effect):
@@ -230,7 +225,7 @@ class ArmEffect(Effect):
 class JointEffect(Effect):
     """One piece of physics of one joint."""
 
-    joint: int  # 1-based
+    joint: int = parameter(JOINT, "the joint, 1-based")
 
     @property
     def joints(self) -> tuple[int, ...]:
@@ -275,3 +270,68 @@ class SensorEffect(JointEffect):
     @abstractmethod
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return what this joint's sensor adds, (T,) [N m], and the memory after it."""
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for it in what the sensor says."""
+        robot.sense(self)
+
+
+Realise: TypeAlias = Callable[["FloatArray"], tuple[Effect, ...]]  # of fitted coefficients
+Enter: TypeAlias = Callable[[Sequence[Effect], "FloatArray"], tuple[Effect, ...]]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What recordings of an arm of n joints show before anything is fitted; K rows, T samples."""
+
+    position: FloatArray  # (K, n) [rad]
+    temperature: FloatArray | None  # (T, n) [°C]
+    start: float  # [s], of the earliest sample in the time of its recording
+    end: float  # [s], of the latest
+    longest: float  # [s] of one recording
+    gravity: FloatArray  # (3,) [m/s²], as the simulation says
+    effects: tuple[Effect, ...]  # that are known already
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.position.shape[1]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One effect at one place; its coefficients are still free.
+
+    It is a few effects at unit size. What they would add to the torque are columns; their
+    coefficients turn the same effects into the found ones. So what is compared, what is fitted and
+    what is written to `sim.yaml` are one equation.
+    """
+
+    effect: str
+    joints: tuple[int, ...]  # 0-based; empty for the whole arm
+    terms: tuple[Effect, ...]  # of unit size, one column each
+    realise: Realise  # coefficients → effects
+    positive: bool = False  # whether no coefficient can be negative
+    settings: tuple[float, ...] = ()  # what is not linear in the torque, for a refinement
+    family: Callable[..., Hypothesis] | None = field(default=None, compare=False)  # of settings
+    bounds: tuple[tuple[float, float], ...] = ()  # of the settings
+    law: str = ""  # in words, where the effect follows one of several
+    # effects of a simulation and coefficients → its effects, where adding to them is not enough
+    enter: Enter | None = field(default=None, compare=False)
+
+    @classmethod
+    def of_one(cls, effect: Effect, name: str, **more: Any) -> Hypothesis:  # noqa: ANN401  # fields
+        """Return the hypothesis of one effect that is linear in its parameter `name`.
+
+        Args:
+            effect: Of unit size.
+            name: Of the parameter.
+            more: Other fields of the hypothesis.
+        """
+        unit = getattr(effect, name)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            return (replace(effect, **{name: float(c[0] * unit)}),)
+
+        joint = getattr(effect, "joint", 0)
+        return cls(effect.name, (joint - 1,), (effect,), realise, **more)

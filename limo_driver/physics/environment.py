@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import ArmEffect, State, TorqueEffect, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import ArmEffect, Hypothesis, State, TorqueEffect
+from limo_driver.physics.sensing import TorqueOffset
 
 if TYPE_CHECKING:
-    from limo_driver.physics.effect import ArmMotion, JointMotion
+    from collections.abc import Iterator
+
+    from limo_driver.physics.effect import ArmMotion, Effect, JointMotion, Recorded
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
+
+_SOFTEST = 1e-3  # [N m/rad]
+_REACH = 1.5  # [rad], how far a spring may rest from where it is looked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,14 +33,64 @@ class SpringLoad(TorqueEffect):
     """
 
     name: ClassVar[str] = "spring_load"
+    description: ClassVar[Description] = Description(
+        signature="a torque that depends on position alone, not on load",
+        shown_by="wide_sweep",
+        confusions=(
+            Confusion(
+                "link_inertia",
+                "gravity varies as the sine of the pose and with it, a spring with its joint",
+                "wide_sweep",
+            ),
+            Confusion(
+                "torque_offset",
+                "a spring's torque grows with the position, an offset does not",
+                "wide_sweep",
+            ),
+        ),
+    )
     stiffness: float = parameter("N m/rad", "stiffness", lower=-1e5, upper=1e5)
-    rest: float = parameter("rad", "position without pull", lower=-1e4, upper=1e4)
+    rest: float = parameter("rad", "position without pull", lower=-1e4, upper=1e4, deviation=1.0)
     cubic: float = parameter("N m/rad^3", "stiffening", lower=-1e5, upper=1e5, default=0.0)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return stiffness (q - rest) + cubic (q - rest)³ [N m], (T,)."""
         away = motion.position - self.rest
         return self.stiffness * away + self.cubic * away**3, state
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield a linear spring, and cubic ones that rest in several places."""
+        low, high = np.quantile(recorded.position[:, joint - 1], (0.1, 0.9))
+        yield cls.linear(joint)
+        for rest in np.linspace(low, high, 3):
+            yield cls.stiffening(joint, float(rest))
+
+    @classmethod
+    def linear(cls, joint: int) -> Hypothesis:
+        """Return a linear spring; where it rests follows from its pull at zero."""
+        linear = cls(joint=joint, stiffness=1.0, rest=0.0)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            stiffness = float(c[0]) if abs(c[0]) > _SOFTEST else _SOFTEST
+            return (replace(linear, stiffness=stiffness, rest=-float(c[1]) / stiffness),)
+
+        terms = (linear, TorqueOffset(joint=joint, offset=1.0))
+        return Hypothesis(cls.name, (joint - 1,), terms, realise)
+
+    @classmethod
+    def stiffening(cls, joint: int, rest: float) -> Hypothesis:
+        """Return a spring that stiffens, and rests at a position [rad]."""
+        linear = cls(joint=joint, stiffness=1.0, rest=rest)
+        return Hypothesis(
+            cls.name,
+            (joint - 1,),
+            (linear, replace(linear, stiffness=0.0, cubic=1.0)),
+            lambda c: (replace(linear, stiffness=float(c[0]), cubic=float(c[1])),),
+            settings=(rest,),
+            family=partial(cls.stiffening, joint),
+            bounds=((rest - _REACH, rest + _REACH),),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +109,14 @@ class ExternalContact(ArmEffect):
     """
 
     name: ClassVar[str] = "external_contact"
+    description: ClassVar[Description] = Description(
+        signature="short pushes that act on several joints as one force at the flange"
+    )
     windows: tuple[tuple[float, float], ...] = parameter(
-        "s", "start and end of each contact", lower=-1e12, upper=1e12, columns=2
+        "s", "start and end of each contact", lower=-1e12, upper=1e12, columns=2, chosen=True
     )
     wrench: tuple[tuple[float, float, float, float, float, float], ...] = parameter(
-        "N, N m", "force and torque of each contact", lower=-1e5, upper=1e5, columns=6
+        "N, N m", "force and torque of each contact", lower=-1e5, upper=1e5, columns=6, chosen=True
     )
 
     def __post_init__(self) -> None:
@@ -76,3 +139,7 @@ class ExternalContact(ArmEffect):
         for t in np.flatnonzero(total.any(axis=1)):
             torque[t] = -motion.model.flange_jacobian(motion.motion.position[t]).T @ total[t]
         return torque, state
+
+    def from_time(self, start: float, recording: Recording) -> Effect:  # noqa: ARG002
+        """Return the contact in a time that begins at `start` [s]."""
+        return replace(self, windows=tuple((a - start, b - start) for a, b in self.windows))

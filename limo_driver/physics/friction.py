@@ -3,31 +3,51 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.parameters import parameter
 from limo_driver.physics import friction_laws
-from limo_driver.physics.effect import Friction, State, parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import Friction, Hypothesis, State
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from limo_driver.physics.effect import JointMotion
+    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedRobot
     from limo_driver.types import FloatArray
 
 SIGN_WIDTH = 0.002  # [rad/s], width of the smoothed sign where an effect has no own
+CREEP_SPEEDS = (0.006, 0.015, 0.04, 0.1)  # [rad/s], of the Stribeck effect
 
 
 def sign_width():  # noqa: ANN201  # a dataclass field
     """Declare the parameter v_eps."""
     return parameter(
-        "rad/s", "width of the smoothed sign", lower=1e-6, upper=1.0, default=SIGN_WIDTH
+        "rad/s",
+        "width of the smoothed sign",
+        lower=1e-6,
+        upper=1.0,
+        default=SIGN_WIDTH,
+        smooths=True,
     )
+
+
+def sign_width_at(joint: int, recorded: Recorded) -> float:
+    """Return the width of the smoothed sign at a joint of what is known of an arm [rad/s].
+
+    All dry friction of a joint shares it: two widths at one joint look like a Stribeck effect.
+    """
+    for effect in recorded.effects:
+        if isinstance(effect, (CoulombFriction, AsymmetricFriction)) and effect.joint == joint:
+            return effect.v_eps
+    return SIGN_WIDTH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +76,10 @@ class VelocityFriction(Friction):
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Evaluate `torque` over T samples."""
         return self.torque(motion.velocity), state
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for the compiled law."""
+        robot.add_friction(self.joint, self.friction_law, self.row)
 
 
 class Frictions(NamedTuple):
@@ -87,14 +111,64 @@ class CoulombFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "coulomb_friction"
+    description: ClassVar[Description] = Description(
+        signature="a loop of constant height that flips with the direction of motion",
+        shown_by="creep",
+        confusions=(
+            Confusion(
+                "load_dependent_friction",
+                "one height of the loop in all poses against one that follows the load",
+                "wide_sweep",
+            ),
+            Confusion(
+                "position_dependent_friction",
+                "one height of the loop over the whole range against one that varies",
+                "wide_sweep",
+            ),
+            Confusion(
+                "presliding_hysteresis",
+                "a loop inside a loop shrinks with memory, and keeps its height without",
+                "nested_reversals",
+            ),
+            Confusion(
+                "stribeck_friction",
+                "the excess falls off with speed against one height at all speeds",
+                "creep",
+            ),
+            Confusion(
+                "temperature_dependent_friction",
+                "the loop shrinks as the joint warms up, or does not",
+                "revisit",
+            ),
+        ),
+    )
     friction_law: ClassVar[int] = friction_laws.COULOMB
-    tau_c: float = parameter("N m", "friction torque while sliding", lower=0.0, upper=1e3)
+    tau_c: float = parameter(
+        "N m", "friction torque while sliding", lower=0.0, upper=1e3, adds=True
+    )
     v_eps: float = sign_width()
 
     @property
     def coefficients(self) -> tuple[float, ...]:
         """tau_c and v_eps."""
         return self.tau_c, self.v_eps
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield it with the sign of the joint."""
+        yield cls.of_unit_size(joint, sign_width_at(joint, recorded))
+
+    @classmethod
+    def of_unit_size(cls, joint: int, v_eps: float) -> Hypothesis:
+        """Return Coulomb friction; how sharp its sign is has to be found, too."""
+        return Hypothesis.of_one(
+            cls(joint=joint, tau_c=1.0, v_eps=v_eps),
+            "tau_c",
+            positive=True,
+            settings=(v_eps,),
+            family=partial(cls.of_unit_size, joint),
+            bounds=((2e-4, 0.02),),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +182,24 @@ class AsymmetricFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "asymmetric_friction"
+    description: ClassVar[Description] = Description(
+        signature="two plateaus of different height for the two directions",
+        shown_by="creep",
+        confusions=(
+            Confusion(
+                "coulomb_friction",
+                "two plateaus of different height against one height both ways",
+                "creep",
+            ),
+            Confusion(
+                "torque_offset",
+                "friction of unlike height both ways is even friction and an offset, moving or "
+                "held by it; read the sensor of the unloaded joint",
+                identical=True,
+            ),
+        ),
+        part_of="coulomb_friction",
+    )
     friction_law: ClassVar[int] = friction_laws.ASYMMETRIC
     tau_plus: float = parameter("N m", "friction moving positive", lower=0.0, upper=1e3)
     tau_minus: float = parameter("N m", "friction moving negative", lower=0.0, upper=1e3)
@@ -117,6 +209,41 @@ class AsymmetricFriction(VelocityFriction):
     def coefficients(self) -> tuple[float, ...]:
         """tau_plus, tau_minus and v_eps."""
         return self.tau_plus, self.tau_minus, self.v_eps
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield it with the sign of the joint.
+
+        Alone, it cannot push; entered, it also takes from the Coulomb friction of the joint.
+        """
+        eps = sign_width_at(joint, recorded)
+        up = cls(joint=joint, tau_plus=1.0, tau_minus=0.0, v_eps=eps)
+        down = cls(joint=joint, tau_plus=0.0, tau_minus=1.0, v_eps=eps)
+        yield Hypothesis(
+            up.name,
+            (joint - 1,),
+            (up, down),
+            lambda c: (
+                replace(up, tau_plus=max(0.0, float(c[0])), tau_minus=max(0.0, float(c[1]))),
+            ),
+            enter=lambda effects, c: up.skewing(effects, float(c[0]), float(c[1])),
+        )
+
+    def skewing(self, effects: Sequence[Effect], plus: float, minus: float) -> tuple[Effect, ...]:
+        """Return effects and friction that differs with the direction by so much [N m].
+
+        Coulomb friction of the joint becomes part of it.
+        """
+        for place, old in enumerate(effects):
+            if isinstance(old, CoulombFriction) and old.joint == self.joint:
+                skewed = replace(
+                    self,
+                    tau_plus=max(0.0, old.tau_c + plus),
+                    tau_minus=max(0.0, old.tau_c + minus),
+                    v_eps=old.v_eps,
+                )
+                return (*effects[:place], skewed, *effects[place + 1 :])
+        return (*effects, replace(self, tau_plus=max(0.0, plus), tau_minus=max(0.0, minus)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,8 +257,13 @@ class ViscousFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "viscous_friction"
+    description: ClassVar[Description] = Description(
+        signature="torque grows in proportion to speed", shown_by="speed_ladder"
+    )
     friction_law: ClassVar[int] = friction_laws.VISCOUS
-    f_v: float | None = parameter("N m s/rad", "slope", lower=0.0, upper=1e4, default=None)
+    f_v: float | None = parameter(
+        "N m s/rad", "slope", lower=0.0, upper=1e4, default=None, adds=True
+    )
     f_v_plus: float | None = parameter(
         "N m s/rad", "slope moving positive", lower=0.0, upper=1e4, default=None
     )
@@ -152,6 +284,16 @@ class ViscousFriction(VelocityFriction):
         """Slope moving positive and moving negative [N m s/rad]."""
         return _given(self.f_v, self.f_v_plus), _given(self.f_v, self.f_v_minus)
 
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield one slope both ways."""
+        yield cls.of_unit_size(joint)
+
+    @classmethod
+    def of_unit_size(cls, joint: int) -> Hypothesis:
+        """Return one slope both ways."""
+        return Hypothesis.of_one(cls(joint=joint, f_v=1.0), "f_v", positive=True)
+
 
 def _given(both: float | None, one: float | None) -> float:
     return both if both is not None else one or 0.0
@@ -165,13 +307,27 @@ class QuadraticDrag(VelocityFriction):
     """
 
     name: ClassVar[str] = "quadratic_drag"
+    description: ClassVar[Description] = Description(
+        signature="torque curves upwards with speed",
+        shown_by="speed_ladder",
+        confusions=(
+            Confusion(
+                "viscous_friction", "a straight line over speed against a curve", "speed_ladder"
+            ),
+        ),
+    )
     friction_law: ClassVar[int] = friction_laws.DRAG
-    coefficient: float = parameter("N m s^2/rad^2", "coefficient", lower=0.0, upper=1e4)
+    coefficient: float = parameter("N m s^2/rad^2", "coefficient", lower=0.0, upper=1e4, adds=True)
 
     @property
     def coefficients(self) -> tuple[float, ...]:
         """The coefficient alone."""
         return (self.coefficient,)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield it."""
+        yield Hypothesis.of_one(cls(joint=joint, coefficient=1.0), "coefficient", positive=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,6 +341,17 @@ class StribeckFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "stribeck_friction"
+    description: ClassVar[Description] = Description(
+        signature="friction falls as speed grows from creep, at any distance travelled",
+        shown_by="creep",
+        confusions=(
+            Confusion(
+                "viscous_friction",
+                "one falls off with speed, the other grows with it",
+                "speed_ladder",
+            ),
+        ),
+    )
     friction_law: ClassVar[int] = friction_laws.STRIBECK
     tau_s: float = parameter("N m", "excess over Coulomb at rest", lower=0.0, upper=1e3)
     v_s: float = parameter("rad/s", "Stribeck velocity", lower=1e-5, upper=10.0)
@@ -195,3 +362,23 @@ class StribeckFriction(VelocityFriction):
     def coefficients(self) -> tuple[float, ...]:
         """tau_s, v_s, delta and v_eps."""
         return self.tau_s, self.v_s, self.delta, self.v_eps
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield it at several speeds, sharp and soft."""
+        eps = sign_width_at(joint, recorded)
+        for v_s in CREEP_SPEEDS:
+            for delta in (1.0, 2.0):
+                yield cls.of_unit_size(joint, eps, v_s, delta)
+
+    @classmethod
+    def of_unit_size(cls, joint: int, v_eps: float, v_s: float, delta: float) -> Hypothesis:
+        """Return the Stribeck effect at one joint."""
+        return Hypothesis.of_one(
+            cls(joint=joint, tau_s=1.0, v_s=v_s, delta=delta, v_eps=v_eps),
+            "tau_s",
+            positive=True,
+            settings=(v_s, delta),
+            family=partial(cls.of_unit_size, joint, v_eps),
+            bounds=((3e-3, 0.6), (0.5, 4.0)),
+        )

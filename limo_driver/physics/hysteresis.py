@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.parameters import parameter
 from limo_driver.physics import hysteresis_laws
-from limo_driver.physics.effect import TEXT, State, TorqueEffect, parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import Hypothesis, State, TorqueEffect
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from limo_driver.physics.effect import JointMotion
+    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedRobot
     from limo_driver.types import FloatArray, Motion
 
 
@@ -34,6 +37,9 @@ class Law:
 
 
 MAXWELL_SLIP = "maxwell_slip"
+STOP_WIDTHS = tuple(np.geomspace(3e-4, 0.25, 9))  # [rad], at which a diagnosis has elements slip
+BUILD_UP = (1e-3, 4e-3, 0.016)  # [rad] over which the friction of a law builds up
+_LEAST_FRICTION = 1e-6  # [N m]
 _FORGETTING = 2.3  # presliding distances, twice of which leave exp(-4.6) of a deflection
 LAWS: dict[str, Law] = {
     MAXWELL_SLIP: Law(hysteresis_laws.maxwell_slip, ("stiffness", "width")),
@@ -89,7 +95,18 @@ class PreslidingHysteresis(TorqueEffect):
     """
 
     name: ClassVar[str] = "presliding_hysteresis"
-    law: str = parameter(TEXT, f"one of {', '.join(LAWS)}", default="maxwell_slip")
+    description: ClassVar[Description] = Description(
+        signature="torque rises with the distance since the last reversal",
+        shown_by="nested_reversals",
+        confusions=(
+            Confusion(
+                "stribeck_friction",
+                "one changes with the speed, the other only with the distance since the reversal",
+                "creep",
+            ),
+        ),
+    )
+    law: str = parameter("text", "what remembers", of=LAWS, default="maxwell_slip")
     stiffness: tuple[float, ...] = _list("N m/rad", "stiffness of each element", 0.0, 1e7)
     width: tuple[float, ...] = _list("rad", "deflection at which each element slips", 1e-7, 1.0)
     sigma_0: float | None = _value("N m/rad", "stiffness at small motion", 1e-3, 1e8)
@@ -105,10 +122,6 @@ class PreslidingHysteresis(TorqueEffect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.law not in LAWS:
-            raise ConfigError(
-                f"{self.place}: law {self.law!r} is unknown; known: {', '.join(LAWS)}"
-            )
         law = LAWS[self.law]
         self._check_parameters(law)
         for name, value in law.optional.items():
@@ -170,6 +183,122 @@ class PreslidingHysteresis(TorqueEffect):
         values = [getattr(self, name) for name in law.parameters]
         given = [np.array(v) if isinstance(v, tuple) else float(v) for v in values]
         return law.follow(after, path, *given), after
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for slipping springs; other laws are sampled, as stiff as they are."""
+        if self.law == MAXWELL_SLIP:
+            for stiffness, width in zip(self.stiffness, self.width, strict=True):
+                robot.add_slipping_spring(self.joint, stiffness, width)
+            return
+        robot.sample(self)
+        robot.expect_late(self.joint, stiffness=self.initial_stiffness, damping=self.sigma_1 or 0.0)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield several laws."""
+        yield cls.maxwell_slip(joint, STOP_WIDTHS)
+        for width in BUILD_UP:
+            yield cls.lugre(joint, width, 0.15, 0.01)
+            yield cls.bouc_wen(joint, width, 0.7, 1.5)
+
+    @classmethod
+    def further_laws(cls, found: Hypothesis) -> Iterator[Hypothesis]:
+        """Yield Dahl's law."""
+        width = found.settings[0] if found.settings else BUILD_UP[1]
+        yield cls.dahl(found.joints[0] + 1, width, 1.5)
+
+    @classmethod
+    def stop(cls, joint: int, width: float) -> PreslidingHysteresis:
+        """Return one spring that slips at a width [rad], and then carries 1 N m."""
+        return cls(joint=joint, law=MAXWELL_SLIP, stiffness=(1.0 / width,), width=(width,))
+
+    @classmethod
+    def maxwell_slip(cls, joint: int, widths: tuple[float, ...]) -> Hypothesis:
+        """Return parallel springs that slip at given widths [rad]."""
+        terms = tuple(cls.stop(joint, width) for width in widths)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            used = [i for i in range(len(widths)) if c[i] > 0]
+            if not used:
+                return ()
+            stiffness = tuple(float(c[i] / widths[i]) for i in used)
+            width = tuple(widths[i] for i in used)
+            return (cls(joint=joint, law=MAXWELL_SLIP, stiffness=stiffness, width=width),)
+
+        return Hypothesis(cls.name, (joint - 1,), terms, realise, positive=True, law="Maxwell slip")
+
+    @classmethod
+    def lugre(cls, joint: int, width: float, rise: float, v_s: float) -> Hypothesis:
+        """Return bristles that slide after a width [rad]; at rest they hold a part `rise` more."""
+        unit = cls(joint=joint, law="lugre", sigma_0=1.0 / width, tau_c=1.0, tau_s=rise, v_s=v_s)
+        return unit._growing(
+            ("sigma_0", "tau_c", "tau_s"),
+            "LuGre",
+            partial(cls.lugre, joint),
+            (width, rise, v_s),
+            ((1e-4, 0.1), (1e-3, 1.0), (2e-3, 0.1)),
+        )
+
+    @classmethod
+    def bouc_wen(cls, joint: int, width: float, beta_ratio: float, exponent: float) -> Hypothesis:
+        """Return Bouc and Wen's law, which slides after about a width [rad]."""
+        unit = cls(
+            joint=joint,
+            law="bouc_wen",
+            sigma_0=1.0 / width,
+            tau_c=1.0,
+            beta_ratio=beta_ratio,
+            exponent=exponent,
+        )
+        return unit._growing(
+            ("sigma_0", "tau_c"),
+            "Bouc-Wen",
+            partial(cls.bouc_wen, joint),
+            (width, beta_ratio, exponent),
+            ((1e-4, 0.1), (0.5, 1.0), (0.5, 3.0)),
+        )
+
+    @classmethod
+    def dahl(cls, joint: int, width: float, exponent: float) -> Hypothesis:
+        """Return Dahl's law, which slides after about a width [rad].
+
+        With an exponent of 1 it is LuGre without excess at rest, and Bouc and Wen's with a ratio
+        of 1.
+        """
+        unit = cls(joint=joint, law="dahl", sigma_0=1.0 / width, tau_c=1.0, exponent=exponent)
+        return unit._growing(
+            ("sigma_0", "tau_c"),
+            "Dahl",
+            partial(cls.dahl, joint),
+            (width, exponent),
+            ((1e-4, 0.1), (0.3, 4.0)),
+        )
+
+    def _growing(
+        self,
+        names: tuple[str, ...],
+        law: str,
+        family: Callable[..., Hypothesis],
+        settings: tuple[float, ...],
+        bounds: tuple[tuple[float, float], ...],
+    ) -> Hypothesis:
+        """Return the hypothesis of a law of unit size, whose torques grow with one coefficient."""
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            size = max(float(c[0]), _LEAST_FRICTION)
+            return (replace(self, **{name: size * getattr(self, name) for name in names}),)
+
+        return Hypothesis(
+            self.name,
+            (self.joint - 1,),
+            (self,),
+            realise,
+            positive=True,
+            settings=settings,
+            family=family,
+            law=law,
+            bounds=bounds,
+        )
 
 
 class MaxwellSlips:

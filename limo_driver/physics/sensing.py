@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.parameters import JOINT, Declared, parameter
+from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
-    JOINT,
+    Hypothesis,
     MotionEffect,
     SensorEffect,
     State,
     TorqueEffect,
-    parameter,
 )
 
 if TYPE_CHECKING:
-    from limo_driver.physics.effect import JointMotion, SensedTorque
+    from collections.abc import Iterator
+
+    from limo_driver.physics.effect import (
+        Effect,
+        JointMotion,
+        Recorded,
+        SensedTorque,
+        SimulatedRobot,
+    )
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
+
+KNOTS = 6  # of drift over a recording
+UNIT_ANGLE = 1e-3  # [rad]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,11 +43,23 @@ class TorqueOffset(TorqueEffect):
     """
 
     name: ClassVar[str] = "torque_offset"
-    offset: float = parameter("N m", "offset", lower=-1e3, upper=1e3)
+    description: ClassVar[Description] = Description(
+        signature="a constant, also at rest", shown_by="rest_holds"
+    )
+    offset: float = parameter("N m", "offset", lower=-1e3, upper=1e3, adds=True)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the offset [N m], (T,)."""
         return np.full(motion.position.shape, self.offset), state
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for the offset of the sensor."""
+        robot.add_torque_offset(self.joint, self.offset)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield it."""
+        yield Hypothesis.of_one(cls(joint=joint, offset=1.0), "offset")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +74,19 @@ class TorqueDrift(TorqueEffect):
     """
 
     name: ClassVar[str] = "torque_drift"
-    times: tuple[float, ...] = parameter("s", "times", lower=-1e12, upper=1e12)
-    offset: tuple[float, ...] = parameter("N m", "offset at each time", lower=-1e3, upper=1e3)
+    description: ClassVar[Description] = Description(
+        signature="the same motion needs another torque later on",
+        shown_by="revisit",
+        confusions=(
+            Confusion(
+                "torque_offset", "the same poses later show the same offset, or another", "revisit"
+            ),
+        ),
+    )
+    times: tuple[float, ...] = parameter("s", "times", lower=-1e12, upper=1e12, chosen=True)
+    offset: tuple[float, ...] = parameter(
+        "N m", "offset at each time", lower=-1e3, upper=1e3, deviation="largest"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -61,6 +97,26 @@ class TorqueDrift(TorqueEffect):
         """Return the offset at the time of each sample [N m], (T,)."""
         return np.interp(motion.time, self.times, self.offset), state
 
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for it in what the sensor says."""
+        robot.sense(self)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield it with knots from the first to the last sample."""
+        times = tuple(np.linspace(recorded.start, recorded.end, KNOTS).tolist())
+        terms = tuple(cls(joint=joint, times=times, offset=tuple(hat)) for hat in np.eye(KNOTS))
+        yield Hypothesis(
+            cls.name,
+            (joint - 1,),
+            terms,
+            lambda c: (replace(terms[0], offset=tuple(float(x) for x in c)),),
+        )
+
+    def from_time(self, start: float, recording: Recording) -> Effect:  # noqa: ARG002
+        """Return the drift in a time that begins at `start` [s]."""
+        return replace(self, times=tuple(t - start for t in self.times))
+
 
 @dataclass(frozen=True, kw_only=True)
 class EncoderOffset(MotionEffect):
@@ -70,11 +126,36 @@ class EncoderOffset(MotionEffect):
     """
 
     name: ClassVar[str] = "encoder_offset"
-    offset: float = parameter("rad", "encoder minus link", lower=-0.5, upper=0.5)
+    description: ClassVar[Description] = Description(
+        signature="the gravity torque is that of a shifted position",
+        shown_by="wide_sweep",
+        confusions=(
+            Confusion(
+                "link_inertia",
+                "an offset shifts the gravity torque over position, inertia scales it",
+                "wide_sweep",
+            ),
+            Confusion(
+                "spring_load",
+                "an offset acts in proportion to the load's slope, a spring at any load",
+                "wide_sweep",
+            ),
+        ),
+    )
+    offset: float = parameter("rad", "encoder minus link", lower=-0.5, upper=0.5, adds=True)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the offset [rad], (T,)."""
         return np.full(motion.position.shape, self.offset), state
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for another zero of the encoder."""
+        robot.add_encoder_offset(self.joint, self.offset)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield it."""
+        yield Hypothesis.of_one(cls(joint=joint, offset=UNIT_ANGLE), "offset")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,11 +166,30 @@ class TorqueGain(SensorEffect):
     """
 
     name: ClassVar[str] = "torque_gain"
-    gain: float = parameter("1", "relative error of scale", lower=-0.99, upper=10.0)
+    description: ClassVar[Description] = Description(
+        signature="all of this joint's torque is scaled together",
+        shown_by="wide_sweep",
+        confusions=(
+            Confusion(
+                "link_inertia",
+                "a gain scales all torques of the joint, friction too, in every pose alike",
+                "wide_sweep",
+            ),
+            Confusion("payload", "only a known mass tells the gain of a sensor"),
+        ),
+    )
+    gain: float = parameter(
+        "1", "relative error of scale", lower=-0.99, upper=10.0, scales=True, adds=True
+    )
 
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return gain times the joint's torque [N m], (T,)."""
         return self.gain * sensed.torque[:, self.joint - 1], state
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield it."""
+        yield Hypothesis.of_one(cls(joint=joint, gain=0.01), "gain")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,38 +204,52 @@ class TorqueCrosstalk(SensorEffect):
     """
 
     name: ClassVar[str] = "torque_crosstalk"
+    description: ClassVar[Description] = Description(
+        signature="the error follows another joint's torque",
+        shown_by="apart",
+        confusions=(
+            Confusion(
+                "torque_offset", "crosstalk changes when another joint alone is moved", "apart"
+            ),
+        ),
+    )
     source: int = parameter(JOINT, "the other joint", lower=1, upper=64)
-    gain: float = parameter("1", "share of its torque", lower=-10.0, upper=10.0)
+    gain: float = parameter("1", "share of its torque", lower=-10.0, upper=10.0, scales=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.source == self.joint:
-            raise ConfigError(
-                f"{self.place}: source = {self.source} is the joint itself; that is torque_gain"
-            )
+            raise self._refused("source", "another joint, since torque_gain is for its own")
 
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return gain times the torque of the source [N m], (T,)."""
         return self.gain * sensed.torque[:, self.source - 1], state
 
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield it from every other joint."""
+        for source in range(1, recorded.n + 1):
+            if source != joint:
+                yield Hypothesis.of_one(cls(joint=joint, source=source, gain=0.01), "gain")
+
 
 @dataclass(frozen=True)
-class Sensors:
+class Sensors(Declared):
     """Noise and resolution of the sensors; one value for all joints, or one each.
 
     They shape what the simulated robot measures. A prediction is free of them. Zero means ideal.
     """
 
-    torque_noise: tuple[float, ...] = (0.0,)  # standard deviation, white [N m]
-    torque_resolution: tuple[float, ...] = (0.0,)  # [N m]
-    encoder_resolution: tuple[float, ...] = (0.0,)  # [rad]
+    _called = "sensors"
+    torque_noise: tuple[float, ...] = parameter("N m", "1 sigma, white", lower=0, default=(0.0,))
+    torque_resolution: tuple[float, ...] = parameter("N m", "of one step", lower=0, default=(0.0,))
+    encoder_resolution: tuple[float, ...] = parameter("rad", "of one step", lower=0, default=(0.0,))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for item in fields(self):
-            values = np.atleast_1d(np.asarray(getattr(self, item.name), dtype=float))
-            if not values.size or not (np.isfinite(values) & (values >= 0)).all():
-                raise ConfigError(f"sensors: {item.name} = {values.tolist()} has to be 0 or more")
-            object.__setattr__(self, item.name, tuple(values.tolist()))
+            if not getattr(self, item.name):
+                raise self._refused(item.name, "one for all joints, or one each")
 
     def for_joints(self, name: str, n: int) -> FloatArray:
         """Return one sensor figure for each of n joints, (n,).

@@ -13,8 +13,8 @@ import numpy as np
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, RecordingError, ShapeError
 from limo_driver.model import Inertial, RobotModel
+from limo_driver.parameters import JOINT
 from limo_driver.physics.effect import (
-    JOINT,
     ArmEffect,
     ArmMotion,
     BodyEffect,

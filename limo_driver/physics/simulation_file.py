@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
 
-from limo_driver.errors import ConfigError
-from limo_driver.model import BUILT_IN, Inertial, RobotModel
+from limo_driver.declarations import read_yaml
+from limo_driver.errors import ConfigError, PlugInError
+from limo_driver.model import Inertial, RobotModel, beside
 from limo_driver.outputs import whole
-from limo_driver.physics.catalogue import CATALOGUE
-from limo_driver.physics.effect import JOINT, TEXT
+from limo_driver.parameters import Declared, parameter
+from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.sensing import Sensors
-from limo_driver.yaml_reader import YamlReader, is_null
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.physics.effect import Effect, Parameter
+    from limo_driver.declarations import Given
+    from limo_driver.physics.effect import Effect
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "effects")
@@ -27,11 +28,11 @@ _INERTIAL = ("mass", "com", "inertia")
 
 
 @dataclass(frozen=True)
-class Tolerances:
+class Tolerances(Declared):
     """How well the nominal values are known (relative, 1 sigma)."""
 
-    inertia: float = 0.02
-    friction: float = 0.15
+    inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
+    friction: float = parameter("1", "of the parameters of friction", lower=0, default=0.15)
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,24 @@ def load(path: Path) -> SimulationFile:
     Raises:
         ConfigError: Names the line, what was given and what exists.
     """
-    return _Reader(path).simulation()
+    given = read_yaml(path, needs="at least `robot:`")
+    given.only(*_SECTIONS)
+    if "robot" not in given:
+        given.fail("lacks `robot:`, a built-in name or a URDF file")
+    robot = beside(given.text("robot"), path.parent)
+    try:
+        model = RobotModel.load(robot)
+    except ConfigError as error:
+        given["robot"].fail(str(error))
+    inertials = given.optional("inertials").only(*model.link_names).entries
+    effects = given.optional("effects").sections()
+    return SimulationFile(
+        robot=robot,
+        inertials={link: _inertial(inertials[link], model.inertials[link]) for link in inertials},
+        tolerances=given.optional("tolerances").make(Tolerances),
+        sensors=_sensors(given.optional("sensors"), model.n),
+        effects=tuple(_effect(entry, model.n) for entry in effects),
+    )
 
 
 def save(simulation: SimulationFile, path: Path) -> None:
@@ -97,127 +115,39 @@ def _has_joint(effect: type[Effect]) -> bool:
     return any(item.name == "joint" for item in fields(effect))
 
 
-class _Reader(YamlReader):
-    """Makes a simulation of the nodes of one file."""
+def _inertial(given: Given, nominal: Inertial) -> Inertial:
+    """Read mass, centre of mass and inertia; what is not given stays nominal."""
+    given.only(*_INERTIAL)
+    body = Inertial(
+        given.number("mass") if "mass" in given else nominal.mass,
+        _vector(given, "com", nominal.com),
+        _vector(given, "inertia", nominal.inertia),
+    )
+    if not body.is_consistent():
+        given.fail("no rigid body has the mass and inertia given")
+    return body
 
-    def simulation(self) -> SimulationFile:
-        if self.root is None:
-            raise ConfigError("is empty; it needs at least `robot:`", path=self.path)
-        sections = self._mapping(self.root, "the file", _SECTIONS)
-        if "robot" not in sections:
-            self._fail(self.root, "lacks `robot:`, a built-in name or a URDF file")
-        robot, model = self._robot(sections["robot"])
-        return SimulationFile(
-            robot=robot,
-            inertials=self._inertials(sections.get("inertials"), model),
-            tolerances=self._tolerances(sections.get("tolerances")),
-            sensors=self._sensors(sections.get("sensors"), model),
-            effects=tuple(self._effects(sections.get("effects"), model)),
-        )
 
-    def _robot(self, node: yaml.Node) -> tuple[str, RobotModel]:
-        name = self._text(node)
-        beside = self.path.parent / name
-        robot = name if name in BUILT_IN or not beside.is_file() else str(beside.resolve())
-        try:
-            return robot, RobotModel.load(robot)
-        except ConfigError as error:
-            self._fail(node, str(error))
+def _vector(given: Given, name: str, nominal: _Vector) -> _Vector:
+    """Read as many numbers as the nominal vector has; the nominal ones if none are given."""
+    if name not in given:
+        return nominal
+    return cast("_Vector", given.numbers(name, len(nominal)))
 
-    def _inertials(self, node: yaml.Node | None, model: RobotModel) -> dict[str, Inertial]:
-        inertials: dict[str, Inertial] = {}
-        for link, entry in self._optional(node, "inertials", model.link_names).items():
-            nominal = model.inertials[link]
-            given = self._mapping(entry, f"inertials of {link}", _INERTIAL)
-            body = Inertial(
-                self._number(given["mass"]) if "mass" in given else nominal.mass,
-                self._vector(given.get("com"), nominal.com),
-                self._vector(given.get("inertia"), nominal.inertia),
-            )
-            if not body.is_consistent():
-                self._fail(entry, f"no rigid body has the mass and inertia given for {link}")
-            inertials[link] = body
-        return inertials
 
-    def _tolerances(self, node: yaml.Node | None) -> Tolerances:
-        names = [item.name for item in fields(Tolerances)]
-        given = self._optional(node, "tolerances", names)
-        values = {key: self._number(value) for key, value in given.items()}
-        for key, value in values.items():
-            if value < 0:
-                self._fail(given[key], f"tolerance {key} = {value:g} has to be 0 or more")
-        return Tolerances(**values)
+def _effect(given: Given, joints: int) -> Effect:
+    """Read an effect; one of another distribution is imported when its name is read."""
+    name = given.named("effect", known_names())
+    try:
+        effect = effect_called(name)
+    except PlugInError as error:
+        given.fail(str(error), given["effect"].line)
+    return given.make(effect, joints=joints, beside=("effect",))
 
-    def _sensors(self, node: yaml.Node | None, model: RobotModel) -> Sensors:
-        names = [item.name for item in fields(Sensors)]
-        given = self._optional(node, "sensors", names)
-        values = {key: tuple(self._numbers(value)) for key, value in given.items()}
-        for key, value in values.items():
-            if len(value) not in {1, model.n}:
-                self._fail(given[key], f"{key} has {len(value)} values for {model.n} joints")
-        try:
-            return Sensors(**values)
-        except ConfigError as error:
-            self._fail(node or self.root, str(error))
 
-    def _effects(self, node: yaml.Node | None, model: RobotModel) -> Iterable[Effect]:
-        if node is None or is_null(node):
-            return
-        if not isinstance(node, yaml.SequenceNode):
-            self._fail(node, "effects: has to be a list of `- {effect: ..., joint: ...}`")
-        for entry in node.value:
-            yield self._effect(entry, model)
-
-    def _effect(self, entry: yaml.Node, model: RobotModel) -> Effect:
-        given = self._mapping(entry, "an effect", None)
-        if "effect" not in given:
-            self._fail(entry, "lacks `effect:`, one of " + ", ".join(sorted(CATALOGUE)))
-        name = self._text(given["effect"])
-        if name not in CATALOGUE:
-            self._fail(
-                given["effect"],
-                f"effect {name!r} is unknown; known: {', '.join(sorted(CATALOGUE))}",
-            )
-        effect = CATALOGUE[name]
-        known = {item.name: item for item in effect.parameters()}
-        place = ("joint",) if _has_joint(effect) else ()
-        self._mapping(entry, name, ("effect", *place, *known))
-        required = [*place, *(key for key, item in known.items() if not item.optional)]
-        if missing := [key for key in required if key not in given]:
-            self._fail(entry, f"{name} lacks {', '.join(missing)}")
-        values: dict[str, Any] = {key: self._joint(given[key], model) for key in place}
-        values |= {
-            key: self._parameter(given[key], item, model)
-            for key, item in known.items()
-            if key in given
-        }
-        try:
-            return effect(**values)
-        except ConfigError as error:
-            self._fail(entry, str(error))
-
-    def _joint(self, node: yaml.Node, model: RobotModel) -> int:
-        number = self._number(node)
-        if number != int(number) or not 1 <= number <= model.n:
-            self._fail(node, f"joint {number:g} does not exist; joints are 1 to {model.n}")
-        return int(number)
-
-    def _parameter(self, node: yaml.Node, known: Parameter, model: RobotModel) -> Any:  # noqa: ANN401  # of the field's own type
-        if known.unit == TEXT:
-            return self._text(node)
-        if known.unit == JOINT:
-            return self._joint(node, model)
-        if known.columns:
-            if not isinstance(node, yaml.SequenceNode):
-                self._fail(node, f"{known.name} has to be a list of [{known.columns} numbers]")
-            return tuple(tuple(self._numbers(row)) for row in node.value)
-        return tuple(self._numbers(node)) if known.is_list else self._number(node)
-
-    def _vector(self, node: yaml.Node | None, nominal: _Vector) -> _Vector:
-        """Read as many numbers as the nominal vector has; the nominal ones if none are given."""
-        if node is None:
-            return nominal
-        numbers = self._numbers(node)
-        if len(numbers) != len(nominal):
-            self._fail(node, f"has {len(numbers)} numbers, expected {len(nominal)}")
-        return cast("_Vector", tuple(numbers))
+def _sensors(given: Given, n: int) -> Sensors:
+    sensors = given.make(Sensors)
+    for name, entry in given.entries.items():
+        if len(getattr(sensors, name)) not in {1, n}:
+            entry.refuse(f"one number for all {n} joints, or one each")
+    return sensors

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from limo_driver.compiled import compiled
-from limo_driver.physics.effect import MotionEffect, State, TorqueEffect, parameter
+from limo_driver.parameters import parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import Hypothesis, MotionEffect, State, TorqueEffect
 
 if TYPE_CHECKING:
-    from limo_driver.physics.effect import JointMotion
+    from collections.abc import Iterator
+
+    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedRobot
     from limo_driver.types import FloatArray
 
+GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
+LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's spokes
 _LIGHT = 1e-9  # [kg m²]
+_UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
+_UNIT_CUBIC = 1e-9  # [rad/(N m)³]
+_STIFF = 1e8  # [N m/rad]
+_SEEN_OF_A_PERIOD = 0.5  # of the longest line that a torque sensor may have
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +41,24 @@ class JointElasticity(MotionEffect):
     """
 
     name: ClassVar[str] = "joint_elasticity"
+    description: ClassVar[Description] = Description(
+        signature="the link gives way in proportion to its load",
+        shown_by="wide_sweep",
+        confusions=(
+            Confusion(
+                "link_inertia",
+                "wind-up grows with the square of the load, a wrong inertia with the load",
+                "wide_sweep",
+            ),
+            Confusion(
+                "spring_load",
+                "wind-up follows the load, a spring the position at any load",
+                "wide_sweep",
+            ),
+        ),
+    )
     agility: ClassVar[float] = 0.7  # a spring never winds up faster than its load changes
-    stiffness: float = parameter("N m/rad", "stiffness", lower=10.0, upper=1e8)
+    stiffness: float = parameter("N m/rad", "stiffness", lower=10.0, upper=1e8, inverse=True)
     cubic: float = parameter(
         "rad/(N m)^3", "cubic compliance", lower=-1e-3, upper=1e-3, default=0.0
     )
@@ -39,6 +66,47 @@ class JointElasticity(MotionEffect):
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return encoder minus link position [rad], (T,)."""
         return wind_up(motion.load, 1.0 / self.stiffness, self.cubic), state
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for a compliance."""
+        robot.add_compliance(self.joint, 1.0 / self.stiffness, self.cubic)
+
+    def with_more(self, more: Effect) -> Effect | None:
+        """Return one gear for two that wind up behind each other."""
+        if not isinstance(more, JointElasticity) or more.joint != self.joint:
+            return None
+        return replace(self, stiffness=1.0 / (1.0 / self.stiffness + 1.0 / more.stiffness))
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield a gear of one stiffness at any load."""
+        soft = cls(joint=joint, stiffness=1.0 / _UNIT_COMPLIANCE)
+        yield Hypothesis(
+            soft.name,
+            (joint - 1,),
+            (soft,),
+            lambda c: (replace(soft, stiffness=_stiffness(float(c[0]))),),
+            positive=True,
+            law="a linear one",
+        )
+
+    @classmethod
+    def further_laws(cls, found: Hypothesis) -> Iterator[Hypothesis]:
+        """Yield a gear whose stiffness changes with its load."""
+        (j,) = found.joints
+        soft = cls(joint=j + 1, stiffness=1.0 / _UNIT_COMPLIANCE)
+        bent = cls(joint=j + 1, stiffness=_STIFF, cubic=_UNIT_CUBIC)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            stiffness = _stiffness(float(c[0]))
+            return (replace(soft, stiffness=stiffness, cubic=float(c[1]) * _UNIT_CUBIC),)
+
+        yield Hypothesis(soft.name, (j,), (soft, bent), realise, law="a cubic one")
+
+
+def _stiffness(compliance: float) -> float:
+    """Return the stiffness [N m/rad] of so many units of compliance; of none, the stiffest."""
+    return 1.0 / max(compliance * _UNIT_COMPLIANCE, 1.0 / _STIFF)
 
 
 def wind_up(
@@ -62,9 +130,30 @@ class Backlash(MotionEffect):
     """
 
     name: ClassVar[str] = "backlash"
+    description: ClassVar[Description] = Description(
+        signature="the link jumps where the load changes sign",
+        shown_by="load_reversal",
+        confusions=(
+            Confusion(
+                "encoder_offset",
+                "play jumps where the load changes sign, an offset does not",
+                "load_reversal",
+            ),
+            Confusion(
+                "joint_elasticity",
+                "play jumps where the load changes sign, a spring winds up with the load",
+                "load_reversal",
+            ),
+            Confusion(
+                "presliding_hysteresis",
+                "play depends on the sign of the load, hysteresis on reversals at any load",
+                "load_reversal",
+            ),
+        ),
+    )
     agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
     needs_inertia: ClassVar[bool] = True
-    gap: float = parameter("rad", "whole play", lower=0.0, upper=0.2)
+    gap: float = parameter("rad", "whole play", lower=0.0, upper=0.2, adds=True)
 
     def initial_state(self) -> State:
         """Return a link at rest in the middle, and no previous time."""
@@ -76,6 +165,24 @@ class Backlash(MotionEffect):
         after = state.copy()
         ahead = np.ascontiguousarray(motion.load / inertia)
         return _float(after, motion.time, ahead, 0.5 * self.gap), after
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield several gaps."""
+        for gap in GAPS:
+            yield cls.of_gap(joint, gap)
+
+    @classmethod
+    def of_gap(cls, joint: int, gap: float) -> Hypothesis:
+        """Return play at one joint; how long the link floats depends on the gap [rad]."""
+        return Hypothesis.of_one(
+            cls(joint=joint, gap=gap),
+            "gap",
+            positive=True,
+            settings=(gap,),
+            family=partial(cls.of_gap, joint),
+            bounds=((0.3 * gap, 3.0 * gap),),
+        )
 
 
 @compiled(reads=("time", "ahead"), nogil=True)
@@ -109,11 +216,41 @@ class Armature(TorqueEffect):
     """
 
     name: ClassVar[str] = "armature"
-    inertia: float = parameter("kg m^2", "reflected inertia", lower=0.0, upper=1e3)
+    description: ClassVar[Description] = Description(
+        signature="torque goes with this joint's own acceleration alone",
+        shown_by="two_frequencies",
+        confusions=(
+            Confusion(
+                "link_inertia",
+                "a drive's inertia loads its own joint only, a link's all joints below it",
+                "two_frequencies",
+            ),
+            Confusion(
+                "payload",
+                "a drive's inertia has no weight and loads its own joint only",
+                "two_frequencies",
+            ),
+            Confusion(
+                "time_delay",
+                "inertia grows with the square of the frequency, a delay's phase with it",
+                "two_frequencies",
+            ),
+        ),
+    )
+    inertia: float = parameter("kg m^2", "reflected inertia", lower=0.0, upper=1e3, adds=True)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return inertia ddq [N m], (T,)."""
         return self.inertia * motion.acceleration, state
+
+    def realise(self, robot: SimulatedRobot) -> None:
+        """Ask for reflected inertia."""
+        robot.add_inertia(self.joint, self.inertia)
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield it."""
+        yield Hypothesis.of_one(cls(joint=joint, inertia=1.0), "inertia", positive=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +267,16 @@ class TorqueRipple(TorqueEffect):
     """
 
     name: ClassVar[str] = "torque_ripple"
+    description: ClassVar[Description] = Description(
+        signature="a line at a fixed number of cycles in a revolution", shown_by="creep"
+    )
     cycles_per_rev: tuple[float, ...] = parameter(
         "1/rev", "cycles in a revolution of the joint", lower=1e-3, upper=1e6
     )
-    amplitude: tuple[float, ...] = parameter("N m", "amplitude", lower=0.0, upper=1e3)
-    phase: tuple[float, ...] = parameter("rad", "phase", lower=-1e3, upper=1e3)
+    amplitude: tuple[float, ...] = parameter(
+        "N m", "amplitude", lower=0.0, upper=1e3, deviation="largest"
+    )
+    phase: tuple[float, ...] = parameter("rad", "phase", lower=-1e3, upper=1e3, deviation=1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -146,3 +288,41 @@ class TorqueRipple(TorqueEffect):
         for N, A, phi in zip(self.cycles_per_rev, self.amplitude, self.phase, strict=True):
             torque += A * np.sin(N * motion.position + phi)
         return torque, state
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield ripples of low orders, as far as the joint turns through them."""
+        turns = float(np.ptp(recorded.position[:, joint - 1])) / (2 * np.pi)
+        for cycles in LOW_ORDERS:
+            if turns * max(cycles) >= 1.0 and turns * min(cycles) >= _SEEN_OF_A_PERIOD:
+                yield cls.of_lines(joint, cycles)
+
+    @classmethod
+    def of_lines(cls, joint: int, cycles: tuple[float, ...]) -> Hypothesis:
+        """Return a ripple of several lines [1/rev] at one joint."""
+        one = tuple(
+            cls(joint=joint, cycles_per_rev=(N,), amplitude=(1.0,), phase=(0.0,)) for N in cycles
+        )
+        terms = tuple(term for base in one for term in (base, replace(base, phase=(np.pi / 2,))))
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            sine, cosine = c[0::2], c[1::2]
+            size, phase = np.hypot(sine, cosine), np.arctan2(cosine, sine)
+            return (
+                cls(
+                    joint=joint,
+                    cycles_per_rev=cycles,
+                    amplitude=tuple(size.tolist()),
+                    phase=tuple(phase.tolist()),
+                ),
+            )
+
+        return Hypothesis(
+            cls.name,
+            (joint - 1,),
+            terms,
+            realise,
+            settings=cycles,
+            family=lambda *N: cls.of_lines(joint, N),
+            bounds=tuple((0.98 * N, 1.02 * N) for N in cycles),
+        )

@@ -16,10 +16,10 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.outputs import require_file
+from limo_driver.plugins import ROBOTS, find
 from limo_driver.recordings.recorder import Recorder
 from limo_driver.robot.interrupts import interrupts
 from limo_driver.robot.realtime import Realtime
-from limo_driver.robot.registry import ROBOTS, find
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 

@@ -1,29 +1,13 @@
-"""Find backends and estimators by name, through entry points; outsiders plug in the same way."""
+"""Open robots by the name of their backend; outsiders plug in the same way, see `plugins`."""
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.errors import BackendNotFoundError
+from limo_driver.plugins import ROBOTS, find
 
 if TYPE_CHECKING:
     from limo_driver.robot.robot import Robot
-
-ROBOTS = "limo.robots"
-ESTIMATORS = "limo.estimators"
-
-
-def find(group: str, name: str) -> Any:  # noqa: ANN401  # the class behind an entry point
-    """Return the class registered as `name` in an entry point group.
-
-    Raises:
-        BackendNotFoundError: No such name; the message lists the known ones.
-    """
-    found = {entry.name: entry for entry in entry_points(group=group)}
-    if name not in found:
-        raise BackendNotFoundError(group.removeprefix("limo.").removesuffix("s"), name, found)
-    return found[name].load()
 
 
 def open_robot(backend: str, **options: Any) -> Robot:  # noqa: ANN401  # each backend's own
@@ -35,6 +19,7 @@ def open_robot(backend: str, **options: Any) -> Robot:  # noqa: ANN401  # each b
 
     Raises:
         BackendNotFoundError: No backend of that name.
+        PlugInError: The backend is of another distribution, and cannot be used.
 
     Example:
         >>> with open_robot("mujoco", simulation="sim.yaml") as robot:

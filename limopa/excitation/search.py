@@ -20,12 +20,13 @@ import numpy as np
 
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, InfeasiblePathError
+from limo_driver.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory
 from limopa.excitation.descent import Candidate, Watch
 from limopa.excitation.excess import Excess
 from limopa.excitation.fourier import Fourier, allot
 from limopa.feasibility import Condition, Feasibility
-from limopa.request import Surroundings, Workspace, require
+from limopa.request import Surroundings, Workspace
 from limopa.scaffold import ScaffoldSampler
 
 if TYPE_CHECKING:
@@ -54,34 +55,33 @@ _CHECKED = 1e-3  # [s], the control cycle
 
 
 @dataclass(frozen=True)
-class ExcitationRequest:
+class ExcitationRequest(Declared):
     """What to find."""
 
-    duration: float = 60.0  # [s], one period of the base frequency
-    harmonics: int = 5  # of each joint
-    rate: float = 250.0  # [Hz] of the trajectory's samples
+    duration: float = parameter(
+        "s",
+        "one period of the base frequency",
+        lower=0.0,
+        above=True,
+        upper=LONGEST,
+        default=60.0,
+    )
+    harmonics: int = parameter(  # of which one alone cannot start and end at rest
+        "", "of each joint", lower=2, upper=MOST_HARMONICS, default=5
+    )
+    rate: float = parameter("Hz", "of the trajectory's samples", lower=50, upper=1e3, default=250.0)
     surroundings: Surroundings = field(default_factory=Surroundings)
     workspace: Workspace = EVERYWHERE  # of the flange, all the time
-    starts: int = 16  # random motions to begin with, of which the best are refined
-    iterations: int = 250  # of each of the last two refinements; 0: a random motion
-
-    def __post_init__(self) -> None:
-        require(
-            0 < self.duration <= LONGEST,
-            "duration",
-            self.duration,
-            f"above 0 and up to {LONGEST:g} s",
-        )
-        require(
-            2 <= self.harmonics <= MOST_HARMONICS,  # noqa: PLR2004
-            "number of harmonics", self.harmonics,
-            f"2 to {MOST_HARMONICS} for each joint: one alone cannot start and end at rest",
-        )  # fmt: skip
-        require(50 <= self.rate <= 1000, "sample rate", self.rate, "Hz, in [50, 1000]")  # noqa: PLR2004
-        require(
-            1 <= self.starts <= MOST_STARTS, "number of starts", self.starts, f"1 to {MOST_STARTS}"
-        )
-        require(self.iterations >= 0, "number of iterations", self.iterations, "0 or more")
+    starts: int = parameter(
+        "",
+        "random motions to begin with, of which the best are refined",
+        lower=1,
+        upper=MOST_STARTS,
+        default=16,
+    )
+    iterations: int = parameter(
+        "", "of each of the last two refinements; 0: a random motion", lower=0, default=250
+    )
 
     @property
     def frequency(self) -> float:
@@ -200,9 +200,14 @@ class _Search:
         seen = time[_DENSER // 2 :: _DENSER]
         x = np.concatenate([pose, _START * random.standard_normal(fourier.size - self.model.n)])
         return Candidate(
-            fourier, seen, fourier.sampled(seen), fourier.sampled(time), self.criterion,
-            self.excess, x,
-        )  # fmt: skip
+            fourier,
+            seen,
+            fourier.sampled(seen),
+            fourier.sampled(time),
+            self.criterion,
+            self.excess,
+            x,
+        )
 
     def _inside(self, found: Candidate) -> Trajectory:
         """Return a motion as it is or, if it is not strictly within the limits, a smaller one."""

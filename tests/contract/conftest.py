@@ -9,7 +9,8 @@ from importlib.metadata import entry_points
 import pytest
 from robot_commands import START
 
-from limo_driver.robot.registry import ROBOTS, find, open_robot
+from limo_driver.plugins import ROBOTS, find
+from limo_driver.robot.registry import open_robot
 
 
 def simulated_backends():

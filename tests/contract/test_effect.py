@@ -146,5 +146,5 @@ def test_every_number_outside_its_bounds_is_refused_by_name(case: tuple[str, dic
         if known.name not in values or known.unit == "text":
             continue
         bad = np.full(np.shape(values[known.name]), wrong).tolist()
-        with pytest.raises(ValueError, match=rf"{name}.*: {known.name} = {wrong:g}"):
+        with pytest.raises(ValueError, match=rf"{name}.*: {known.name} is {wrong:g}"):
             make(name, **values | {known.name: bad})

@@ -34,7 +34,7 @@ def test_plan_prints_a_table(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (("--scaffolds", 0), ConfigError, "number of scaffolds is 0, expected 1 or more"),
+        (("--scaffolds", 0), ConfigError, "scaffolds is 0, expected a whole number of 1 or more"),
         (("--robot", "kr16"), ConfigError, "'kr16' is neither built in"),
         (("--joint-margin", 130), InfeasiblePathError, "leaves joint 2 no range"),
         (("--out", "."), ConfigError, "cannot be written: it is a folder"),

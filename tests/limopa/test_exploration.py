@@ -60,17 +60,38 @@ def test_peaks_bound_the_derivatives_between_waypoints():
 @pytest.mark.parametrize(
     ("make", "named"),
     [
-        (lambda: PlanRequest(scaffolds=0), "number of scaffolds is 0"),
-        (lambda: PlanRequest(rate=1), "sample rate is 1"),
-        (lambda: Workspace(radius=-1), "workspace radius is -1"),
-        (lambda: Workspace(lower=(1, 0, 0), upper=(0, 1, 1)), "workspace bounds"),
-        (lambda: Surroundings(clearance=0), "clearance is 0"),
-        (lambda: Surroundings(joint_margin=-0.1), "joint margin is -0.1"),
-        (lambda: Surroundings(table_height=float("nan")), "table height is nan"),
-        (lambda: Exploring(velocity=(0.1, 1.2)), "relative exploring velocity"),
-        (lambda: Exploring(amplitude=(0.2, 0.1)), "range of amplitude"),
-        (lambda: Exploring(waypoints=(1, 5)), "waypoints is 1"),
-        (lambda: Reaching(acceleration=(0.0, 0.5)), "relative reaching acceleration"),
+        (lambda: PlanRequest(scaffolds=0), "scaffolds is 0, expected a whole number of 1 or more"),
+        (lambda: PlanRequest(rate=1), "rate is 1 Hz, expected a number from 50 to 10000 Hz"),
+        (lambda: Workspace(radius=-1), "workspace: radius is -1 m, expected a number above 0 m"),
+        (
+            lambda: Workspace(lower=(1, 0, 0), upper=(0, 1, 1)),
+            "workspace: lower is .1, 0, 0., expected less than upper",
+        ),
+        (
+            lambda: Surroundings(clearance=0),
+            "clearance is 0 m, expected a number above 0 and up to 1 m",
+        ),
+        (
+            lambda: Surroundings(joint_margin=-0.1),
+            "joint_margin is -0.1 rad, expected a number of 0 rad or more",
+        ),
+        (
+            lambda: Surroundings(table_height=float("nan")),
+            "table_height is nan m, expected a number",
+        ),
+        (
+            lambda: Exploring(velocity=(0.1, 1.2)),
+            "exploring: velocity is 1.2, expected a list of 2 numbers above 0 and up to 1",
+        ),
+        (
+            lambda: Exploring(amplitude=(0.2, 0.1)),
+            "exploring: amplitude is .* expected numbers that increase, not 0.1 after 0.2",
+        ),
+        (
+            lambda: Exploring(waypoints=(1, 5)),
+            "exploring: waypoints is 1, expected a list of 2 whole numbers of 2 or more",
+        ),
+        (lambda: Reaching(acceleration=(0.0, 0.5)), "reaching: acceleration is 0"),
     ],
 )
 def test_a_request_that_cannot_be_says_why(make, named):

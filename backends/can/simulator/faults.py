@@ -11,8 +11,7 @@ from abc import ABC
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from backends.can.entries import REAL, TEXT, WHOLE, Section, entry
-from limo_driver.errors import ConfigError
+from limo_driver.parameters import JOINT, Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -27,12 +26,14 @@ MOST_BABBLE: Final = 100  # frames at once
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault(Section, ABC):
+class Fault(Declared, ABC):
     """Something that goes wrong at some time, for some time."""
 
     name: ClassVar[str]
-    at: float = entry(REAL, 0.0, lower=0.0)  # [s]
-    lasts: float | None = entry(REAL, None, lower=0.0, above=True)  # [s]; for ever if not given
+    at: float = parameter(default=0.0, lower=0.0)  # [s]
+    lasts: float | None = parameter(
+        default=None, lower=0.0, above=True
+    )  # [s]; for ever if not given
 
     @property
     def ends(self) -> float:
@@ -43,11 +44,8 @@ class Fault(Section, ABC):
         """Refuse a fault that this arm cannot have.
 
         Raises:
-            ConfigError: Begins with the entry that is wrong.
+            ParameterError: Names the entry that is wrong.
         """
-        for name in ("joint", "other"):
-            if (joint := getattr(self, name, None)) is not None and joint > len(joints):
-                raise ConfigError(f"{name} is {joint}, but the arm has {len(joints)} joints")
 
     def rewire(self, nodes: list[int]) -> None:
         """Change the node ids of the drives, joint by joint, before they are switched on."""
@@ -71,9 +69,9 @@ class LostFrames(Fault):
     """Frames are lost at random."""
 
     name = "lose_frames"
-    probability: float = entry(REAL, lower=0.0, upper=1.0)
-    way: str = entry(TEXT, BOTH, of=(TO_DRIVES, FROM_DRIVES, BOTH))
-    joint: int | None = entry(WHOLE, None, lower=1)  # all if not given
+    probability: float = parameter(lower=0.0, upper=1.0)
+    way: str = parameter(default=BOTH, of=(TO_DRIVES, FROM_DRIVES, BOTH))
+    joint: int | None = parameter(JOINT, "all if not given", default=None)
 
     def loses(self, joint: int, way: str, random: np.random.Generator) -> bool:
         """Say whether a frame to or from the drive of a joint (from 1) is lost."""
@@ -86,7 +84,7 @@ class BusOff(Fault):
     """A drive is off the bus: it neither hears nor speaks, but it has its watchdogs."""
 
     name = "bus_off"
-    joint: int = entry(WHOLE, lower=1)
+    joint: int = parameter(JOINT)
 
     def loses(self, joint: int, way: str, random: np.random.Generator) -> bool:  # noqa: ARG002
         """Say whether a frame to or from the drive of a joint (from 1) is lost."""
@@ -102,9 +100,9 @@ class Babble(Fault):
     """A node that belongs to nobody fills the bus with frames."""
 
     name = "babble"
-    id: int = entry(WHOLE, 0x7F0, lower=0, upper=0x7FF)
-    rate: float = entry(REAL, 2000.0, lower=1.0, upper=20_000.0)  # [Hz]
-    data: str = entry(TEXT, "5555555555555555")  # hexadecimal
+    id: int = parameter(default=0x7F0, lower=0, upper=0x7FF)
+    rate: float = parameter(default=2000.0, lower=1.0, upper=20_000.0)  # [Hz]
+    data: str = parameter(default="5555555555555555")  # hexadecimal
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -113,7 +111,7 @@ class Babble(Fault):
         except ValueError:
             length = -1
         if not 0 <= length <= 8:  # noqa: PLR2004  # bytes of a frame
-            raise ConfigError(f"data is {self.data!r}, expected up to 8 bytes in hexadecimal")
+            raise self._refused("data", "up to 8 bytes in hexadecimal")
 
     def disturb(self, elapsed: float, send: Callable[[int, bytes], None]) -> None:
         """Send as many frames as are due."""
@@ -127,8 +125,8 @@ class DriveFault(Fault):
     """A drive has a fault of its own."""
 
     name = "drive_fault"
-    joint: int = entry(WHOLE, lower=1)
-    code: int = entry(WHOLE, 0x4310, lower=1, upper=0xFFFF)  # 4310: the drive is too hot
+    joint: int = parameter(JOINT)
+    code: int = parameter(default=0x4310, lower=1, upper=0xFFFF)  # 4310: the drive is too hot
 
     def begin(self, drives: Sequence[Drive]) -> None:
         """Have the fault."""
@@ -140,15 +138,14 @@ class WrongNode(Fault):
     """A drive has another node id than the configuration says."""
 
     name = "wrong_node"
-    joint: int = entry(WHOLE, lower=1)
-    node: int = entry(WHOLE, lower=1, upper=127)
+    joint: int = parameter(JOINT)
+    node: int = parameter(lower=1, upper=127)
 
     def check(self, joints: Sequence[Joint]) -> None:
         """Refuse a node id that another drive has."""
-        super().check(joints)
         for j, joint in enumerate(joints, start=1):
             if j != self.joint and joint.node == self.node:
-                raise ConfigError(f"node is {self.node}, which joint {j} has")
+                raise self._refused("node", f"another than that of joint {j}")
 
     def rewire(self, nodes: list[int]) -> None:
         """Give the drive its other id."""
@@ -160,14 +157,13 @@ class SwappedJoints(Fault):
     """The drives of two joints have each other's node id."""
 
     name = "swap_joints"
-    joint: int = entry(WHOLE, lower=1)
-    other: int = entry(WHOLE, lower=1)
+    joint: int = parameter(JOINT)
+    other: int = parameter(JOINT)
 
-    def check(self, joints: Sequence[Joint]) -> None:
-        """Refuse a joint swapped with itself."""
-        super().check(joints)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.joint == self.other:
-            raise ConfigError(f"other is {self.other}, which is the joint itself")
+            raise self._refused("other", "another joint")
 
     def rewire(self, nodes: list[int]) -> None:
         """Swap the ids."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from backends.fri.codec.messages import Quality, SafetyState, SessionState
+from backends.fri.codec.messages import JOINTS, Quality, SafetyState, SessionState
+from limo_driver.parameters import JOINT, Declared, parameter
 
 
 class Direction(Enum):
@@ -17,19 +18,13 @@ class Direction(Enum):
     TO_ROBOT = "to_robot"
 
 
-def number(unit: str, lowest: float, highest: float, default: float | None = None) -> Any:  # noqa: ANN401  # a dataclass field
-    """Return a field for a number within bounds, required unless it has a default."""
-    known = {"unit": unit, "bounds": (lowest, highest)}
-    return field(metadata=known) if default is None else field(default=default, metadata=known)
-
-
 @dataclass(frozen=True, kw_only=True)
-class Event:
+class Event(Declared):
     """Something that begins at a time and lasts for another."""
 
     name: ClassVar[str]
-    at: float = number("s", 0.0, 1e9)  # since the start
-    duration: float = number("s", 1e-3, 1e9)  # `for` in the file
+    at: float = parameter("s", lower=0.0, upper=1e9)  # since the start
+    duration: float = parameter("s", lower=1e-3, upper=1e9, key="for")
 
     @property
     def until(self) -> float:
@@ -42,8 +37,8 @@ class Loss(Event):
     """Datagrams are lost."""
 
     name: ClassVar[str] = "loss"
-    fraction: float = number("", 0.0, 1.0)
-    direction: Direction = Direction.BOTH
+    fraction: float = parameter("", lower=0.0, upper=1.0)
+    direction: Direction = parameter(of=Direction, default=Direction.BOTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +46,9 @@ class Delay(Event):
     """Datagrams come later, by a constant and an evenly distributed part."""
 
     name: ClassVar[str] = "delay"
-    delay: float = number("s", 0.0, 10.0)
-    jitter: float = number("s", 0.0, 10.0, 0.0)
-    direction: Direction = Direction.BOTH
+    delay: float = parameter("s", lower=0.0, upper=10.0)
+    jitter: float = parameter("s", lower=0.0, upper=10.0, default=0.0)
+    direction: Direction = parameter(of=Direction, default=Direction.BOTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +56,8 @@ class Reorder(Event):
     """Datagrams are overtaken by the next one."""
 
     name: ClassVar[str] = "reorder"
-    fraction: float = number("", 0.0, 1.0)
-    direction: Direction = Direction.BOTH
+    fraction: float = parameter("", lower=0.0, upper=1.0)
+    direction: Direction = parameter(of=Direction, default=Direction.BOTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +65,8 @@ class Duplicate(Event):
     """Datagrams come twice."""
 
     name: ClassVar[str] = "duplicate"
-    fraction: float = number("", 0.0, 1.0)
-    direction: Direction = Direction.BOTH
+    fraction: float = parameter("", lower=0.0, upper=1.0)
+    direction: Direction = parameter(of=Direction, default=Direction.BOTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +74,7 @@ class QualityDrop(Event):
     """The quality is at most this, whatever the client does."""
 
     name: ClassVar[str] = "quality"
-    quality: Quality
+    quality: Quality = parameter(of=Quality)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +82,7 @@ class SafetyStop(Event):
     """The safety controller stops the arm."""
 
     name: ClassVar[str] = "safety_stop"
-    state: SafetyState = SafetyState.STOP0_OR_1
+    state: SafetyState = parameter(of=SafetyState, default=SafetyState.STOP0_OR_1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +90,7 @@ class SessionCap(Event):
     """The session goes no higher than this state; `idle` closes it."""
 
     name: ClassVar[str] = "session"
-    state: SessionState
+    state: SessionState = parameter(of=SessionState)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +98,8 @@ class Push(Event):
     """Somebody leans on a joint."""
 
     name: ClassVar[str] = "push"
-    joint: int
-    torque: float = number("N m", -300.0, 300.0)
+    joint: int = parameter(JOINT, upper=JOINTS)
+    torque: float = parameter("N m", lower=-300.0, upper=300.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +114,8 @@ class ProgramMotion(Event):
     """The robot's own program moves a joint there and back, smoothly: the ipo position."""
 
     name: ClassVar[str] = "motion"
-    joint: int
-    amplitude: float = number("rad", -3.0, 3.0)
+    joint: int = parameter(JOINT, upper=JOINTS)
+    amplitude: float = parameter("rad", lower=-3.0, upper=3.0)
 
 
 EVENTS: dict[str, type[Event]] = {
@@ -138,15 +133,3 @@ EVENTS: dict[str, type[Event]] = {
         ProgramMotion,
     )
 }
-
-ENUMS: dict[str, type[Enum]] = {
-    "Direction": Direction,
-    "Quality": Quality,
-    "SafetyState": SafetyState,
-    "SessionState": SessionState,
-}
-
-
-def keys(kind: type[Event]) -> tuple[str, ...]:
-    """Return the keys that an entry of this event may have, in the words of the file."""
-    return ("event", *("for" if f.name == "duration" else f.name for f in fields(kind)))

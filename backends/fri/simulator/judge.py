@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from backends.fri.codec.messages import JOINTS, WRENCH, CommandMode
-from limo_driver.errors import ConfigError
+from limo_driver.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from backends.fri.codec.messages import CommandData
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 _MOST_INTERVALS: Final = 10  # that a step may have had time for, after answers were lost
 
 
+def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a dataclass field
+    return parameter(unit, description, lower=0, above=True, finite=False, default=default)
+
+
 @dataclass(frozen=True)
-class CommandLimits:
+class CommandLimits(Declared):
     """What a command may ask for (limo's model)."""
 
-    axis_delta: float = 1.0  # times the velocity limit, from one command to the next
-    mirror: float = 0.01  # [rad], distance from the ipo position that confirms it
-    torque: float = 1.0  # times the torque limit
-    force: float = 200.0  # [N], each component of a wrench
-    moment: float = 50.0  # [N m]
-
-    def __post_init__(self) -> None:
-        if min(vars(self).values()) <= 0:
-            raise ConfigError("limits of commands have to be positive")
+    axis_delta: float = _limit("", "times the velocity limit, from one command to the next", 1.0)
+    mirror: float = _limit("rad", "distance from the ipo position that confirms it", 0.01)
+    torque: float = _limit("", "times the torque limit", 1.0)
+    force: float = _limit("N", "each component of a wrench", 200.0)
+    moment: float = _limit("N m", "each component of a wrench", 50.0)
 
 
 class Wanted(NamedTuple):

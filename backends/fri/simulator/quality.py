@@ -13,28 +13,34 @@ from dataclasses import dataclass
 
 from backends.fri.codec.messages import Quality
 from limo_driver.errors import ConfigError
+from limo_driver.parameters import Declared, parameter
 
 
 @dataclass(frozen=True)
-class QualityModel:
+class QualityModel(Declared):
     """Parameters of the model (limo's, not KUKA's)."""
 
-    fair: float = 0.5  # share of intervals answered in time, from which on the quality is FAIR
+    fair: float = parameter(
+        "", "share of intervals answered in time, from which on the quality is FAIR", default=0.5
+    )
     good: float = 0.8
     excellent: float = 0.98
-    window: float = 1.0  # [s] over which the share is taken,
-    fewest: int = 10  # and at least,
-    most: int = 100  # and at most, that many intervals
-    misses: int = 10  # in a row, which are POOR whatever the share
+    window: float = parameter(
+        "s", "over which the share is taken", lower=0, above=True, default=1.0
+    )
+    fewest: int = parameter("", "intervals, at least", lower=1, default=10)
+    most: int = parameter("", "intervals, at most", lower=1, default=100)
+    misses: int = parameter("", "in a row, which are POOR whatever the share", lower=1, default=10)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0 < self.fair < self.good < self.excellent <= 1:
             raise ConfigError(
                 f"quality thresholds {self.fair:g}, {self.good:g}, {self.excellent:g} have to rise "
                 "within 0 to 1"
             )
-        if not 1 <= self.fewest <= self.most or self.misses < 1 or not self.window > 0:
-            raise ConfigError("a quality model needs intervals to judge by: fewest, most, misses")
+        if self.most < self.fewest:
+            raise self._refused("most", f"{self.fewest} or more")
 
     def intervals(self, interval: float) -> int:
         """Return how many intervals [s] the window holds."""

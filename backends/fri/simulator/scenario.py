@@ -16,15 +16,12 @@ events:
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
-import yaml
-
-from backends.fri.codec.messages import JOINTS, Quality, SafetyState, SessionState
+from backends.fri.codec.messages import Quality, SafetyState, SessionState
 from backends.fri.simulator.events import (
-    ENUMS,
     EVENTS,
     Delay,
     Direction,
@@ -38,16 +35,15 @@ from backends.fri.simulator.events import (
     SafetyStop,
     SessionCap,
     Silence,
-    keys,
 )
 from backends.fri.simulator.link import UNDISTURBED, Disturbance
-from limo_driver.yaml_reader import YamlReader, is_null
+from limo_driver.declarations import read_yaml
+from limo_driver.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-_Enum = TypeVar("_Enum", bound=Enum)
 _EPSILON: Final = 1e-9  # [s]
 
 
@@ -59,7 +55,7 @@ class Origin(Enum):
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Declared):
     """Events in order of time.
 
     Args:
@@ -69,8 +65,8 @@ class Scenario:
     """
 
     events: tuple[Event, ...] = ()
-    seed: int = 0
-    origin: Origin = Origin.START
+    seed: int = parameter(default=0)
+    origin: Origin = parameter(of=Origin, default=Origin.START, key="from")
 
     @classmethod
     def load(cls, path: Path) -> Scenario:
@@ -79,7 +75,11 @@ class Scenario:
         Raises:
             ConfigError: Names the line, what was given and what exists.
         """
-        return _Reader(path).scenario()
+        given = read_yaml(path)
+        events = [
+            entry.make_one_of("event", EVENTS) for entry in given.optional("events").sections()
+        ]
+        return given.make(cls, {"events": tuple(events)})
 
 
 @dataclass(frozen=True)
@@ -180,61 +180,3 @@ def _worse(before: Disturbance, event: Loss | Delay | Reorder | Duplicate) -> Di
                 delay=max(before.delay, event.delay),
                 jitter=max(before.jitter, event.jitter),
             )
-
-
-class _Reader(YamlReader):
-    """Reads a scenario entry by entry."""
-
-    def scenario(self) -> Scenario:
-        given = self._optional(self.root, "the file", ("seed", "from", "events"))
-        seed = self._whole(given["seed"]) if "seed" in given else 0
-        origin = self._word(given["from"], "from", Origin) if "from" in given else Origin.START
-        return Scenario(tuple(self._events(given.get("events"))), seed, origin)
-
-    def _events(self, node: yaml.Node | None) -> Iterable[Event]:
-        if node is None or is_null(node):
-            return
-        if not isinstance(node, yaml.SequenceNode):
-            self._fail(node, "events: has to be a list of `- {event: ..., at: ..., for: ...}`")
-        for entry in node.value:
-            yield self._event(entry)
-
-    def _event(self, entry: yaml.Node) -> Event:
-        given = self._mapping(entry, "an event", None)
-        if "event" not in given:
-            self._fail(entry, "lacks `event:`, one of " + ", ".join(sorted(EVENTS)))
-        name = self._text(given["event"])
-        if name not in EVENTS:
-            known = ", ".join(sorted(EVENTS))
-            self._fail(given["event"], f"event {name!r} is unknown; known: {known}")
-        kind = EVENTS[name]
-        self._mapping(entry, name, keys(kind))
-        values: dict[str, Any] = {}
-        for item in fields(kind):
-            key = "for" if item.name == "duration" else item.name
-            if key in given:
-                values[item.name] = self._value(given[key], key, item)
-            elif item.default is MISSING:
-                self._fail(entry, f"{name} lacks {key}")
-        return kind(**values)
-
-    def _value(self, node: yaml.Node, key: str, item: Any) -> Any:  # noqa: ANN401  # of the field
-        if item.type in ENUMS:
-            return self._word(node, key, ENUMS[item.type])
-        if key == "joint":
-            joint = self._whole(node)
-            if not 1 <= joint <= JOINTS:
-                self._fail(node, f"joint {joint} does not exist; joints are 1 to {JOINTS}")
-            return joint
-        lowest, highest = item.metadata["bounds"]
-        number = self._number(node)
-        if not lowest <= number <= highest:
-            given = f"{key} = {number:g} {item.metadata['unit']}".strip()
-            self._fail(node, f"{given} has to be {lowest:g} to {highest:g}")
-        return number
-
-    def _word(self, node: yaml.Node, key: str, kind: type[_Enum]) -> _Enum:
-        known, text = {item.name.lower(): item for item in kind}, self._text(node)
-        if text not in known:
-            self._fail(node, f"{key} {text!r} is unknown; known: {', '.join(known)}")
-        return known[text]

@@ -19,24 +19,24 @@ from dataclasses import dataclass
 from typing import Final
 
 from backends.fri.codec.messages import Quality, SessionState
-from limo_driver.errors import ConfigError
+from limo_driver.parameters import Declared, parameter
 
 MOST_VISITS: Final = 10_000  # remembered; a controller may run for days
 _EPSILON: Final = 1e-9  # [s]
 
 
 @dataclass(frozen=True)
-class SessionTimes:
+class SessionTimes(Declared):
     """What the robot's application would choose."""
 
-    monitor: float = 0.5  # [s] in MONITORING_READY before an overlay is asked for
-    confirm: int = 10  # answers in a row, before an overlay begins
-    restart: float = 1.0  # [s] from a stop to the next overlay
-    stop: float = 0.5  # [s] for which a stop of the controller's own is shown
-
-    def __post_init__(self) -> None:
-        if min(self.monitor, self.restart, self.stop) < 0 or self.confirm < 1:
-            raise ConfigError("times of a session have to be 0 or more, confirm 1 or more")
+    monitor: float = parameter(
+        "s", "in MONITORING_READY before an overlay is asked for", lower=0, default=0.5
+    )
+    confirm: int = parameter("", "answers in a row, before an overlay begins", lower=1, default=10)
+    restart: float = parameter("s", "from a stop to the next overlay", lower=0, default=1.0)
+    stop: float = parameter(
+        "s", "for which a stop of the controller's own is shown", lower=0, default=0.5
+    )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -14,6 +13,7 @@ from backends.fri.simulator.port import Address
 from backends.fri.simulator.quality import QualityModel
 from backends.fri.simulator.session import SessionTimes
 from limo_driver.errors import ConfigError
+from limo_driver.parameters import Declared, parameter
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1, 100  # [ms]
 COMMANDING_INTERVAL: Final = 10  # [ms], longest receive interval in which positions are commanded
@@ -33,7 +33,7 @@ _CONTROL: Final = {
 
 
 @dataclass(frozen=True)
-class ControllerSettings:
+class ControllerSettings(Declared):
     """Settings of one controller.
 
     Raises:
@@ -44,10 +44,16 @@ class ControllerSettings:
     version: FriVersion = FriVersion.V1_15
     bind: Address = ANYWHERE
     mode: CommandMode = CommandMode.POSITION
-    period_ms: int = 2
-    multiplier: int = 1  # packets in one receive interval
-    duration: float | None = None  # [s]; until told to stop if None
-    late_after: float | None = None  # [s], answers slower than that are counted as slow
+    period_ms: int = parameter("ms", lower=SHORTEST_PERIOD, upper=LONGEST_PERIOD, default=2)
+    multiplier: int = parameter(
+        "", "packets in one receive interval", lower=1, upper=LONGEST_PERIOD, default=1
+    )
+    duration: float | None = parameter(
+        "s", "until told to stop if None", lower=0, above=True, finite=False, default=None
+    )
+    late_after: float | None = parameter(
+        "s", "answers slower than that are counted as slow", lower=0, default=None
+    )
     position: tuple[float, ...] = POSE  # [rad]
     seed: int = 0  # of the sensors' noise
     fifo: bool = False  # ask for SCHED_FIFO
@@ -57,17 +63,7 @@ class ControllerSettings:
     compliance: Compliance = field(default_factory=Compliance)
 
     def __post_init__(self) -> None:
-        if not SHORTEST_PERIOD <= self.period_ms <= LONGEST_PERIOD:
-            raise ConfigError(
-                f"send period {self.period_ms} ms has to be {SHORTEST_PERIOD} to "
-                f"{LONGEST_PERIOD} ms"
-            )
-        if not 1 <= self.multiplier <= LONGEST_PERIOD:
-            raise ConfigError(f"receive multiplier {self.multiplier} has to be 1 to 100")
-        if self.duration is not None and not self.duration > 0:
-            raise ConfigError(f"duration {self.duration:g} s has to be positive")
-        if self.late_after is not None and not 0 <= self.late_after < math.inf:
-            raise ConfigError(f"late_after = {self.late_after:g} s has to be 0 or more")
+        super().__post_init__()
         if self.client.port == 0:
             raise ConfigError(f"client {self.client} has no port to send to")
 

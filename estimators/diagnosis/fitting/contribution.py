@@ -7,18 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
-    from estimators.diagnosis.selection.evidence import Posterior
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
+    from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
-
-MATERIAL = 0.5  # [errors left] that a finding has to take off the error of some joint
-TELLABLE = 4.0  # [nat]; explanations nearer than this cannot be told apart
-_SEEN = 0.5  # of an effect's mean square, that rows held out have to have to judge it
-_SLIGHT = 0.1  # of what is gained over all rows, that may be lost on those held out
 
 
 def without(solution: Solution, member: int) -> Posterior:
@@ -27,10 +23,10 @@ def without(solution: Solution, member: int) -> Posterior:
     return solution.search.evidence.posterior(solution.search.prior(rest))
 
 
-def contribution(bench: Bench, solution: Solution, member: int) -> FloatArray:
+def contribution(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
     """Return how much held-out mean square a member takes off each joint, (n,) [N² m²]."""
-    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
-    return taken_off(left, bare, bench.split.held_out)
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
+    return taken_off(left, bare, problem.split.held_out)
 
 
 def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
@@ -38,17 +34,19 @@ def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> Fl
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
-def material(bench: Bench, solution: Solution, member: int) -> float:
+def material(problem: RegressionProblem, solution: Solution, member: int) -> float:
     """Return how much error a member takes off the joint where it does most [errors left].
 
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
     """
-    left, bare = bench.left(solution.fitted), bench.left(without(solution, member))
-    moving, held_out = bench.observed.moving, bench.split.held_out
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
+    moving, held_out = problem.observed.moving, problem.split.held_out
     gained, proven = taken_off(left, bare, moving), taken_off(left, bare, held_out)
-    misses = rmse(bare - left, held_out) ** 2 < _SEEN * rmse(bare - left, moving) ** 2
-    part = np.where(misses & (proven >= -_SLIGHT * gained), gained / _square(left, moving), 0.0)
+    misses = rmse(bare - left, held_out) ** 2 < CONTRIBUTION.seen * rmse(bare - left, moving) ** 2
+    part = np.where(
+        misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0
+    )
     part = np.where(misses, part, proven / _square(left, held_out))
     return float(np.sqrt(max(part.max(), 0.0)))
 

@@ -7,20 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.settings.fitting import NEWTON
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import JOINT, TEXT
+from limo_driver.parameters import REAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from limo_driver.physics import Effect, Parameter, Simulation
     from limo_driver.types import FloatArray
-
-_STEP = 1e-3  # prior deviations, for derivatives
-_CHOSEN = {"positions", "times", "windows", "wrench", "ratio", "reference"}
-_OF_LISTS = {"com": 0.2, "inertia": 0.02, "gravity": 1.0, "phase": 1.0}  # prior deviation
-_ADDING_LISTS = {"offset", "excess", "amplitude"}
-_ANGLE = 1.0  # [rad], prior deviation of a rest position
 
 
 @dataclass(frozen=True)
@@ -64,7 +59,7 @@ def entries_of(effect: Effect) -> tuple[Entry, ...]:
 def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, float]]:  # noqa: ANN401  # of any class
     """Yield place in a list and value of the numbers of a parameter that are not chosen."""
     value = getattr(effect, known.name)
-    if value is None or known.unit in {TEXT, JOINT} or known.name in _CHOSEN:
+    if value is None or known.kind != REAL or known.chosen:
         return
     if known.is_list:
         yield from enumerate(map(float, value))
@@ -74,11 +69,9 @@ def numbers_of(effect: Any, known: Parameter) -> Iterator[tuple[int | None, floa
 
 def _deviation(effect: Effect, known: Parameter, value: float) -> float:
     """Return how far a number may be off before any data, in its unit."""
-    if known.is_list and known.name in _OF_LISTS:
-        return _OF_LISTS[known.name]
-    if known.name in _ADDING_LISTS and known.is_list:  # one of them may well be near zero
+    if known.deviation == "largest":  # one of them may well be near zero
         return max(map(abs, getattr(effect, known.name)))
-    return _ANGLE if known.name == "rest" else abs(value)
+    return abs(value) if known.deviation is None else known.deviation
 
 
 def found_in(
@@ -115,7 +108,9 @@ def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
     Where a step leaves what can exist, the effect itself stands for it.
     """
     ends, reached = [effect, effect], [entry.value, entry.value]
-    for side, step in enumerate((_STEP * entry.deviation, -_STEP * entry.deviation)):
+    for side, step in enumerate(
+        (NEWTON.derivative * entry.deviation, -NEWTON.derivative * entry.deviation)
+    ):
         try:
             ends[side] = moved(effect, [entry], [step])
         except ConfigError:

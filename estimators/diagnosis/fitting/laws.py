@@ -13,24 +13,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TELLABLE
 from estimators.diagnosis.fitting.refinement import refine
 from estimators.diagnosis.hypotheses.catalogue import rivals
 from estimators.diagnosis.selection.candidates import LawEvidence
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS
 from estimators.diagnosis.wording import times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.fitting.refinement import Setting
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
-
-REFINABLE = 100.0  # [nat] that a refinement may make up for, where no law has a name
+    from limo_driver.physics import Hypothesis
 
 
 def likeliest(
-    bench: Bench, solution: Solution, member: int, around: Setting
+    problem: RegressionProblem, solution: Solution, member: int, around: Setting
 ) -> tuple[Hypothesis, tuple[LawEvidence, ...]]:
     """Let the laws of a member's effect compete.
 
@@ -38,7 +36,7 @@ def likeliest(
         The likeliest hypothesis, its settings refined, and the evidence of the named laws, best
         first.
     """
-    near = _best_of_each(bench, solution, member)
+    near = _best_of_each(problem, solution, member)
     competing = [*near, *rivals(near[0])]
     tried = [refine(hypothesis, around) for hypothesis in competing]
     setting = 0.5 * float(np.log(around.use.sum()))  # [nat]
@@ -51,23 +49,23 @@ def likeliest(
     return scored[0][0], named
 
 
-def _best_of_each(bench: Bench, solution: Solution, member: int) -> list[Hypothesis]:
+def _best_of_each(problem: RegressionProblem, solution: Solution, member: int) -> list[Hypothesis]:
     """Return the best hypothesis of each law of a member's effect, best first.
 
     Of equations that have no name, those that are far behind are left out.
     """
     rest = tuple(i for i in solution.members if i != member)
     best: dict[object, tuple[float, Hypothesis]] = {}
-    for i, candidate in enumerate(bench.candidates):
+    for i, candidate in enumerate(problem.candidates):
         hypothesis = candidate.hypothesis
-        if hypothesis is None or candidate.place != bench.candidates[member].place:
+        if hypothesis is None or candidate.place != problem.candidates[member].place:
             continue
         law = hypothesis.law or getattr(hypothesis.family, "func", None)
         gain = solution.search.gain((*rest, i))
         if law not in best or gain > best[law][0]:
             best[law] = (gain, hypothesis)
     ranked = sorted(best.values(), key=lambda item: -item[0])
-    least = ranked[0][0] - REFINABLE
+    least = ranked[0][0] - LAWS.refinable
     return [hypothesis for gain, hypothesis in ranked if hypothesis.law or gain > least]
 
 
@@ -77,7 +75,9 @@ def sentence_of(laws: Sequence[LawEvidence]) -> str:
         return ""
     best = laws[0]
     lead = best.log_evidence - laws[1].log_evidence
-    if lead < TELLABLE:
-        alike = [law.law for law in laws if best.log_evidence - law.log_evidence < TELLABLE]
+    if lead < CONTRIBUTION.tellable:
+        alike = [
+            law.law for law in laws if best.log_evidence - law.log_evidence < CONTRIBUTION.tellable
+        ]
         return f" Which law it follows ({', '.join(alike)}) these recordings cannot tell."
     return f" Its law is {best.law}, {times(lead)} likelier than {laws[1].law}."

@@ -20,10 +20,11 @@ from estimators.diagnosis.fitting.entries import entries_of, found_in, possible,
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.hypotheses.responses import difference, stacked
 from estimators.diagnosis.residuals.noise import Noise, roughness
-from estimators.diagnosis.selection.candidates import WRONG_INERTIA
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Prior, joined, posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
+from estimators.diagnosis.settings.fitting import NEWTON
+from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.regression.evidence import Prior, joined, posterior
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 
@@ -36,11 +37,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
-_BLOCK = 2.0  # [s], over which scores are summed
-_ROUNDS = 5  # of Gauss-Newton, at most
-_ENOUGH = 1e-3  # part of the sum of squared whitened errors that a round has to take off
-_SHORTER = (1.0, 0.5, 0.2)  # parts of a step that are tried
-
 
 @dataclass(frozen=True)
 class Linearised:
@@ -48,7 +44,7 @@ class Linearised:
 
     observed: Observations  # beside that simulation
     found: tuple[Effect, ...]  # of it, whose numbers only data determine
-    columns: Columns
+    columns: ColumnTable
     nuisance: Nuisance
     known: Prior  # of the nuisance, around what the given simulation states
     own: tuple[Prior, ...]  # of the numbers of each effect found
@@ -71,13 +67,13 @@ class Linearised:
         """
         given = observed.simulation
         rest = _without(given.effects, found)
-        columns = Columns(len(observed.kept), observed.n)
+        columns = ColumnTable(len(observed.kept), observed.n)
         floor = roughness(observed.residual, observed.moving)
         lacking = observed.beside(replace(given, effects=rest), around=given)
         nuisance = nuisance_of(lacking, columns, floor, stated or given)
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
-            deviation[PER_LINK * link : PER_LINK * (link + 1)] = WRONG_INERTIA
+            deviation[PER_LINK * link : PER_LINK * (link + 1)] = CANDIDATES.wrong_inertia
         own = tuple(_entered(effect, lacking, columns) for effect in found)
         known = Prior.free(nuisance.prior.index, deviation)
         return cls(observed, tuple(found), columns, nuisance, known, own)
@@ -92,16 +88,16 @@ class Linearised:
         noise = Noise.of(residual, split, self.observed.segment)
         start = self.nuisance.start  # tolerances count from what is stated, not from where we are
         off = residual + self.columns.apply(self.known.index, start)
-        products = Products.of(self.columns, off, noise, split)
+        products = normal_equations(self.columns, off, noise, split)
         mean = posterior(products, self.known, joined(*self.own)).mean
         mean[: start.size] -= start
         before = _energy(residual, noise, split)
-        for part in _SHORTER:
+        for part in NEWTON.shorter:
             try:
                 trial = self.observed.beside(self._moved(part * mean))
             except ConfigError:  # a combination that no such part has
                 continue
-            if _energy(trial.residual, noise, split) < (1 - _ENOUGH) * before:
+            if _energy(trial.residual, noise, split) < (1 - NEWTON.enough) * before:
                 return trial
         return None
 
@@ -169,7 +165,7 @@ def polished(
     """
     around = observed.beside(simulation)
     bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
-    for _ in range(_ROUNDS):
+    for _ in range(NEWTON.rounds):
         own = [
             found_in(around.simulation, effect, on, missing=missing)
             for effect, on, missing in places
@@ -193,7 +189,7 @@ def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float
     return float(sum(values @ values for values in white))
 
 
-def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
+def _entered(effect: Effect, observed: Observations, columns: ColumnTable) -> Prior:
     """Add what each number of an effect adds to the torque, to first order."""
     entries = entries_of(effect)
     ends = [sides(effect, entry) for entry in entries]
@@ -205,6 +201,6 @@ def _entered(effect: Effect, observed: Observations, columns: Columns) -> Prior:
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:
     """Number the block of time of each row, (K,)."""
-    of_time = np.floor(observed.slow.time / _BLOCK).astype(np.int64)
+    of_time = np.floor(observed.slow.time / NEWTON.block).astype(np.int64)
     both = np.stack([observed.segment, of_time], axis=1)
     return np.unique(both, axis=0, return_inverse=True)[1].ravel()

@@ -1,4 +1,4 @@
-"""Bench: what the stages of a diagnosis share, and a set of effects fitted on it."""
+"""RegressionProblem: what the stages of a diagnosis share, and a set of effects fitted on it."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import base_of, with_friction
 from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
+from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
+    from estimators.regression.normal_equations import NormalEquations
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
@@ -34,11 +35,11 @@ def quiet(_stage: str, _done: float) -> None:
 
 
 @dataclass
-class Bench:
+class RegressionProblem:
     """What the stages share: observations, columns and who competes."""
 
     observed: Observations
-    columns: Columns
+    columns: ColumnTable
     nuisance: Nuisance
     candidates: list[Candidate]
     split: Split
@@ -46,18 +47,20 @@ class Bench:
     level: FloatArray  # (n,) plausible RMS of a missing torque [N m]
     base: tuple[int, ...]  # candidates that the search starts with
     held: FloatArray | None = None  # coefficients of the nuisance that stay at a limit, NaN else
-    first: Bench | None = None  # around the given simulation and tolerances, where this one is not
-    _sums: dict[bool, tuple[Noise, Products]] = field(default_factory=dict, init=False)
+    first: RegressionProblem | None = (
+        None  # around the given simulation and tolerances, where this one is not
+    )
+    _sums: dict[bool, tuple[Noise, NormalEquations]] = field(default_factory=dict, init=False)
 
     @classmethod
-    def of(cls, observed: Observations, progress: Progress) -> Bench:
+    def of(cls, observed: Observations, progress: Progress) -> RegressionProblem:
         """Lay out everything that could explain the residual."""
         progress("columns of what is known within tolerances", 0.1)
         if observed.around is None:
             observed = with_friction(observed)
         residual = observed.residual
         split = Split.of(observed)
-        columns = Columns(*residual.shape)
+        columns = ColumnTable(*residual.shape)
         rough = roughness(residual, observed.moving)
         nuisance = nuisance_of(observed, columns, rough)
         progress("columns of every effect at every place", 0.2)
@@ -70,29 +73,31 @@ class Bench:
         """Return what a fit leaves, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
 
-    def products(self, noise: Noise, *, everything: bool) -> Products:
+    def products(self, noise: Noise, *, everything: bool) -> NormalEquations:
         """Return sums over the rows meant for fits, or over all; what was summed once is kept."""
         of, known = self._sums.get(everything, (noise, None))
         rows = self.observed.moving if everything else self.split.fitted
-        known = Products.of(self.columns, self.target, noise, rows, known if of is noise else None)
+        known = normal_equations(
+            self.columns, self.target, noise, rows, known if of is noise else None
+        )
         self._sums[everything] = noise, known
         return known
 
-    def undisturbed(self, rows: NDArray[np.bool_]) -> Bench:
+    def undisturbed(self, rows: NDArray[np.bool_]) -> RegressionProblem:
         """Return the same, where something pushed on some rows (K,): those count no more."""
         observed = self.observed.undisturbed(rows)
         return replace(self, observed=observed, split=Split.of(observed), held=None)
 
-    def as_stated(self, some: NDArray[np.bool_]) -> Bench:
+    def as_stated(self, some: NDArray[np.bool_]) -> RegressionProblem:
         """Return the same, with some of the nuisance's coefficients (c,) exactly as stated."""
         nuisance, candidates = self.nuisance.certain(some), list(self.candidates)
         first = self.first or self
         return replace(self, nuisance=nuisance, candidates=candidates, first=first, held=None)
 
     def again(self, candidate: Candidate, place: int) -> int:
-        """Enter a candidate that has a place on another bench; return its place on this one."""
+        """Enter a candidate that has a place on another problem; return its place on this one."""
         if candidate.hypothesis is None:
-            return place  # of the given simulation: the same on every bench
+            return place  # of the given simulation: the same on every problem
         own = entered(candidate.hypothesis, self.observed, self.columns, self.level)
         if own is None:
             raise AssertionError("what was found acts on the torque")
@@ -117,29 +122,29 @@ class Solution:
 
 
 def fitted(
-    bench: Bench, members: tuple[int, ...], noise: Noise, *, everything: bool = False
+    problem: RegressionProblem, members: tuple[int, ...], noise: Noise, *, everything: bool = False
 ) -> Solution:
     """Fit a given set under given noise, to the rows meant for it or to all."""
-    search = search_on(bench, noise, everything=everything)
+    search = search_on(problem, noise, everything=everything)
     posterior = search.evidence.posterior(search.prior(members))
     return Solution(members, search, noise, posterior, search.gain(members))
 
 
-def search_on(bench: Bench, noise: Noise, *, everything: bool = False) -> Search:
+def search_on(problem: RegressionProblem, noise: Noise, *, everything: bool = False) -> Search:
     """Return the search under given noise, on the rows meant for fits or on all."""
-    products = bench.products(noise, everything=everything)
-    evidence = Evidence(products, bench.nuisance.prior, bench.held)
-    return Search(bench.candidates, evidence, bench.base)
+    products = problem.products(noise, everything=everything)
+    evidence = Evidence(products, problem.nuisance.prior, problem.held)
+    return Search(problem.candidates, evidence, problem.base)
 
 
-def improve(bench: Bench, solution: Solution) -> Simulation:
+def improve(problem: RegressionProblem, solution: Solution) -> Simulation:
     """Write nuisance shifts and findings into the simulation."""
-    improvement = Improvement(bench.observed.simulation)
-    count = bench.nuisance.prior.index.size
-    bench.nuisance.enter(improvement, solution.fitted.mean[:count])
+    improvement = Improvement(problem.observed.simulation)
+    count = problem.nuisance.prior.index.size
+    problem.nuisance.enter(improvement, solution.fitted.mean[:count])
     at = count
     for i in solution.members:
-        candidate = bench.candidates[i]
+        candidate = problem.candidates[i]
         size = candidate.prior.index.size
         try:
             candidate.enter(improvement, solution.fitted.mean[at : at + size])

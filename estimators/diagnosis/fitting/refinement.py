@@ -9,19 +9,18 @@ import numpy as np
 from scipy.optimize import minimize
 
 from estimators.diagnosis.selection.candidates import Candidate, entered
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Prior, joined
+from estimators.diagnosis.selection.columns import ColumnTable
+from estimators.diagnosis.settings.fitting import REFINEMENT
+from estimators.regression.evidence import Evidence, Prior, joined
+from estimators.regression.normal_equations import NormalEquations
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
-
-_EVALUATIONS = 60
-_REJECTED = 1e6  # objective where no column comes out
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Setting:
     """Everything around one candidate: the columns that are fitted with it."""
 
     observed: Observations
-    columns: Columns
+    columns: ColumnTable
     nuisance: Prior
     others: Prior
     residual: FloatArray  # (K, n) [N m]
@@ -73,7 +72,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
         np.clip(x0, 0.02, 0.98),
         method="Nelder-Mead",
         options={
-            "maxfev": _EVALUATIONS,
+            "maxfev": REFINEMENT.evaluations,
             "xatol": 3e-3,
             "fatol": 0.05,
             "initial_simplex": _simplex(np.clip(x0, 0.02, 0.98)),
@@ -114,10 +113,10 @@ class _Local:
 
     def gain(self, hypothesis: Hypothesis) -> float:
         """Return the log evidence of the hypothesis together with the others."""
-        table = Columns(len(self.around.observed.kept), self.around.observed.n)
+        table = ColumnTable(len(self.around.observed.kept), self.around.observed.n)
         candidate = entered(hypothesis, self.around.observed, table, self.around.level)
         if candidate is None:
-            return -_REJECTED
+            return -REFINEMENT.rejected
         size, more = self.base.index.size, table.count
         gram = np.zeros((size + more, size + more))
         gram[:size, :size] = self._gram
@@ -139,7 +138,7 @@ class _Local:
         others = Prior(
             np.arange(count, size), self.around.others.deviation, self.around.others.positive
         )
-        evidence = Evidence(Products(gram, product), nuisance)
+        evidence = Evidence(NormalEquations(gram, product), nuisance)
         return evidence.gain(joined(others, own))
 
 

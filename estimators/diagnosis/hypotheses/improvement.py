@@ -8,35 +8,17 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.model import Inertial
-from limo_driver.physics import (
-    AsymmetricFriction,
-    CoulombFriction,
-    GravityDirection,
-    JointElasticity,
-    Payload,
-)
+from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
-    from limo_driver.physics import Effect, Simulation
+    from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray
 
 Enter: TypeAlias = Callable[["Improvement", "FloatArray"], None]  # of fitted coefficients
-
-# Effects that add up to one of the same kind: the parameter that adds.
-_ADDING = {
-    "coulomb_friction": "tau_c",
-    "viscous_friction": "f_v",
-    "armature": "inertia",
-    "torque_offset": "offset",
-    "torque_gain": "gain",
-    "encoder_offset": "offset",
-    "quadratic_drag": "coefficient",
-    "backlash": "gap",
-}
-_STEPS = 9  # from the inertia that was found to the nominal one
 
 
 class Improvement:
@@ -61,28 +43,19 @@ class Improvement:
     def add(self, effect: Effect) -> None:
         """Add an effect, or add it to the same effect of the same joint."""
         for place, old in enumerate(self.effects):
-            merged = _merged(old, effect)
+            merged = old.with_more(effect)
             if merged is not None:
                 self.effects[place] = merged
                 return
         self.effects.append(effect)
 
-    def skew(self, joint: int, plus: float, minus: float, v_eps: float) -> None:
-        """Add friction that differs with the direction; Coulomb friction becomes part of it."""
-        for place, old in enumerate(self.effects):
-            if isinstance(old, CoulombFriction) and old.joint == joint:
-                self.effects[place] = AsymmetricFriction(
-                    joint=joint,
-                    tau_plus=max(0.0, old.tau_c + plus),
-                    tau_minus=max(0.0, old.tau_c + minus),
-                    v_eps=old.v_eps,
-                )
-                return
-        self.effects.append(
-            AsymmetricFriction(
-                joint=joint, tau_plus=max(0.0, plus), tau_minus=max(0.0, minus), v_eps=v_eps
-            )
-        )
+    def enter(self, hypothesis: Hypothesis, coefficients: FloatArray) -> None:
+        """Enter what a hypothesis comes to with fitted coefficients."""
+        if hypothesis.enter is not None:
+            self.effects = list(hypothesis.enter(self.effects, coefficients))
+            return
+        for effect in hypothesis.realise(coefficients):
+            self.add(effect)
 
     def simulation(self) -> Simulation:
         """Return the simulation; bodies that cannot exist are drawn back to the nominal ones."""
@@ -98,22 +71,6 @@ def _within(known: Any) -> tuple[float, float]:  # noqa: ANN401  # Parameter
     return known.lower, known.upper
 
 
-def _merged(old: Any, new: Any) -> Effect | None:  # noqa: ANN401  # effects of any class
-    """Return one effect for two of the same joint; None where they stay two."""
-    if type(old) is not type(new) or old.joints != new.joints:
-        return None
-    if isinstance(old, GravityDirection):
-        return new
-    if isinstance(old, JointElasticity):
-        return replace(old, stiffness=1.0 / (1.0 / old.stiffness + 1.0 / new.stiffness))
-    name = _ADDING.get(old.name)
-    if name is None:
-        return None
-    known = next(item for item in old.parameters() if item.name == name)
-    value = getattr(old, name) + getattr(new, name)
-    return replace(old, **{name: float(np.clip(value, known.lower, known.upper))})
-
-
 def _body(nominal: Inertial, change: FloatArray) -> Inertial:
     """Return a possible body with the changed mass and centre of mass.
 
@@ -123,7 +80,7 @@ def _body(nominal: Inertial, change: FloatArray) -> Inertial:
     if body is None:
         return nominal
     rigid = np.array(nominal.inertia) * body.mass / nominal.mass
-    for part in np.linspace(0.0, 1.0, _STEPS):
+    for part in np.linspace(0.0, 1.0, REVISION.steps):
         mixed = (1.0 - part) * np.array(body.inertia) + part * rigid
         possible = replace(body, inertia=tuple(mixed.tolist()))
         if possible.is_consistent():

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimators.diagnosis.hypotheses.responses import Response, difference
+from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -22,56 +23,43 @@ if TYPE_CHECKING:
     from limo_driver.physics import Parameter
     from limo_driver.types import FloatArray
 
-WIDTHS = {"v_eps"}  # parameters that smooth rather than describe
-_INVERSE = {("joint_elasticity", "stiffness")}  # effects and parameters, linear in the inverse
-_STEP = 0.05  # relative, for derivatives by a parameter
-_LEAST_LEVER = 0.01  # [m], scale of a centre of mass that lies on an axis
-_NARROWER, _WIDER = 0.2, 5.0  # times, at most, in one revision
-_STIFFEST = 0.01  # part of an inverse that one revision leaves at least
 
-
-def can_scale(known: Parameter) -> bool:
-    """Say whether a parameter is a size: a number that is neither a shape nor a sign."""
-    return known.is_number and (known.unit != "1" or known.name in {"coefficient", "gain"})
-
-
-def relative_change(effect: str, name: str, coefficient: float) -> float:
-    """Return by which part of itself a coefficient changes the parameter `name` of an effect.
+def relative_change(known: Parameter, coefficient: float) -> float:
+    """Return by which part of itself a coefficient changes a parameter.
 
     Of a width, the logarithm is what is linear; of a stiffness that winds up, its inverse.
     """
-    if name in WIDTHS:
-        return float(np.clip(np.exp(coefficient), _NARROWER, _WIDER) - 1.0)
-    if (effect, name) in _INVERSE:
-        return 1.0 / max(1.0 - coefficient, _STIFFEST) - 1.0
+    if known.smooths:
+        return float(np.clip(np.exp(coefficient), REVISION.narrower, REVISION.wider) - 1.0)
+    if known.inverse:
+        return 1.0 / max(1.0 - coefficient, REVISION.stiffest) - 1.0
     return coefficient
 
 
-def beside_stated(effect: str, name: str, ratio: float) -> tuple[float, float]:
+def beside_stated(known: Parameter, ratio: float) -> tuple[float, float]:
     """Say what coefficients of the stated value of a parameter are where it has another value.
 
     Args:
-        effect: Identifier.
-        name: Of the parameter.
+        known: The parameter.
         ratio: Value at hand over the stated one.
 
     Returns:
         By how much a coefficient of the value at hand is larger, and the one of the stated value
         that gives the value at hand.
     """
-    if name in WIDTHS:
+    if known.smooths:
         return 1.0, float(np.log(ratio))
-    if (effect, name) in _INVERSE:
+    if known.inverse:
         return ratio, 1.0 - 1.0 / ratio
     return 1.0 / ratio, ratio - 1.0
 
 
-def reviser(place: int, effect: str, names: Sequence[str]) -> Enter:
+def reviser(place: int, parameters: Sequence[Parameter]) -> Enter:
     """Return what enters coefficients (c,) of as many parameters of the effect at a place."""
 
     def enter(improvement: Improvement, c: FloatArray) -> None:
-        for name, coefficient in zip(names, c, strict=True):
-            improvement.revise(place, name, relative_change(effect, name, float(coefficient)))
+        for known, coefficient in zip(parameters, c, strict=True):
+            improvement.revise(place, known.name, relative_change(known, float(coefficient)))
 
     return enter
 
@@ -80,9 +68,11 @@ def derivative(observed: Observations, place: int, name: str) -> Response:
     """Return what a relative change of 1 of an effect's parameter adds, to first order."""
     effect: Any = observed.simulation.effects[place]
     value = getattr(effect, name)
-    ahead, behind = (replace(effect, **{name: value * (1 + sign * _STEP)}) for sign in (1, -1))
+    ahead, behind = (
+        replace(effect, **{name: value * (1 + sign * REVISION.step)}) for sign in (1, -1)
+    )
     joints, values = difference(ahead, behind, observed)
-    return Response(joints, values / (2 * _STEP))
+    return Response(joints, values / (2 * REVISION.step))
 
 
 def mover(link: int, scale: FloatArray) -> Enter:
@@ -105,7 +95,7 @@ def relative_inertia(body: Inertial) -> FloatArray:
     scale = np.zeros((PER_LINK, PER_LINK))
     at_origin = _point(m, c)
     scale[0, 0], scale[1:4, 0], scale[4:, 0] = m, m * c, at_origin
-    lever = np.full(3, max(float(np.linalg.norm(c)), _LEAST_LEVER))
+    lever = np.full(3, max(float(np.linalg.norm(c)), REVISION.least_lever))
     for axis in range(3):
         d = np.zeros(3)
         d[axis] = lever[axis]

@@ -12,29 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 
-from estimators.diagnosis.hypotheses.catalogue import rippling
+from estimators.diagnosis.settings.hypotheses import RIPPLE
+from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
-
-MOST_CYCLES = 400.0  # in a revolution
-LEAST_PERIODS = 3.0  # over the range of a joint; fewer are no line but a shape
-FALSE_LINES = 1e-6  # expected in a scan of white noise; that of a sensor is never quite so even
-_OVERSAMPLING = 4.0  # grid points within the resolution of a line
-_NEIGHBOURS = 61  # grid points whose median is the level that a line stands out from
-_PASSED = 0.25  # rows on which the filter leaves less of a line do not count
-_LEAST_SHARE = 0.1  # of the rows, on which a line has to pass the filter
-_SHAPE = 8  # knots of the low-order dependence on position, taken out first
-_FLAT = 2  # knots, where a line of few periods is sought
-FEW_PERIODS = (1.5, 6.0)  # of such a line over the range of a joint
-_LEAST_PART = 0.15  # of the residual's energy, that such a line takes off
-_SAME = 0.05  # relative, within which two lines are one
-_BLOCK = 32  # frequencies at a time
-_TINY = 1e-30
-_BURST = 6.0  # median deviations, beyond which a residual is clipped
 
 
 def ripples(
@@ -62,10 +47,10 @@ def ripples(
     for joint in range(observed.n):
         lines = _lines(_Angle.of(observed, residual, joint), limit, observed.n)
         some = [lines[: k + 1] for k in range(len(lines))]
-        slow = _slow_line(_Angle.of(observed, residual, joint, _FLAT))
-        if slow and not any(abs(slow / N - 1.0) < _SAME for N in lines):
+        slow = _slow_line(_Angle.of(observed, residual, joint, RIPPLE.flat))
+        if slow and not any(abs(slow / N - 1.0) < RIPPLE.same for N in lines):
             some += [(slow, *more) for more in ((), *some)]
-        found += [rippling(joint + 1, cycles) for cycles in some]
+        found += [TorqueRipple.of_lines(joint + 1, cycles) for cycles in some]
     return found
 
 
@@ -88,7 +73,7 @@ class Spectrum:
 
         Half of an exponential variable lies below log 2 of its mean.
         """
-        level = median_filter(self.normalised, _NEIGHBOURS, mode="nearest") / np.log(2)
+        level = median_filter(self.normalised, RIPPLE.neighbours, mode="nearest") / np.log(2)
         return self.normalised / np.maximum(level, 1.0)
 
 
@@ -104,7 +89,7 @@ class _Angle:
 
     @classmethod
     def of(
-        cls, observed: Observations, residual: FloatArray, joint: int, knots: int = _SHAPE
+        cls, observed: Observations, residual: FloatArray, joint: int, knots: int = RIPPLE.shape
     ) -> _Angle:
         """Take the rows of one joint (0-based)."""
         rows = observed.moving[:, joint]
@@ -113,14 +98,14 @@ class _Angle:
         y = residual[rows, joint]
         if y.size:  # a short burst is no line, yet would have power in all of them
             middle = float(np.median(y))
-            most = _BURST * float(np.median(np.abs(y - middle)))
+            most = RIPPLE.burst * float(np.median(np.abs(y - middle)))
             y = np.clip(y, middle - most, middle + most)
         return cls(q, np.abs(v), _rest(y, known), known, observed.bandwidth)
 
     @property
     def range(self) -> float:
         """Angle that nearly all rows lie in [rad]."""
-        if self.position.size < _SHAPE:
+        if self.position.size < RIPPLE.shape:
             return 0.0
         low, high = np.quantile(self.position, (0.01, 0.99))
         return float(high - low)
@@ -129,7 +114,7 @@ class _Angle:
         """Return what the filter leaves of lines at each row, (R, len(cycles))."""
         ratio = self.speed[:, None] * (cycles / (2 * np.pi * self.bandwidth))
         gain = 1.0 / (1.0 + ratio ** (2 * ORDER))
-        gain[gain < _PASSED] = 0.0
+        gain[gain < RIPPLE.passed] = 0.0
         return gain
 
     def power(self, first: float, step: float, count: int) -> Spectrum:
@@ -137,21 +122,21 @@ class _Angle:
 
         The phase of a line is a product, so that few exponentials are needed.
         """
-        ahead = np.exp(-1j * step * self.position[:, None] * np.arange(min(count, _BLOCK)))
+        ahead = np.exp(-1j * step * self.position[:, None] * np.arange(min(count, RIPPLE.block)))
         amount, noise = np.zeros(count), np.zeros(count)
         energy = self.residual**2
-        for start in range(0, count, _BLOCK):
-            size = min(_BLOCK, count - start)
+        for start in range(0, count, RIPPLE.block):
+            size = min(RIPPLE.block, count - start)
             N = first + step * np.arange(start, start + size, dtype=np.float64)
             gain = self.passed(N)
             turned = self.residual * np.exp(-1j * N[0] * self.position)
             sums = np.einsum("r,rb,rb->b", turned, ahead[:, :size], gain)
-            enough = (gain > 0).mean(axis=0) > _LEAST_SHARE
+            enough = (gain > 0).mean(axis=0) > RIPPLE.least_share
             rows = slice(start, start + size)
             amount[rows] = np.where(enough, np.abs(sums) ** 2, 0.0)
             noise[rows] = energy @ gain**2
         cycles = first + step * np.arange(count, dtype=np.float64)
-        return Spectrum(cycles, amount, np.maximum(noise, _TINY))
+        return Spectrum(cycles, amount, np.maximum(noise, RIPPLE.tiny))
 
     def without(self, cycles: float) -> _Angle:
         """Take one line out."""
@@ -170,7 +155,7 @@ class _Angle:
 def _rest(values: FloatArray, known: FloatArray) -> FloatArray:
     """Return what columns do not explain."""
     gram = known.T @ known
-    ridge = 1e-9 * max(float(np.trace(gram)), _TINY) * np.eye(gram.shape[0])
+    ridge = 1e-9 * max(float(np.trace(gram)), RIPPLE.tiny) * np.eye(gram.shape[0])
     return values - known @ np.linalg.solve(gram + ridge, known.T @ values)
 
 
@@ -185,12 +170,12 @@ def _shape(q: FloatArray, v: FloatArray, knots: int) -> FloatArray:
 
 def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
     """Return the cycles per revolution of the significant lines, strongest first."""
-    if angle.range <= 0 or LEAST_PERIODS * 2 * np.pi / angle.range > MOST_CYCLES:
+    if angle.range <= 0 or RIPPLE.least_periods * 2 * np.pi / angle.range > RIPPLE.most_cycles:
         return ()
-    step = 2 * np.pi / angle.range / _OVERSAMPLING
-    first = LEAST_PERIODS * _OVERSAMPLING * step
-    count = int((MOST_CYCLES - first) / step)
-    threshold = float(np.log(joints * count / FALSE_LINES))
+    step = 2 * np.pi / angle.range / RIPPLE.oversampling
+    first = RIPPLE.least_periods * RIPPLE.oversampling * step
+    count = int((RIPPLE.most_cycles - first) / step)
+    threshold = float(np.log(joints * count / RIPPLE.false_lines))
     found: list[float] = []
     while len(found) < limit:
         spectrum = angle.power(first, step, count)
@@ -208,11 +193,11 @@ def _slow_line(angle: _Angle) -> float | None:
     """Return the cycles per revolution of the line of few periods that leaves least, if any."""
     if angle.range <= 0:
         return None
-    step = 2 * np.pi / angle.range / _OVERSAMPLING
-    near = step * np.arange(*(_OVERSAMPLING * np.array(FEW_PERIODS)))
+    step = 2 * np.pi / angle.range / RIPPLE.oversampling
+    near = step * np.arange(*(RIPPLE.oversampling * np.array(RIPPLE.few_periods)))
     energy = [angle.without(float(cycles)).energy for cycles in near]
     line = _refined(angle, float(near[int(np.argmin(energy))]), step)
-    return line if angle.without(line).energy < (1.0 - _LEAST_PART) * angle.energy else None
+    return line if angle.without(line).energy < (1.0 - RIPPLE.least_part) * angle.energy else None
 
 
 def _refined(angle: _Angle, cycles: float, step: float) -> float:
@@ -233,7 +218,7 @@ def _stands_out(angle: _Angle, rest: _Angle, line: float, step: float) -> float:
 
     A strong line raises its own neighbourhood, since no joint covers its range evenly.
     """
-    around = rest.power(line - _NEIGHBOURS // 2 * step, step, _NEIGHBOURS)
+    around = rest.power(line - RIPPLE.neighbours // 2 * step, step, RIPPLE.neighbours)
     level = max(1.0, float(np.median(around.normalised)) / np.log(2))
     own = 0.5 * (angle.energy - rest.energy) / (rest.energy / rest.residual.size)
     return own / level

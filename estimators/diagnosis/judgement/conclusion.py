@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import MATERIAL
 from estimators.diagnosis.judgement.findings import findings_of, left_at, unknown_of
 from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.residuals.plausibility import notes_on
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import OBSERVABLE
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     Fit,
@@ -21,37 +22,37 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
+from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.judgement.judgement import Leftover
     from estimators.diagnosis.verdict import Finding
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_PRICE = 10.0  # [nat] that an effect has to bring
-_HIDDEN = 10.0  # [noise floors]
 
-
-def fit_of(bench: Bench, proven: FloatArray, alone: FloatArray, floor: FloatArray) -> Fit:
+def fit_of(
+    problem: RegressionProblem, proven: FloatArray, alone: FloatArray, floor: FloatArray
+) -> Fit:
     """Return the proof on held-out rows.
 
     Args:
-        bench: What was compared.
+        problem: What was compared.
         proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         floor: Noise floor of each joint, (n,) [N m].
     """
-    rows = bench.split.held_out
-    before, after = rmse(bench.observed.residual, rows), rmse(proven, rows)
+    rows = problem.split.held_out
+    before, after = rmse(problem.observed.residual, rows), rmse(proven, rows)
     return Fit(
         tuple(before.tolist()),
         tuple(after.tolist()),
         tuple(floor.tolist()),
         reducible_removed(before, after, floor),
-        bootstrap(bench.observed.residual, proven, floor, bench.observed, rows),
+        bootstrap(problem.observed.residual, proven, floor, problem.observed, rows),
         tuple(alone.tolist()),
     )
 
@@ -66,7 +67,7 @@ def rows_of(recordings: Sequence[Recording]) -> RowCount:
 
 
 def conclude(
-    bench: Bench,
+    problem: RegressionProblem,
     solution: Solution,
     rest: Leftover,
     named: Sequence[int],
@@ -78,7 +79,7 @@ def conclude(
     """Put the verdict together.
 
     Args:
-        bench: What was compared.
+        problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         rest: What is left.
         named: Members of the set that are findings; the others only stand in for the unknown.
@@ -87,11 +88,11 @@ def conclude(
         tolerances: Residual (K, n) with values moved inside their tolerances and no effect [N m].
         contact: Pushes that were found.
     """
-    alone = rmse(tolerances, bench.split.held_out)
-    after = rmse(proven, bench.split.held_out)
+    alone = rmse(tolerances, problem.split.held_out)
+    after = rmse(proven, problem.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
-    found = (*contact, *findings_of(bench, solution, named, rest, alone, after))
-    findings = (*found, *unknown_of(bench, stand_ins, rest, unknown, alone, after))
+    found = (*contact, *findings_of(problem, solution, named, rest, alone, after))
+    findings = (*found, *unknown_of(problem, stand_ins, rest, unknown, alone, after))
     if not findings:
         summary = "consistent"
     elif not unknown:
@@ -104,32 +105,35 @@ def conclude(
         verdict=summary,
         findings=findings,
         unexplained=Unexplained(tuple(j + 1 for j in unknown), share, where),
-        not_observable=not_observable(bench, solution, rest),
+        not_observable=not_observable(problem, solution, rest),
         next_motion=None,
-        fit=fit_of(bench, proven, alone, rest.floor),
-        rows=rows_of(bench.observed.recordings),
+        fit=fit_of(problem, proven, alone, rest.floor),
+        rows=rows_of(problem.observed.recordings),
         # of all rows, and beside the given simulation, as the recordings came in
         notes=(
-            *notes_on(bench.observed.undisturbed(None).beside(bench.observed.simulation)),
-            *repeats.notes(bench.observed, proven),
+            *notes_on(problem.observed.undisturbed(None).beside(problem.observed.simulation)),
+            *repeats.notes(problem.observed, proven),
+            *(f"An effect was not tried: {error}." for error in unusable()),
         ),
     )
 
 
-def not_observable(bench: Bench, solution: Solution, rest: Leftover) -> tuple[NotObservable, ...]:
+def not_observable(
+    problem: RegressionProblem, solution: Solution, rest: Leftover
+) -> tuple[NotObservable, ...]:
     """Name the effects that could be there at ten noise floors without showing."""
     evidence = solution.search.evidence
-    size = bench.columns.size()
+    size = problem.columns.size()
     least: dict[str, tuple[float, int]] = {}
-    moves = np.count_nonzero(bench.observed.moving, axis=0) > 0
-    for candidate in bench.candidates:
+    moves = np.count_nonzero(problem.observed.moving, axis=0) > 0
+    for candidate in problem.candidates:
         if not np.all(moves[list(candidate.joints)]):
             continue  # a note says so
         at = candidate.prior.index
         information = np.diag(evidence.gram)[at]
         joint = candidate.joints[0] if candidate.joints else 0
         torque = float(
-            np.min(size[at] * np.sqrt(2 * _PRICE / np.maximum(information, 1e-12)))
+            np.min(size[at] * np.sqrt(2 * OBSERVABLE.price / np.maximum(information, 1e-12)))
             / rest.floor[joint]
         )
         known = least.get(candidate.effect)
@@ -142,27 +146,27 @@ def not_observable(bench: Bench, solution: Solution, rest: Leftover) -> tuple[No
             "to show beside what the tolerances allow",
         )
         for effect, (torque, joint) in sorted(least.items())
-        if torque > _HIDDEN
+        if torque > OBSERVABLE.hidden
     )
 
 
 def explanations_of(
-    bench: Bench, solution: Solution, floor: FloatArray, limit: int = 12
+    problem: RegressionProblem, solution: Solution, floor: FloatArray, limit: int = 12
 ) -> tuple[Explanation, ...]:
     """Return the chosen set and the best others, best first.
 
     Args:
-        bench: What was compared.
+        problem: What was compared.
         solution: The chosen set, fitted to the rows meant for it.
         floor: Noise floor of each joint, (n,) [N m].
         limit: How many.
     """
-    search, rows = solution.search, bench.split.held_out
-    none = rmse(bench.left(search.evidence.posterior(search.prior(()))), rows)
-    kept = rmse(bench.left(solution.fitted), rows)
+    search, rows = solution.search, problem.split.held_out
+    none = rmse(problem.left(search.evidence.posterior(search.prior(()))), rows)
+    kept = rmse(problem.left(solution.fitted), rows)
     found: list[Explanation] = []
-    for members in _ranked(bench, solution, limit):
-        left = rmse(bench.left(search.evidence.posterior(search.prior(members))), rows)
+    for members in _ranked(problem, solution, limit):
+        left = rmse(problem.left(search.evidence.posterior(search.prior(members))), rows)
         gain, note = search.gain(members), ""
         if set(members) == set(solution.members):
             note = CHOSEN
@@ -170,8 +174,8 @@ def explanations_of(
             note = _dropped(left / floor, kept / floor)
         found.append(
             Explanation(
-                tuple(bench.candidates[i].effect for i in members),
-                tuple(tuple(j + 1 for j in bench.candidates[i].joints) for i in members),
+                tuple(problem.candidates[i].effect for i in members),
+                tuple(tuple(j + 1 for j in problem.candidates[i].joints) for i in members),
                 gain,
                 reducible_removed(none, left, floor),
                 note,
@@ -190,10 +194,10 @@ def _dropped(left: FloatArray, kept: FloatArray) -> str:
     gained = kept**2 - left**2
     if gained.sum() <= 0:
         return "does not hold on motion held out"
-    return "takes too little off motion held out" if gained.max() < MATERIAL**2 else ""
+    return "takes too little off motion held out" if gained.max() < CONTRIBUTION.material**2 else ""
 
 
-def _ranked(bench: Bench, solution: Solution, limit: int) -> list[tuple[int, ...]]:
+def _ranked(problem: RegressionProblem, solution: Solution, limit: int) -> list[tuple[int, ...]]:
     """Return the best sets of members, one of each set of places; the chosen one is among them."""
     search, chosen = solution.search, tuple(sorted(solution.members))
     sets = {chosen}
@@ -203,19 +207,19 @@ def _ranked(bench: Bench, solution: Solution, limit: int) -> list[tuple[int, ...
     sets |= {item.members for item in search.ranked((), limit)}
     best: dict[tuple[tuple[str, tuple[int, ...]], ...], tuple[int, ...]] = {}
     for members in [*sorted(sets, key=search.gain), chosen]:
-        best[tuple(sorted(bench.candidates[i].place for i in members))] = members
+        best[tuple(sorted(problem.candidates[i].place for i in members))] = members
     others = sorted(set(best.values()) - {chosen}, key=search.gain, reverse=True)[: limit - 1]
     return sorted([chosen, *others], key=search.gain, reverse=True)
 
 
-def shifts_of(bench: Bench, final: Solution) -> tuple[Shift, ...]:
+def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
     """Return how far each nuisance parameter moved, in its own tolerance, farthest first."""
-    count = bench.nuisance.prior.index.size
+    count = problem.nuisance.prior.index.size
     mean = final.fitted.mean[:count]
-    deviation = bench.nuisance.prior.deviation
+    deviation = problem.nuisance.prior.deviation
     sigmas = np.divide(mean, deviation, out=np.zeros_like(mean), where=deviation > 0)
     order = np.argsort(-np.abs(sigmas))
-    parameters = bench.nuisance.parameters
+    parameters = problem.nuisance.parameters
     return tuple(
         Shift(
             parameters[k].name,

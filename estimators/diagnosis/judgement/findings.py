@@ -29,27 +29,23 @@ from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.judgement.judgement import equivalents, identical, margin
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
-from estimators.diagnosis.wording import OF_BODIES, SIGNATURES, times
+from estimators.diagnosis.wording import is_of_bodies, signature_of, times
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.judgement.judgement import Leftover
     from estimators.diagnosis.selection.candidates import Candidate
     from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
 
-_WEIGHTS = (0.7, 0.25, 1.6)  # of 1, lead and size
-_HIGHEST = 0.99
-OF_UNKNOWN = 0.75  # part of the cases in which what nothing explained was unknown physics there
-OF_CONTACT = 0.95  # and in which what looked like a push was one
-
 
 def findings_of(
-    bench: Bench,
+    problem: RegressionProblem,
     solution: Solution,
     named: Sequence[int],
     leftover: Leftover,
@@ -59,43 +55,43 @@ def findings_of(
     """Return the findings of named members, the largest share first.
 
     Args:
-        bench: What was compared.
+        problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         named: Members of the set.
         leftover: What is left on each joint.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
     """
-    shares = shares_of(bench, solution, alone, after, leftover.floor)
+    shares = shares_of(problem, solution, alone, after, leftover.floor)
     found: list[Finding] = []
     for member in named:
-        candidate = bench.candidates[member]
-        same = equivalents(bench, solution, member)
-        gained = contribution(bench, solution, member)
-        everywhere = candidate.effect in OF_BODIES or not candidate.joints
-        own = list(range(bench.observed.n) if everywhere else candidate.joints)
+        candidate = problem.candidates[member]
+        same = equivalents(problem, solution, member)
+        gained = contribution(problem, solution, member)
+        everywhere = is_of_bodies(candidate.effect) or not candidate.joints
+        own = list(range(problem.observed.n) if everywhere else candidate.joints)
         joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
-        lead = margin(bench, solution, member, same)
+        lead = margin(problem, solution, member, same)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
             lead=lead,
-            material=material(bench, solution, member),
+            material=material(problem, solution, member),
         )
         found.append(
             Finding(
                 effect=candidate.effect,
                 kind=candidate.kind,
-                joints=tuple(j + 1 for j in candidate.joints or range(bench.observed.n)),
+                joints=tuple(j + 1 for j in candidate.joints or range(problem.observed.n)),
                 equivalent=tuple(
                     dict.fromkeys(
                         effect
-                        for effect in (*identical(bench, member), *(c.effect for c in same))
+                        for effect in (*identical(problem, member), *(c.effect for c in same))
                         if effect != candidate.effect
                     )
                 ),
                 confidence=confidence_of(signs),
                 parameters={},  # `with_parameters` reads them off the improved simulation
-                where=_where(bench, solution, member, joint),
+                where=_where(problem, solution, member, joint),
                 share=shares[member],
                 heldout_rmse=BeforeAfter(tuple(before.tolist()), tuple(after.tolist())),
                 evidence=_sentence(
@@ -117,7 +113,7 @@ def _sentence(
     candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
 ) -> str:
     return (
-        f"At joint {joint + 1} {SIGNATURES[candidate.effect]}; on motion held out, it brings the "
+        f"At joint {joint + 1} {signature_of(candidate.effect)}; on motion held out, it brings the "
         f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
         + (
             f"makes the recordings {times(lead)} likelier than the next explanation does."
@@ -127,11 +123,13 @@ def _sentence(
     )
 
 
-def amplitudes(bench: Bench, solution: Solution, member: int) -> tuple[FloatArray, FloatArray]:
+def amplitudes(
+    problem: RegressionProblem, solution: Solution, member: int
+) -> tuple[FloatArray, FloatArray]:
     """Return a member's coefficients and their covariance."""
-    at = bench.nuisance.prior.index.size
+    at = problem.nuisance.prior.index.size
     for i in solution.members:
-        size = bench.candidates[i].prior.index.size
+        size = problem.candidates[i].prior.index.size
         if i == member:
             rows = slice(at, at + size)
             return solution.fitted.mean[rows], solution.fitted.covariance[rows, rows]
@@ -139,14 +137,14 @@ def amplitudes(bench: Bench, solution: Solution, member: int) -> tuple[FloatArra
     raise KeyError(member)
 
 
-def _where(bench: Bench, solution: Solution, member: int, joint: int) -> Where:
-    mean, _ = amplitudes(bench, solution, member)
-    torque = bench.columns.apply(bench.candidates[member].prior.index, mean)
-    return where_of(bench.observed, torque[:, joint], joint)
+def _where(problem: RegressionProblem, solution: Solution, member: int, joint: int) -> Where:
+    mean, _ = amplitudes(problem, solution, member)
+    torque = problem.columns.apply(problem.candidates[member].prior.index, mean)
+    return where_of(problem.observed, torque[:, joint], joint)
 
 
 def unknown_of(
-    bench: Bench,
+    problem: RegressionProblem,
     stand_ins: Sequence[int],
     rest: Leftover,
     joints: tuple[int, ...],
@@ -156,7 +154,7 @@ def unknown_of(
     """Return the finding of what nothing explains, if there is something.
 
     Args:
-        bench: What was compared.
+        problem: What was compared.
         stand_ins: Members that improve the prediction, and explain too little to be named.
         rest: What is left on each joint.
         joints: Where something unknown acts, 0-based.
@@ -173,7 +171,7 @@ def unknown_of(
     if stand_ins:
         names = (
             f"{spoken(c.effect)} ({', '.join(str(j + 1) for j in c.joints) or 'arm'})"
-            for c in (bench.candidates[member] for member in stand_ins)
+            for c in (problem.candidates[member] for member in stand_ins)
         )
         text += (
             f" Until it is understood, {'; '.join(names)} stand in for part of it in the improved "
@@ -187,9 +185,9 @@ def unknown_of(
             kind="missing",
             joints=tuple(j + 1 for j in joints),
             equivalent=(),
-            confidence=OF_UNKNOWN,
+            confidence=CONFIDENCE.of_unknown,
             parameters={},
-            where=where_of(bench.observed, rest.series[:, worst], worst),
+            where=where_of(problem.observed, rest.series[:, worst], worst),
             share=share,
             heldout_rmse=BeforeAfter(values, values),
             evidence=text,
@@ -212,25 +210,31 @@ def features(signs: Signs) -> tuple[float, float, float]:
 
 def confidence_of(signs: Signs) -> float:
     """Return the probability that a finding names the right effect at the right joint."""
-    score = sum(weight * value for weight, value in zip(_WEIGHTS, features(signs), strict=True))
-    return min(_HIGHEST, 1.0 / (1.0 + math.exp(-score)))
+    score = sum(
+        weight * value for weight, value in zip(CONFIDENCE.weights, features(signs), strict=True)
+    )
+    return min(CONFIDENCE.highest, 1.0 / (1.0 + math.exp(-score)))
 
 
-def left_by_tolerances(bench: Bench, solution: Solution) -> FloatArray:
+def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
     """Return what is left with values moved inside their tolerances and no effect, (K, n)."""
-    if bench.first is not None:  # columns around what was found say nothing of a set without it
-        return left_by_tolerances(bench.first, fitted(bench.first, (), solution.noise))
+    if problem.first is not None:  # columns around what was found say nothing of a set without it
+        return left_by_tolerances(problem.first, fitted(problem.first, (), solution.noise))
     search = solution.search
-    return bench.left(search.evidence.posterior(search.prior(())))
+    return problem.left(search.evidence.posterior(search.prior(())))
 
 
 def shares_of(
-    bench: Bench, solution: Solution, alone: FloatArray, after: FloatArray, floor: FloatArray
+    problem: RegressionProblem,
+    solution: Solution,
+    alone: FloatArray,
+    after: FloatArray,
+    floor: FloatArray,
 ) -> dict[int, float]:
     """Return the share that goes with each member of the set.
 
     Args:
-        bench: What was compared.
+        problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
@@ -238,7 +242,7 @@ def shares_of(
     """
     taken = max(reducible_removed(alone, after, floor), 0.0)
     lost = {
-        member: max(float(contribution(bench, solution, member).sum()), 0.0)
+        member: max(float(contribution(problem, solution, member).sum()), 0.0)
         for member in solution.members
     }
     total = max(sum(lost.values()), 1e-12)

@@ -12,47 +12,41 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
 from estimators.diagnosis.result import Test
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Prior, joined, posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
+from estimators.diagnosis.settings.judgement import QUESTIONS
+from estimators.regression.evidence import Evidence, Prior, joined, posterior
+from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from estimators.diagnosis.fitting.problem import Bench, Solution
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
-    from estimators.diagnosis.selection.evidence import Posterior
+    from estimators.regression.evidence import Posterior
+    from estimators.regression.normal_equations import NormalEquations
     from limo_driver.types import FloatArray
 
-AFFECTED = 1.15  # times its noise floor, from which a joint's error is looked into
-LEAST_EVIDENCE = 6.0  # [nat] for a yes
-LEAST_SHARE = 0.05  # of the joint's reducible error on rows held out, for a yes
-_DISTANCES = (1e-3, 6e-3, 0.03, 0.15)  # [rad] over which friction may build up
-_SPEEDS = (0.01, 0.05)  # [rad/s]
-_HATS = 5
-_LEAST_REDUCIBLE = 0.1  # of the floor; where less is held out, shares would be noise
 
-
-def tests_of(bench: Bench, solution: Solution) -> tuple[Test, ...]:
+def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]:
     """Ask every question of every joint whose error is above its noise floor.
 
     Args:
-        bench: Observations, nuisance columns and rows held out.
+        problem: Observations, nuisance columns and rows held out.
         solution: The chosen set; what it leaves is the noise floor, and its noise counts.
     """
     empty = solution.search.prior(())
-    before = bench.left(solution.search.evidence.posterior(empty))
-    after = bench.left(solution.fitted)
+    before = problem.left(solution.search.evidence.posterior(empty))
+    after = problem.left(solution.fitted)
     tests: list[Test] = []
-    for joint in range(bench.observed.n):
-        rows = bench.observed.moving[:, joint]
+    for joint in range(problem.observed.n):
+        rows = problem.observed.moving[:, joint]
         energy, floor = (float(np.sum(left[rows, joint] ** 2)) for left in (before, after))
-        if energy > AFFECTED**2 * floor:
+        if energy > QUESTIONS.affected**2 * floor:
             floor /= max(1, int(rows.sum()))
-            tests += _Questions.of(bench, solution.noise, joint, floor).asked()
+            tests += _Questions.of(problem, solution.noise, joint, floor).asked()
     return tuple(tests)
 
 
@@ -63,36 +57,38 @@ _Family = tuple[str, "Callable[[Observations, int], FloatArray]"]
 class _Questions:
     """One joint's residual, with nuisance columns and those of every question in a table."""
 
-    bench: Bench
+    problem: RegressionProblem
     joint: int  # 0-based
-    columns: Columns  # of one joint
+    columns: ColumnTable  # of one joint
     nuisance: Prior
     families: tuple[tuple[str, Prior], ...]
-    products: Products
+    products: NormalEquations
     floor: float  # mean square of the noise [N² m²]
 
     @classmethod
-    def of(cls, bench: Bench, noise: Noise, joint: int, floor: float) -> _Questions:
+    def of(cls, problem: RegressionProblem, noise: Noise, joint: int, floor: float) -> _Questions:
         """Lay out the columns of all questions at a joint (0-based)."""
-        residual = bench.target[:, joint : joint + 1]
-        columns = Columns(residual.shape[0], 1)
-        nuisance = _nuisance(bench, columns, joint)
-        level = float(bench.level[joint])
-        sharp = [family(bench.observed, joint) for _, family in _FAMILIES]
+        residual = problem.target[:, joint : joint + 1]
+        columns = ColumnTable(residual.shape[0], 1)
+        nuisance = _nuisance(problem, columns, joint)
+        level = float(problem.level[joint])
+        sharp = [family(problem.observed, joint) for _, family in _FAMILIES]
         ends = np.cumsum([part.shape[1] for part in sharp])[:-1]
-        made = np.split(bench.observed.filter(np.concatenate(sharp, axis=1)), ends, axis=1)
+        made = np.split(problem.observed.filter(np.concatenate(sharp, axis=1)), ends, axis=1)
         families: list[tuple[str, Prior]] = []
         for (question, _), part in zip(_FAMILIES, made, strict=True):
             strength = np.maximum(np.sqrt(np.mean(part**2, axis=0)), 1e-12)
             index = columns.add((0,), np.ascontiguousarray(part / strength)[None])
             families.append((question, Prior.free(index, np.full(index.size, level))))
         return cls(
-            bench,
+            problem,
             joint,
             columns,
             nuisance,
             tuple(families),
-            Products.of(columns, residual, _own(noise, joint), bench.split.fitted[:, [joint]]),
+            normal_equations(
+                columns, residual, _own(noise, joint), problem.split.fitted[:, [joint]]
+            ),
             floor,
         )
 
@@ -101,13 +97,13 @@ class _Questions:
         evidence = Evidence(self.products, self.nuisance)
         known = joined()
         gain, error = 0.0, self._error(known)
-        reducible = max(error - self.floor, _LEAST_REDUCIBLE * self.floor, 1e-12)
+        reducible = max(error - self.floor, QUESTIONS.least_reducible * self.floor, 1e-12)
         tests: list[Test] = []
         for question, family in self.families:
             both = joined(known, family)
             more, less = evidence.gain(both), self._error(both)
             share = float(np.clip((error - less) / reducible, 0.0, 1.0))
-            yes = more - gain > LEAST_EVIDENCE and share > LEAST_SHARE
+            yes = more - gain > QUESTIONS.least_evidence and share > QUESTIONS.least_share
             tests.append(Test(self.joint + 1, question, share, yes))
             if yes:
                 known, gain, error = both, more, less
@@ -116,14 +112,14 @@ class _Questions:
     def _error(self, prior: Prior) -> float:
         """Return the mean square on rows held out after a fit to the others [N² m²]."""
         fit: Posterior = posterior(self.products, self.nuisance, prior)
-        left = self.bench.target[:, self.joint] - self.columns.apply(fit.index, fit.mean)[:, 0]
-        return float(np.mean(left[self.bench.split.held_out[:, self.joint]] ** 2))
+        left = self.problem.target[:, self.joint] - self.columns.apply(fit.index, fit.mean)[:, 0]
+        return float(np.mean(left[self.problem.split.held_out[:, self.joint]] ** 2))
 
 
-def _nuisance(bench: Bench, columns: Columns, joint: int) -> Prior:
+def _nuisance(problem: RegressionProblem, columns: ColumnTable, joint: int) -> Prior:
     """Copy the nuisance columns that act on a joint."""
-    values, at = bench.columns.of_joint(joint)
-    prior = bench.nuisance.prior
+    values, at = problem.columns.of_joint(joint)
+    prior = problem.nuisance.prior
     place = {int(index): k for k, index in enumerate(prior.index)}
     own = np.array([k for k, index in enumerate(at) if int(index) in place], dtype=np.int64)
     index = columns.add((0,), np.ascontiguousarray(values[:, own])[None])
@@ -146,13 +142,14 @@ def _sign(observed: Observations, j: int) -> FloatArray:
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:
-    return np.stack([over_joint(stop(j + 1, w), observed) for w in _DISTANCES], axis=1)
+    stops = [PreslidingHysteresis.stop(j + 1, width) for width in QUESTIONS.distances]
+    return np.stack([over_joint(stop, observed) for stop in stops], axis=1)
 
 
 def _rate(observed: Observations, j: int) -> FloatArray:
     v = observed.motion.velocity[:, j]
     sign = _sign(observed, j)
-    fading = [sign * np.exp(-np.abs(v) / speed) for speed in _SPEEDS]
+    fading = [sign * np.exp(-np.abs(v) / speed) for speed in QUESTIONS.speeds]
     return np.stack([sign, v, v * np.abs(v), *fading], axis=1)
 
 
@@ -176,7 +173,7 @@ def _with_sign(hats: FloatArray, sign: FloatArray) -> FloatArray:
 
 
 def _hats(values: FloatArray) -> FloatArray:
-    knots = np.linspace(values.min(), max(values.max(), values.min() + 1e-6), _HATS)
+    knots = np.linspace(values.min(), max(values.max(), values.min() + 1e-6), QUESTIONS.hats)
     return np.maximum(0.0, 1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]))
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.settings.judgement import REGION
 from estimators.diagnosis.verdict import Where
 
 if TYPE_CHECKING:
@@ -13,12 +14,6 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
-_NARROW, _WIDE = 0.5, 2.0  # ratio of medians at which a region is worth a word
-_PART = 0.2  # of the rows that has half the energy: a range of positions is worth a word
-_MOST = 0.75  # of the energy in a recording that its stretch of time holds
-_ALL = 0.9  # of the energy in all recordings that those with a stretch hold together
-_BRIEF = 1.0 / 3.0  # of the rows that those stretches have at most
 
 
 def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
@@ -54,7 +49,7 @@ def _side(name: str, unit: str, values: FloatArray, energy: FloatArray) -> list[
     total = np.cumsum(energy[order])
     half = float(values[order][min(np.searchsorted(total, 0.5 * total[-1]), len(order) - 1)])
     usual = float(np.median(values))
-    if usual <= 0 or _NARROW < half / usual < _WIDE:
+    if usual <= 0 or REGION.narrow < half / usual < REGION.wide:
         return []
     size, side = ("small", "below") if half < usual else ("large", "above")
     return [f"{size} {name} (half of it {side} {half:.2g} {unit})"]
@@ -64,7 +59,7 @@ def _range(position: FloatArray, energy: FloatArray) -> list[str]:
     """Say which narrow range of positions (R,) has half the energy, if one does."""
     order = np.argsort(position)
     first, last = _narrowest(energy[order], 0.5)
-    if (last - first) > _PART * len(order):
+    if (last - first) > REGION.part * len(order):
         return []
     low, high = position[order][[first, last - 1]]
     return [f"near one position (half of it between {low:.3f} and {high:.3f} rad)"]
@@ -82,14 +77,14 @@ def _stretches(
     found: list[tuple[int, tuple[float, float]]] = []
     used = 0
     for recording in np.argsort(-held, kind="stable"):
-        if sum(held[k - 1] for k, _ in found) >= _ALL:
+        if sum(held[k - 1] for k, _ in found) >= REGION.all:
             break
         own = np.flatnonzero(of == recording)
-        first, last = _narrowest(energy[own], _MOST)
+        first, last = _narrowest(energy[own], REGION.most)
         used += last - first
         time = observed.slow.time[rows[own[[first, last - 1]]]]
         found.append((int(recording) + 1, (float(time[0]), float(time[1]))))
-    if used > _BRIEF * len(rows):
+    if used > REGION.brief * len(rows):
         return (), ()
     return tuple(k for k, _ in sorted(found)), tuple(time for _, time in sorted(found))
 

@@ -12,21 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import stop
 from estimators.diagnosis.hypotheses.responses import over_joint
+from estimators.diagnosis.settings.judgement import BLACK_BOX
+from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
-_WIDTHS = (3e-4, 1e-3, 4e-3, 0.015, 0.06)  # [rad]
-_SPEEDS = (0.002, 0.01, 0.04, 0.15)  # [rad/s]
-_RIDGES = (1e-3, 1e-2, 1e-1, 1.0)  # of the mean energy of a feature
-_FOLDS = 5
-_WAVES = 3
-_HATS = 12
 
 
 def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatArray:
@@ -44,14 +38,14 @@ def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatA
     residual = residual * observed.moving[:, joint]
     X = features / np.maximum(np.sqrt(np.mean(features**2, axis=0)), 1e-12)
     fold = _folds(observed)
-    grams = [X[fold == k].T @ X[fold == k] for k in range(_FOLDS)]
-    products = [X[fold == k].T @ residual[fold == k] for k in range(_FOLDS)]
+    grams = [X[fold == k].T @ X[fold == k] for k in range(BLACK_BOX.folds)]
+    products = [X[fold == k].T @ residual[fold == k] for k in range(BLACK_BOX.folds)]
     gram, product = np.sum(grams, axis=0), np.sum(products, axis=0)
     best = np.zeros_like(residual)
     least = float(np.sum(residual**2))
-    for ridge in _RIDGES:
+    for ridge in BLACK_BOX.ridges:
         guess = np.empty_like(residual)
-        for k in range(_FOLDS):
+        for k in range(BLACK_BOX.folds):
             M = gram - grams[k] + ridge * len(residual) * np.eye(X.shape[1])
             guess[fold == k] = X[fold == k] @ np.linalg.solve(M, product - products[k])
         error = float(np.sum((residual - guess) ** 2))
@@ -63,18 +57,19 @@ def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatA
 def _folds(observed: Observations) -> NDArray[np.int64]:
     """Cut every recording into blocks of 3 s and deal them out, (K,)."""
     block = np.floor((observed.slow.time - observed.slow.time[0]) / 3.0).astype(np.int64)
-    return (block + 2 * observed.recording) % _FOLDS
+    return (block + 2 * observed.recording) % BLACK_BOX.folds
 
 
 def _features(observed: Observations, j: int) -> FloatArray:
     motion, load = observed.motion, observed.load
     q, v = motion.position[:, j], motion.velocity[:, j]
-    sign = np.tanh(v / _SPEEDS[0])
+    sign = np.tanh(v / BLACK_BOX.speeds[0])
     size = np.abs(load) / np.maximum(np.abs(load).max(axis=0), 1e-9)
-    own = [np.tanh(v / speed) for speed in _SPEEDS]
+    own = [np.tanh(v / speed) for speed in BLACK_BOX.speeds]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
-    own += [over_joint(stop(j + 1, width), observed) for width in _WIDTHS]
-    waves = [f(k * q) for k in range(1, _WAVES + 1) for f in (np.sin, np.cos)]
+    stops = [PreslidingHysteresis.stop(j + 1, width) for width in BLACK_BOX.widths]
+    own += [over_joint(stop, observed) for stop in stops]
+    waves = [f(k * q) for k in range(1, BLACK_BOX.waves + 1) for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
     own += [sign * size[:, k] for k in range(observed.n)]
     own += [load[:, k] for k in range(observed.n)]
@@ -107,7 +102,7 @@ def _hats(observed: Observations) -> FloatArray:
     for recording in range(len(observed.recordings)):
         rows = observed.recording == recording
         time = observed.slow.time
-        knots = np.linspace(time[rows].min(), time[rows].max(), _HATS)
+        knots = np.linspace(time[rows].min(), time[rows].max(), BLACK_BOX.hats)
         width = knots[1] - knots[0]
         hats = np.maximum(0.0, 1.0 - np.abs(time[:, None] - knots) / width)
         parts.append(hats * rows[:, None])

@@ -23,7 +23,7 @@ from estimators.diagnosis.report.markup import (
 )
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import OF_BODIES, names_of
+from estimators.diagnosis.wording import is_of_bodies, names_of
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ def _drop(item: Finding) -> str:
     if pairs.before == pairs.after:  # nothing is taken off
         return ""
     everywhere = range(1, len(pairs.before) + 1)
-    own = () if item.effect in OF_BODIES else item.joints
+    own = () if is_of_bodies(item.effect) else item.joints
     joints = [j for j in own if j in everywhere] or everywhere
     shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
     return "; ".join(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TELLABLE
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.markup import (
     UNSAID,
@@ -25,6 +24,7 @@ from estimators.diagnosis.report.markup import (
 from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import names_of
 from limo_driver.physics import spoken
@@ -177,8 +177,9 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
             "",
         )
         body += table(headings, rows)
+    tellable = CONTRIBUTION.tellable
     lead = (
-        f"A difference in log evidence of {TELLABLE:g} means odds of {np.exp(TELLABLE):.0f} to 1; "
+        f"A difference in log evidence of {tellable:g} means odds of {np.exp(tellable):.0f} to 1; "
         "what is closer than that, these recordings cannot tell apart. More evidence than that of "
         "the chosen explanation is not enough where motion held out speaks against it. The rest is "
         "what values inside their tolerances leave by themselves."
@@ -206,7 +207,7 @@ def _short(item: Explanation) -> str:
 def _note(item: Explanation, top: float) -> str:
     if item.note:
         return item.note
-    close = item.log_evidence != top and abs(top - item.log_evidence) < TELLABLE
+    close = item.log_evidence != top and abs(top - item.log_evidence) < CONTRIBUTION.tellable
     return "cannot be told from the chosen" if close else ""
 
 

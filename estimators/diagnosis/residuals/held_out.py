@@ -7,18 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.settings.residuals import HELD_OUT
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
-BLOCKS = 8  # of each recording, in time
-HELD_OUT = (2, 5)  # blocks in the middle: effects that change with time are not extrapolated
-_RESAMPLES = 400
-_BLOCK = 3.0  # [s], longer than errors remember
-_NOTHING = 0.05  # of the noise's energy; a part of so little would be noise, too
-_GUARD = 1.0  # [s] between rows fitted and rows held out
 
 
 @dataclass(frozen=True)
@@ -38,11 +33,11 @@ class Split:
             if not rows.size:
                 continue
             time = observed.slow.time[rows]
-            edges = np.linspace(time[0], time[-1], BLOCKS + 1)
-            for block in HELD_OUT:
+            edges = np.linspace(time[0], time[-1], HELD_OUT.blocks + 1)
+            for block in HELD_OUT.which:
                 low, high = edges[block], edges[block + 1]
                 held_out[rows] |= (time >= low) & (time < high)
-                near[rows] |= (time >= low - _GUARD) & (time < high + _GUARD)
+                near[rows] |= (time >= low - HELD_OUT.guard) & (time < high + HELD_OUT.guard)
         moving = observed.moving
         return cls(~near[:, None] & moving, held_out[:, None] & moving)
 
@@ -55,7 +50,7 @@ def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
 def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) -> float:
     """Return the part of the reducible error Σ (RMSE² - floor²) that is gone."""
     reducible = float(np.sum(np.maximum(before**2 - floor**2, 0.0)))
-    if reducible <= _NOTHING * float(np.sum(floor**2)):
+    if reducible <= HELD_OUT.nothing * float(np.sum(floor**2)):
         return 0.0
     gone = np.maximum(before, floor) ** 2 - np.maximum(after, floor) ** 2
     return float(np.clip(np.sum(gone) / reducible, -1.0, 1.0))
@@ -79,7 +74,7 @@ def bootstrap(
 
     Source: Künsch, "The jackknife and the bootstrap for general stationary observations", 1989.
     """
-    block = np.floor(observed.slow.time / _BLOCK) + 1e6 * observed.recording
+    block = np.floor(observed.slow.time / HELD_OUT.block) + 1e6 * observed.recording
     _, of_row = np.unique(block, return_inverse=True)
     sums = np.zeros((3, int(of_row.max(initial=-1)) + 1, before.shape[1]))
     np.add.at(sums[0], of_row, np.where(rows, before, 0.0) ** 2)
@@ -90,8 +85,8 @@ def bootstrap(
     if count < 2:  # noqa: PLR2004  # nothing to resample
         return (-1.0, 1.0)
     random = np.random.default_rng(0)
-    found = np.empty(_RESAMPLES)
-    for k in range(_RESAMPLES):
+    found = np.empty(HELD_OUT.resamples)
+    for k in range(HELD_OUT.resamples):
         drawn = sums[:, random.integers(0, count, count)].sum(axis=1)
         drawn[2] = np.maximum(drawn[2], 1.0)
         found[k] = reducible_removed(

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from scipy.optimize import nnls
 
+from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -26,14 +27,8 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-LEAST_MOVING = 50  # rows on which a joint has to move if its torque is to be judged
-_ROWS = 1500  # that are enough to judge by
-_ROWS_TO_TURN = 400
-ANGLES = np.linspace(-np.pi, np.pi, 120, endpoint=False)  # [rad] that a joint may have
-_TURNS = 3
-_LEFT = 0.7  # part of the recorded torque that may be left unexplained beside its gravity
+ANGLES = np.linspace(-np.pi, np.pi, MISTAKES.angles, endpoint=False)  # [rad]
 _DEGREES = float(np.rad2deg(1.0))
-_TINY = 1e-9  # [N m], [rad/s]
 
 
 @dataclass(frozen=True)
@@ -49,7 +44,7 @@ class Sample:
     @classmethod
     def of(cls, observed: Observations) -> Sample:
         """Thin the slow rows."""
-        rows = slice(None, None, max(1, len(observed.slow) // _ROWS))
+        rows = slice(None, None, max(1, len(observed.slow) // MISTAKES.rows))
         body = observed.simulation.body
         return cls(
             body,
@@ -72,10 +67,10 @@ class Sample:
         RMS over RMS, without the means. Joints that hardly move count as fitting.
         """
         result = np.zeros(self.torque.shape[1])
-        for joint in np.flatnonzero(self.moving.sum(axis=0) >= LEAST_MOVING).tolist():
+        for joint in np.flatnonzero(self.moving.sum(axis=0) >= MISTAKES.least_moving).tolist():
             torque = self.torque[self.moving[:, joint], joint]
             size = float(np.linalg.norm(torque - torque.mean()))
-            result[joint] = float(np.linalg.norm(self.rest(joint))) / max(size, _TINY)
+            result[joint] = float(np.linalg.norm(self.rest(joint))) / max(size, MISTAKES.tiny)
         return result
 
     def rest(self, joint: int) -> FloatArray:
@@ -139,7 +134,7 @@ def constant_joints(observed: Observations) -> tuple[int, ...]:
 
 def dry_and_viscous(v: FloatArray) -> FloatArray:
     """Return what friction of either kind is in proportion to, (K, 2), at speeds (K,) [rad/s]."""
-    return np.stack([np.sign(v), v / max(float(np.abs(v).max()), _TINY)], axis=1)
+    return np.stack([np.sign(v), v / max(float(np.abs(v).max()), MISTAKES.tiny)], axis=1)
 
 
 Undo: TypeAlias = Callable[[Sample], Sample]
@@ -224,7 +219,7 @@ def stuck(sample: Sample) -> Iterator[Mistake]:
 
 def _turning(j: int, sample: Sample) -> Sample:
     """Turn a joint in each row to where the torques of all others fit best."""
-    sample = sample.thinned(_ROWS_TO_TURN)
+    sample = sample.thinned(MISTAKES.rows_to_turn)
     own, n = sample.motion, sample.torque.shape[1]
     position = np.repeat(own.position[None], ANGLES.size, axis=0)  # (angles, K, n)
     position[:, :, j] = ANGLES[:, None]
@@ -233,8 +228,8 @@ def _turning(j: int, sample: Sample) -> Sample:
         *(np.broadcast_to(x, position.shape) for x in (own.velocity, own.acceleration)),
     )
     load = sample.body.inverse_dynamics(*(x.reshape(-1, n) for x in motion)).reshape(position.shape)
-    weight = (np.arange(n) != j) / np.maximum(sample.torque.std(axis=0), _TINY)
-    for _ in range(_TURNS):  # of friction and angles
+    weight = (np.arange(n) != j) / np.maximum(sample.torque.std(axis=0), MISTAKES.tiny)
+    for _ in range(MISTAKES.turns):  # of friction and angles
         error = weight * (load - (sample.torque - sample.friction))
         best = np.argmin(np.sum(error**2, axis=2), axis=0)
         sample = sample.at(position[best, np.arange(best.size)])
@@ -255,7 +250,7 @@ def _weighed(sample: Sample) -> Sample:
     gravity = sample.body.inverse_dynamics(sample.motion.position, still, still)
     weighed = replace(sample, torque=sample.torque + gravity)
     left, recorded = weighed.misfit * weighed.torque.std(axis=0), sample.torque.std(axis=0)
-    return weighed if np.linalg.norm(left) < _LEFT * np.linalg.norm(recorded) else sample
+    return weighed if np.linalg.norm(left) < MISTAKES.left * np.linalg.norm(recorded) else sample
 
 
 def _gravity(direction: FloatArray) -> Undo:

@@ -14,33 +14,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.settings.residuals import NOISE
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
-
-ORDER = 3
-_RIDGE = 1e-3  # of the variance, so that a residual of nothing still has an autoregression
-_LEAST = 1e-4  # [N m], below any torque sensor
 
 
 @dataclass(frozen=True)
 class Noise:
     """Errors of n joints on K rows; row t of a run of used rows is foretold from those before."""
 
-    weight: FloatArray  # (n, ORDER + 1, ORDER): of the last rows, for each number of them known
-    white: FloatArray  # (n, ORDER + 1) deviation of what they do not foretell [N m]
-    known: NDArray[np.int64]  # (K, n) rows before, at most ORDER, in the same run
+    weight: FloatArray  # (n, order + 1, order): of the last rows, for each number of them known
+    white: FloatArray  # (n, order + 1) deviation of what they do not foretell [N m]
+    known: NDArray[np.int64]  # (K, n) rows before, at most the order, in the same run
 
     @classmethod
     def of(cls, residual: FloatArray, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
         """Fit to residuals (K, n) on the rows in `use` (K, n), within segments (K,)."""
         n = residual.shape[1]
-        weight, white = np.zeros((n, ORDER + 1, ORDER)), np.zeros((n, ORDER + 1))
+        weight, white = np.zeros((n, NOISE.order + 1, NOISE.order)), np.zeros((n, NOISE.order + 1))
         known = _known(use, segment)
         for j in range(n):
             weight[j], white[j] = _levinson(_covariance(residual[:, j], use[:, j], known[:, j]))
-        return cls(weight, np.maximum(white, _LEAST), known)
+        return cls(weight, np.maximum(white, NOISE.least), known)
 
     def over(self, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
         """Return errors that look the same on other rows, (K, n), within segments (K,)."""
@@ -50,8 +48,10 @@ class Noise:
     def independent(cls, deviation: FloatArray, use: NDArray[np.bool_]) -> Noise:
         """Return white noise of given deviations (n,) [N m] on rows (K, n)."""
         n = deviation.size
-        white = np.repeat(deviation[:, None], ORDER + 1, axis=1)
-        return cls(np.zeros((n, ORDER + 1, ORDER)), white, np.zeros(use.shape, dtype=np.int64))
+        white = np.repeat(deviation[:, None], NOISE.order + 1, axis=1)
+        return cls(
+            np.zeros((n, NOISE.order + 1, NOISE.order)), white, np.zeros(use.shape, dtype=np.int64)
+        )
 
     def whiten(
         self, values: FloatArray, joint: int, use: NDArray[np.bool_] | None = None
@@ -64,7 +64,7 @@ class Noise:
         wanted = np.arange(values.shape[0]) if use is None else np.flatnonzero(use)
         known = self.known[wanted, joint]
         result = np.empty((wanted.size, *values.shape[1:]))
-        for order in range(ORDER + 1):
+        for order in range(NOISE.order + 1):
             here = known == order
             rows = wanted[here]
             part = values[rows]
@@ -76,10 +76,10 @@ class Noise:
 
 
 def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Count the used rows right before each row in its segment, up to ORDER; (K, n)."""
+    """Count the used rows right before each row in its segment, up to the order; (K, n)."""
     known = np.zeros(use.shape, dtype=np.int64)
     unbroken = np.ones(use.shape, dtype=bool)
-    for lag in range(1, ORDER + 1):
+    for lag in range(1, NOISE.order + 1):
         before = np.zeros(use.shape, dtype=bool)
         before[lag:] = use[:-lag] & (segment[lag:] == segment[:-lag])[:, None]
         unbroken &= before
@@ -90,33 +90,30 @@ def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int
 def _covariance(
     residual: FloatArray, use: NDArray[np.bool_], known: NDArray[np.int64]
 ) -> FloatArray:
-    """Return the covariance of errors 0 to ORDER rows apart, (ORDER + 1,) [N² m²]."""
-    result = np.zeros(ORDER + 1)
-    for lag in range(ORDER + 1):
+    """Return the covariance of errors 0 to `order` rows apart, (order + 1,) [N² m²]."""
+    result = np.zeros(NOISE.order + 1)
+    for lag in range(NOISE.order + 1):
         rows = np.flatnonzero(use & (known >= lag))
         if rows.size:
             result[lag] = float(np.mean(residual[rows] * residual[rows - lag]))
-    result[0] = result[0] * (1.0 + _RIDGE) + _LEAST**2
+    result[0] = result[0] * (1.0 + NOISE.ridge) + NOISE.least**2
     return result
 
 
 def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve for the best foretelling from 0 to ORDER rows, one after the other."""
-    weight, white = np.zeros((ORDER + 1, ORDER)), np.zeros(ORDER + 1)
+    """Solve for the best foretelling from 0 to `order` rows, one after the other."""
+    weight, white = np.zeros((NOISE.order + 1, NOISE.order)), np.zeros(NOISE.order + 1)
     variance = float(covariance[0])
     white[0] = np.sqrt(variance)
-    for order in range(1, ORDER + 1):
+    for order in range(1, NOISE.order + 1):
         last = weight[order - 1, : order - 1]
         reflection = (covariance[order] - last @ covariance[order - 1 : 0 : -1]) / variance
-        reflection = float(np.clip(reflection, -_STRONGEST, _STRONGEST))
+        reflection = float(np.clip(reflection, -NOISE.strongest, NOISE.strongest))
         weight[order, : order - 1] = last - reflection * last[::-1]
         weight[order, order - 1] = reflection
         variance *= 1.0 - reflection**2
         white[order] = np.sqrt(variance)
     return weight, white
-
-
-_STRONGEST = 0.97  # reflection: errors forget within some fifty rows
 
 
 def roughness(residual: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
@@ -127,7 +124,7 @@ def roughness(residual: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
     rough = np.diff(residual, n=3, axis=0)
     rows = use[3:] & use[2:-1] & use[1:-2] & use[:-3]
     energy = np.sum(np.where(rows, rough, 0.0) ** 2, axis=0) / np.maximum(rows.sum(axis=0), 1)
-    return np.maximum(np.sqrt(energy / _THIRD), _LEAST)
+    return np.maximum(np.sqrt(energy / _THIRD), NOISE.least)
 
 
 _THIRD = 20.0  # variance of a third difference of white noise

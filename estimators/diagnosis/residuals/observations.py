@@ -16,10 +16,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.rigid_body.regressor import Chain
 from limo_driver.errors import RecordingError
 from limo_driver.physics.effect import ArmMotion, MotionEffect
-from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.types import Motion
 
@@ -33,14 +33,6 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-ROWS_PER_BANDWIDTH = 2.5  # [rows/(s Hz)]; 2 would be the least that keeps all information
-SAMPLES_PER_BANDWIDTH = 20.0  # [samples/(s Hz)]; more would say nothing that passes the filters
-LEAST_ROWS = 200  # of all recordings together, on the slow grid
-REST = 0.0015  # [rad/s], slower is at rest
-CREEP = 1.5 * SIGN_WIDTH  # [rad/s]; slower, dry friction is what the smoothing of its sign makes it
-NEAR_REST = 1.0  # [1/bandwidth] before and after, over which the filter spreads what rest does
-_EVEN = 1e-4  # [sample periods], deviation from an even grid that does not matter
-_DIFFERENCE = 1e-4  # [rad], for derivatives of the rigid body
 _OF_MOTION = ("chain", "regressor", "recording", "segment", "since_reversal")
 _OF_REFERENCE = ("load", "predicted", "stiffness", "inertia")
 
@@ -77,10 +69,10 @@ class Observations:
         rows = np.concatenate(
             [start + part.kept for start, part in zip(starts, parts, strict=True)]
         )
-        if rows.size < LEAST_ROWS:
+        if rows.size < ROWS.least:
             raise RecordingError(
                 f"the recordings leave {rows.size} independent rows at a bandwidth of "
-                f"{bandwidth:g} Hz; a diagnosis needs {LEAST_ROWS}: record for longer"
+                f"{bandwidth:g} Hz; a diagnosis needs {ROWS.least}: record for longer"
             )
         return cls(
             simulation,
@@ -223,12 +215,12 @@ class Observations:
         result = np.empty((self.n, self.n, len(slow)))
         for j in range(self.n):
             step = np.zeros(self.n)
-            step[j] = _DIFFERENCE
+            step[j] = ROWS.difference
             ahead, behind = (
                 body.inverse_dynamics(slow.position + sign * step, slow.velocity, slow.acceleration)
                 for sign in (1, -1)
             )
-            result[j] = (ahead - behind).T / (2 * _DIFFERENCE)
+            result[j] = (ahead - behind).T / (2 * ROWS.difference)
         return result
 
     @cached_property
@@ -244,7 +236,7 @@ class Observations:
         Near rest friction takes any value in its band, and a sharp sign turns the noise of the
         velocity into torque: such rows say little and err much.
         """
-        return self.faster(REST)
+        return self.faster(ROWS.rest)
 
     def faster(self, speed: float) -> NDArray[np.bool_]:
         """Mark the rows, (K, n), on which a joint does not get slower than a speed [rad/s].
@@ -255,7 +247,7 @@ class Observations:
         near = np.zeros_like(still)
         for rows in self.segments:
             period = float(np.median(np.diff(self.motion.time[rows])))
-            reach = max(1, round(NEAR_REST / self.bandwidth / period))
+            reach = max(1, round(ROWS.near_rest / self.bandwidth / period))
             near[rows] = maximum_filter1d(still[rows], 2 * reach + 1, axis=0)
         moving = ~near[self.kept]
         return moving if self.disturbed is None else moving & ~self.disturbed[:, None]
@@ -282,7 +274,7 @@ class _Part:
     @classmethod
     def of(cls, recording: Recording, bandwidth: float) -> _Part:
         measured = recording.filtered_torque(bandwidth)  # refuses a bandwidth that does not suit
-        stride = max(1, int(recording.rate / (SAMPLES_PER_BANDWIDTH * bandwidth)))
+        stride = max(1, int(recording.rate / (ROWS.samples_per_bandwidth * bandwidth)))
         chosen = [np.arange(rows.start, rows.stop, stride) for rows in recording.segments]
         grids = [_even(recording.time[rows]) for rows in chosen]
         ends = np.cumsum([0, *(grid.size for grid in grids)])
@@ -328,7 +320,7 @@ def _even(time: FloatArray) -> FloatArray:
     """
     count = round((time[-1] - time[0]) / float(np.median(np.diff(time)))) + 1
     grid = np.linspace(time[0], time[-1], count)
-    if count == time.size and np.abs(grid - time).max() < _EVEN * (grid[1] - grid[0]):
+    if count == time.size and np.abs(grid - time).max() < ROWS.even * (grid[1] - grid[0]):
         return time
     return grid
 
@@ -337,7 +329,7 @@ def _slow_rows(
     time: FloatArray, segments: Sequence[slice], inside: NDArray[np.bool_], bandwidth: float
 ) -> NDArray[np.int64]:
     """Return the samples of the slow grid: at most so many per second, none at an edge."""
-    period = 1.0 / (ROWS_PER_BANDWIDTH * bandwidth)
+    period = 1.0 / (ROWS.per_bandwidth * bandwidth)
     kept: list[NDArray[np.int64]] = []
     for rows in segments:
         cell = np.floor((time[rows] - time[rows.start]) / period)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.residuals.mistakes import (
-    LEAST_MOVING,
     Mistake,
     Sample,
     constant_joints,
@@ -22,7 +21,7 @@ from estimators.diagnosis.residuals.mistakes import (
     stuck,
 )
 from estimators.diagnosis.residuals.noise import roughness
-from estimators.diagnosis.residuals.observations import LEAST_ROWS
+from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK, Chain
 from limo_driver.errors import RecordingError
 
@@ -31,24 +30,6 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
-BETTER = 3.0  # times that undoing a mistake has to lower a joint's misfit
-STRANGE = 0.1  # misfit above which a torque may belong to something else
-FITS = 0.4  # misfit below which it belongs to its motion
-SCALE, SCALE_OF_ALL = 12.0, 4.0  # times; no sensor of a joint, nor of all, is so wrong
-ALIKE = 0.8  # correlation of two torques that differ in their scale
-MOST_MISTAKES = 8
-SAID = 3  # mistakes that a message names
-FOREIGN = 0.5  # misfit on two joints that no arm of this kind has
-EXPECTED = 0.25  # of the torque that the load should make, if its lack is to tell
-ALIVE = 3.0  # [noise floors] of torque on a joint that does not move, beyond its load
-OWN = 0.5  # part of that torque that is not load
-APART, APART_SIGMAS = 0.05, 2.5  # misfit, and tolerances, beyond which bodies are others
-MUCH_BETTER = 5.0  # times that a free rigid body fits better than the given one
-MANY = 3  # joints on which it does
-_DEPENDENT = 1e-6  # of the largest singular value: parameters that only act together
-_NEGLIGIBLE = 0.03  # misfit; smaller ones are all good
-_CONSTANT = 1e-9  # [N m]
 
 
 def check_plausible(observed: Observations) -> None:
@@ -64,7 +45,7 @@ def check_plausible(observed: Observations) -> None:
     if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
         for k in range(len(observed.recordings)):
             part = observed.part(k)
-            if len(part.kept) >= LEAST_ROWS and len(still(part)) < observed.n:
+            if len(part.kept) >= ROWS.least and len(still(part)) < observed.n:
                 _check_columns(part, Sample.of(part))
     sample = Sample.of(observed)
     if not _check_columns(observed, sample):
@@ -76,14 +57,20 @@ def _check_columns(observed: Observations, sample: Sample) -> bool:
     found = found_in(sample)
     wrong = [mistake.said for mistake in found if mistake.is_of_data]
     if wrong:
-        more = f"; and {len(wrong) - SAID} more of the kind" if len(wrong) > SAID else ""
-        raise _refused(observed, f"{'; '.join(wrong[:SAID])}{more} (undone, torque fits motion)")
+        more = (
+            f"; and {len(wrong) - PLAUSIBILITY.said} more of the kind"
+            if len(wrong) > PLAUSIBILITY.said
+            else ""
+        )
+        raise _refused(
+            observed, f"{'; '.join(wrong[: PLAUSIBILITY.said])}{more} (undone, torque fits motion)"
+        )
     return bool(found)
 
 
 def still(observed: Observations) -> tuple[int, ...]:
     """Return the joints (0-based) that move too little for their friction to show."""
-    return tuple(np.flatnonzero(observed.moving.sum(axis=0) < LEAST_MOVING).tolist())
+    return tuple(np.flatnonzero(observed.moving.sum(axis=0) < MISTAKES.least_moving).tolist())
 
 
 def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
@@ -97,7 +84,9 @@ def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
     torque = observed.measured - np.median(observed.measured, axis=0)
     rough = roughness(left, np.ones_like(observed.moving))
     strange = np.median(np.abs(left), axis=0)
-    doubt = (strange > ALIVE * rough) & (strange > OWN * np.median(np.abs(torque), axis=0))
+    doubt = (strange > PLAUSIBILITY.alive * rough) & (
+        strange > PLAUSIBILITY.own * np.median(np.abs(torque), axis=0)
+    )
     return tuple(j for j in constant_joints(observed) if doubt[j])
 
 
@@ -141,15 +130,18 @@ def _check_motion(observed: Observations) -> None:
         farthest = float(np.ptp(observed.slow.position, axis=0).max())
         raise _refused(
             observed,
-            f"no joint moves on {LEAST_MOVING} independent rows (the farthest by {farthest:.2g} "
-            "rad), expected motion to learn from",
+            f"no joint moves on {MISTAKES.least_moving} independent rows (the farthest by "
+            f"{farthest:.2g} rad), expected motion to learn from",
         )
 
 
 def _check_measured(observed: Observations) -> None:
     for j in range(observed.n):
         use = observed.moving[:, j]
-        if use.sum() >= LEAST_MOVING and np.ptp(observed.measured[use, j]) < _CONSTANT:
+        if (
+            use.sum() >= MISTAKES.least_moving
+            and np.ptp(observed.measured[use, j]) < PLAUSIBILITY.constant
+        ):
             raise _refused(
                 observed,
                 f"torque_{j + 1} is {observed.measured[0, j]:.4g} N m in all rows although joint "
@@ -164,9 +156,11 @@ def _check_scale(observed: Observations) -> None:
     friction known badly.
     """
     scale = dict(_scales(observed))
-    wrong = [j for j, factor in scale.items() if not 1 / SCALE < factor < SCALE]
+    wrong = [
+        j for j, factor in scale.items() if not 1 / PLAUSIBILITY.scale < factor < PLAUSIBILITY.scale
+    ]
     usual = float(np.exp(np.mean(np.log(list(scale.values()))))) if len(scale) > 1 else 1.0
-    if not 1 / SCALE_OF_ALL < usual < SCALE_OF_ALL:
+    if not 1 / PLAUSIBILITY.scale_of_all < usual < PLAUSIBILITY.scale_of_all:
         raise _refused(
             observed,
             f"the torques are {usual:.3g} times what motion and arm make of them; expected N m; "
@@ -185,11 +179,11 @@ def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
     """Yield joint (0-based) and recorded over simulated torque, where one is like the other."""
     for j in range(observed.n):
         use = observed.moving[:, j]
-        if use.sum() < LEAST_MOVING:
+        if use.sum() < MISTAKES.least_moving:
             continue
         y, s = (values[use, j] - values[use, j].mean() for values in _torques(observed))
         product, energy = abs(float(y @ s)), float(s @ s)
-        if product > ALIKE * np.sqrt(energy * float(y @ y)) > 0:
+        if product > PLAUSIBILITY.alike * np.sqrt(energy * float(y @ y)) > 0:
             yield j, product / energy
 
 
@@ -205,7 +199,7 @@ def found_in(sample: Sample) -> list[Mistake]:
     """
     known = [*mistakes(sample.torque.shape[1]), *stuck(sample)]
     found: list[Mistake] = []
-    while len(found) < MOST_MISTAKES and sample.misfit.max() > STRANGE:
+    while len(found) < PLAUSIBILITY.most and sample.misfit.max() > PLAUSIBILITY.strange:
         undone = [mistake.undo(sample) for mistake in known]
         best = min(range(len(known)), key=lambda k: _size(undone[k]))
         if not _explains(sample, undone[best]):
@@ -217,20 +211,24 @@ def found_in(sample: Sample) -> list[Mistake]:
 
 def _size(sample: Sample) -> float:
     """Return the logarithm of the misfits' product; a misfit that cannot matter counts alike."""
-    return float(np.log(np.maximum(sample.misfit, _NEGLIGIBLE)).sum())
+    return float(np.log(np.maximum(sample.misfit, PLAUSIBILITY.negligible)).sum())
 
 
 def _explains(before: Sample, after: Sample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
-    strange = before.misfit > STRANGE
-    mended = strange & (after.misfit < FITS) & (BETTER * after.misfit < before.misfit)
-    return bool(mended.any()) and _size(after) < _size(before) - np.log(BETTER)
+    strange = before.misfit > PLAUSIBILITY.strange
+    mended = (
+        strange
+        & (after.misfit < PLAUSIBILITY.fits)
+        & (PLAUSIBILITY.better * after.misfit < before.misfit)
+    )
+    return bool(mended.any()) and _size(after) < _size(before) - np.log(PLAUSIBILITY.better)
 
 
 def _check_arm(observed: Observations, sample: Sample) -> None:
     """Refuse torques that are not the load of this arm, with or without a payload."""
-    expected = np.std(sample.load, axis=0) > EXPECTED * np.std(sample.torque, axis=0)
-    foreign = np.flatnonzero((_usual_misfit(_BodyFit.of(sample)) > FOREIGN) & expected)
+    expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
+    foreign = np.flatnonzero((_usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign) & expected)
     if foreign.size > 1:
         joints = ", ".join(str(j + 1) for j in foreign)
         raise _refused(
@@ -254,9 +252,11 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
         own = slice(PER_LINK * link, PER_LINK * (link + 1))
         if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
             given = np.minimum(given, fit.misfit(own))
-    least = max(APART, APART_SIGMAS * observed.simulation.tolerances.inertia)
-    joints = np.flatnonzero((given > least) & (MUCH_BETTER * free < given))
-    if joints.size < MANY or found_in(sample):  # a mounting looks like negative masses
+    least = max(
+        PLAUSIBILITY.apart, PLAUSIBILITY.apart_sigmas * observed.simulation.tolerances.inertia
+    )
+    joints = np.flatnonzero((given > least) & (PLAUSIBILITY.much_better * free < given))
+    if joints.size < PLAUSIBILITY.many or found_in(sample):  # a mounting looks like negative masses
         return ()
     return tuple(joints.tolist())
 
@@ -283,21 +283,25 @@ class _BodyFit:
 
     @classmethod
     def of(cls, sample: Sample) -> _BodyFit:
-        moves = np.flatnonzero(sample.moving.sum(axis=0) >= LEAST_MOVING).tolist()
+        moves = np.flatnonzero(sample.moving.sum(axis=0) >= MISTAKES.least_moving).tolist()
         Y = Chain.of(sample.body).regressor(sample.motion)
         return cls(
             sample.torque.shape[1],
             tuple(moves),
             tuple(_beside_friction(sample, j, Y[j]) for j in moves),
             tuple(sample.rest(j) for j in moves),
-            tuple(float(np.median(np.abs(_centred(sample, j)))) + _CONSTANT for j in moves),
+            tuple(
+                float(np.median(np.abs(_centred(sample, j)))) + PLAUSIBILITY.constant for j in moves
+            ),
         )
 
     def change(self, which: slice) -> FloatArray:
         """Return the change of some body parameters that leaves least."""
         scale = zip(self.columns, self.left, self.size, strict=True)
         A, y = zip(*((columns[:, which] / s, left / s) for columns, left, s in scale), strict=True)
-        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=_DEPENDENT)[0]
+        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=PLAUSIBILITY.dependent)[
+            0
+        ]
 
     def misfit(self, which: slice) -> FloatArray:
         """Return what is left of each joint's torque with some body parameters changed, (n,).

@@ -16,7 +16,7 @@ from scipy.optimize import fminbound
 from scipy.signal import correlate, correlation_lags
 
 from estimators.diagnosis.residuals.held_out import rmse
-from estimators.diagnosis.residuals.observations import REST
+from estimators.diagnosis.settings.residuals import REPEATS, ROWS
 from estimators.diagnosis.wording import names_of
 
 if TYPE_CHECKING:
@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
-
-ALIKE = 0.05  # of a joint's RMS speed, by which the speeds of repeats may differ
-NEAR = 0.02  # [rad] RMS, by which their positions may differ
-_LEAST = 0.5  # part of a recording that has to be in the other one
-_FEWEST = 8  # rows of a recording
 
 
 @dataclass(frozen=True)
@@ -69,11 +64,11 @@ def notes(observed: Observations, left: FloatArray) -> Iterator[str]:
 def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -> Repeat | None:
     """Lay one recording over another; None if they are of different motions."""
     rows, others = (np.flatnonzero(observed.recording == k) for k in (first, second))
-    if min(rows.size, others.size) < _FEWEST:
+    if min(rows.size, others.size) < REPEATS.fewest:
         return None
     slow = observed.slow
-    moves = np.sqrt(np.mean(slow.velocity[rows] ** 2, axis=0)) > REST
-    moves |= np.sqrt(np.mean(slow.velocity[others] ** 2, axis=0)) > REST
+    moves = np.sqrt(np.mean(slow.velocity[rows] ** 2, axis=0)) > ROWS.rest
+    moves |= np.sqrt(np.mean(slow.velocity[others] ** 2, axis=0)) > ROWS.rest
     position, velocity, residual = (
         CubicSpline(slow.time[others], values[others])
         for values in (slow.position, slow.velocity, left)
@@ -82,7 +77,7 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
     def apart(delay: float) -> float:
         """Return the mean square by which positions differ where both are known [rad²]."""
         known = _known(observed, rows, others, delay)
-        if known.sum() < _LEAST * rows.size:
+        if known.sum() < REPEATS.least * rows.size:
             return np.inf
         there = slow.time[rows[known]] + delay
         return float(np.mean((position(there) - slow.position[rows[known]]) ** 2))
@@ -90,13 +85,13 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
     coarse, period = _delay(observed, rows, others), observed.row_period
     best = fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=1e-5)
     delay = float(np.asarray(best).item())
-    if not moves.any() or np.sqrt(apart(delay)) > NEAR:
+    if not moves.any() or np.sqrt(apart(delay)) > REPEATS.near:
         return None
     known = _known(observed, rows, others, delay)
     own, there = rows[known], slow.time[rows[known]] + delay
     off = np.sqrt(np.mean((velocity(there) - slow.velocity[own]) ** 2, axis=0))
     speed = np.sqrt(np.mean(slow.velocity[own] ** 2, axis=0))
-    if (off > np.maximum(ALIKE * speed, REST))[moves].any():
+    if (off > np.maximum(REPEATS.alike * speed, ROWS.rest))[moves].any():
         return None
     near = np.clip(np.searchsorted(slow.time[others], there), 0, others.size - 1)
     moving = observed.moving[own] & observed.moving[others[near]]
@@ -124,7 +119,7 @@ def _delay(observed: Observations, rows: NDArray[np.int64], others: NDArray[np.i
         grid = np.arange(float(time[own[0]]), float(time[own[-1]]), period)
         parts.append(np.stack([np.interp(grid, time[own], x) for x in speed[own].T], axis=1))
     first, second = parts
-    scale = np.maximum(np.sqrt(np.mean(first**2, axis=0)), REST)
+    scale = np.maximum(np.sqrt(np.mean(first**2, axis=0)), ROWS.rest)
     alike = sum(
         np.asarray(correlate(second[:, j] / scale[j], first[:, j] / scale[j], method="fft"))
         for j in range(observed.n)

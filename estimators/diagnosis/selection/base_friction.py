@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.friction import coulomb, viscous
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.candidates import Candidate, entered
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Evidence, Posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
+from estimators.diagnosis.settings.selection import BASE_FRICTION
+from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, ViscousFriction
 from limo_driver.physics.effect import Friction
 
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.physics import Simulation
 
-SIGN_WIDTHS = tuple(np.geomspace(2.5e-4, 8e-3, 6).tolist())  # [rad/s]
+SIGN_WIDTHS = tuple(  # [rad/s]
+    np.geomspace(BASE_FRICTION.narrowest, BASE_FRICTION.widest, BASE_FRICTION.widths).tolist()
+)
 _BASE = (CoulombFriction.name, ViscousFriction.name)
-_TURNS = 2  # of noise and widths in turn
 
 
 def without_friction(simulation: Simulation) -> tuple[int, ...]:
@@ -65,18 +66,18 @@ def with_friction(observed: Observations) -> Observations:
     if not bare:
         return observed
     residual, rows = observed.residual, Split.of(observed).fitted
-    columns, rough = Columns(*residual.shape), roughness(residual, observed.moving)
+    columns, rough = ColumnTable(*residual.shape), roughness(residual, observed.moving)
     nuisance = nuisance_of(observed, columns, rough).prior
     candidates = _competing(observed, columns, bare)
 
     def fit(noise: Noise) -> tuple[tuple[int, ...], Posterior]:
-        evidence = Evidence(Products.of(columns, residual, noise, rows), nuisance)
+        evidence = Evidence(normal_equations(columns, residual, noise, rows), nuisance)
         search = Search(candidates, evidence)
         members = _likeliest(search)
         return members, evidence.posterior(search.prior(members))
 
     members, fitted = fit(Noise.independent(rough, rows))
-    for _ in range(_TURNS):
+    for _ in range(BASE_FRICTION.turns):
         left = residual - columns.apply(fitted.index, fitted.mean)
         members, fitted = fit(Noise.of(left, rows, observed.segment))
     improvement = Improvement(observed.simulation)
@@ -85,12 +86,17 @@ def with_friction(observed: Observations) -> Observations:
     return observed.beside(observed.simulation, around=improvement.simulation())
 
 
-def _competing(observed: Observations, columns: Columns, bare: Sequence[int]) -> list[Candidate]:
+def _competing(
+    observed: Observations, columns: ColumnTable, bare: Sequence[int]
+) -> list[Candidate]:
     level = np.maximum(rmse(observed.residual, observed.moving), 1e-3)
     tried = [
         hypothesis
         for j in bare
-        for hypothesis in (*(coulomb(j + 1, width) for width in SIGN_WIDTHS), viscous(j + 1))
+        for hypothesis in (
+            *(CoulombFriction.of_unit_size(j + 1, width) for width in SIGN_WIDTHS),
+            ViscousFriction.of_unit_size(j + 1),
+        )
     ]
     found = (entered(hypothesis, observed, columns, level) for hypothesis in tried)
     return [candidate for candidate in found if candidate is not None]
@@ -102,7 +108,7 @@ def _likeliest(search: Search) -> tuple[int, ...]:
     for i, candidate in enumerate(search.candidates):
         variants.setdefault(candidate.place, []).append(i)
     chosen = {place: indices[len(indices) // 2] for place, indices in variants.items()}
-    for _ in range(_TURNS):
+    for _ in range(BASE_FRICTION.turns):
         for place, indices in variants.items():
             rest = [i for other, i in chosen.items() if other != place]
             chosen[place] = max(indices, key=lambda i: search.gain((*rest, i)))

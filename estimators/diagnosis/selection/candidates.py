@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,34 +12,27 @@ from estimators.diagnosis.hypotheses import catalogue as hypotheses
 from estimators.diagnosis.hypotheses.improvement import payload_of
 from estimators.diagnosis.hypotheses.responses import responses, stacked
 from estimators.diagnosis.hypotheses.revision import (
-    WIDTHS,
-    can_scale,
     derivative,
     mover,
     relative_inertia,
     reviser,
 )
-from estimators.diagnosis.selection.evidence import Prior
+from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.physics.catalogue import description_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimators.diagnosis.hypotheses.hypothesis import Hypothesis
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.hypotheses.responses import Response
     from estimators.diagnosis.residuals.observations import Observations
-    from estimators.diagnosis.selection.columns import Columns
+    from estimators.diagnosis.selection.columns import ColumnTable
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
-MISSING = 10.0  # [nat]: missing physics is one of some hundred effects at places
-DEVIATING = 5.0  # [nat]: a parameter that everybody knows to be there
-WRONG = 1.0  # relative deviation of a parameter that is simply wrong
-WRONG_INERTIA = 0.4
-_PAYLOAD = np.array([2.0, *3 * (0.2,), *6 * (0.02,)])  # [kg, kg m, kg m²], 1 sigma
-_PART_OF = {"asymmetric_friction": "coulomb_friction", "payload": "link_inertia"}
-_TINY = 1e-12
-_TOGETHER = 20  # hypotheses that pass the filter in one go
+_PAYLOAD = np.repeat(CANDIDATES.payload, (1, 3, 6))  # [kg, kg m, kg m²], 1 sigma
 
 
 @dataclass(frozen=True)
@@ -59,7 +53,7 @@ class Candidate:
     prior: Prior
     enter: Enter
     hypothesis: Hypothesis | None = None
-    rarity: float = MISSING  # [nat] it has to bring before it is believed
+    rarity: float = CANDIDATES.missing  # [nat] it has to bring before it is believed
     variants: int = 1  # with how many of its kind it shares its chance
     laws: tuple[LawEvidence, ...] = ()  # of which the hypothesis is the best, once they competed
 
@@ -68,13 +62,15 @@ class Candidate:
         """What is named: effect and joints."""
         return self.effect, self.joints
 
-    @property
+    @cached_property
     def slot(self) -> tuple[str, tuple[int, ...]]:
         """What holds one candidate of a set: what one says, the others there would say again."""
-        return _PART_OF.get(self.effect, self.effect), self.joints
+        return description_of(self.effect).part_of or self.effect, self.joints
 
 
-def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -> list[Candidate]:
+def candidates_of(
+    observed: Observations, columns: ColumnTable, level: FloatArray
+) -> list[Candidate]:
     """Add the columns of every hypothesis to the table.
 
     Args:
@@ -89,8 +85,8 @@ def candidates_of(observed: Observations, columns: Columns, level: FloatArray) -
         for hypothesis in hypotheses.every(observed)
         if (hypothesis.effect, hypothesis.joints) not in revised
     ]
-    for start in range(0, len(competing), _TOGETHER):
-        some = competing[start : start + _TOGETHER]
+    for start in range(0, len(competing), CANDIDATES.together):
+        some = competing[start : start + CANDIDATES.together]
         parts = iter(responses([term for item in some for term in item.terms], observed))
         for hypothesis in some:
             own = [next(parts) for _ in hypothesis.terms]
@@ -108,31 +104,23 @@ def _counted(found: Sequence[Candidate]) -> list[Candidate]:
 
 
 def entered(
-    hypothesis: Hypothesis, observed: Observations, columns: Columns, level: FloatArray
+    hypothesis: Hypothesis, observed: Observations, columns: ColumnTable, level: FloatArray
 ) -> Candidate | None:
     """Add one hypothesis' columns to the table; None if it can have no influence."""
     return _entered(hypothesis, responses(hypothesis.terms, observed), columns, level)
 
 
 def _entered(
-    hypothesis: Hypothesis, found: Sequence[Response], columns: Columns, level: FloatArray
+    hypothesis: Hypothesis, found: Sequence[Response], columns: ColumnTable, level: FloatArray
 ) -> Candidate | None:
     joints, values = stacked(found, columns.rows)
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
     strength = relative.max(axis=0)
-    if strength.min() < _TINY:
-        strength = np.maximum(strength, _TINY)
-        if strength.max() <= _TINY:
+    if strength.min() < CANDIDATES.tiny:
+        strength = np.maximum(strength, CANDIDATES.tiny)
+        if strength.max() <= CANDIDATES.tiny:
             return None
-    deviation = np.where(strength > _TINY, 1.0 / strength, 0.0)
-
-    def enter(improvement: Improvement, c: FloatArray) -> None:
-        if hypothesis.enter is not None:
-            hypothesis.enter(improvement, c)
-            return
-        for effect in hypothesis.realise(c):
-            improvement.add(effect)
-
+    deviation = np.where(strength > CANDIDATES.tiny, 1.0 / strength, 0.0)
     return Candidate(
         hypothesis.effect,
         hypothesis.joints,
@@ -142,41 +130,45 @@ def _entered(
             deviation,
             np.full(deviation.size, hypothesis.positive),
         ),
-        enter,
+        lambda improvement, c: improvement.enter(hypothesis, c),
         hypothesis,
     )
 
 
-def _revisions(observed: Observations, columns: Columns, level: FloatArray) -> Iterator[Candidate]:
+def _revisions(
+    observed: Observations, columns: ColumnTable, level: FloatArray
+) -> Iterator[Candidate]:
     """Yield every effect of the simulation, with its parameters free.
 
     They may change by all that they are, or by what makes a plausible torque, if that is more: a
     gain or an offset that is nearly zero in the simulation may be anything on the arm.
     """
     for place, effect in enumerate(observed.simulation.effects):
-        names = [
-            known.name
+        sizes = [
+            known
             for known in effect.parameters()
-            if can_scale(known) and known.name not in WIDTHS and getattr(effect, known.name)
+            if known.is_size and not known.smooths and getattr(effect, known.name)
         ]
-        if not names:
+        if not sizes:
             continue
-        parts = [derivative(observed, place, name) for name in names]
+        parts = [derivative(observed, place, known.name) for known in sizes]
         joints, values = stacked(parts, columns.rows)
         relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
-        deviation = np.maximum(WRONG, 1.0 / np.maximum(relative.max(axis=0), _TINY))
+        deviation = np.maximum(
+            CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), CANDIDATES.tiny)
+        )
         named = tuple(joint - 1 for joint in effect.joints)
         yield Candidate(
             effect.name,
             named,
             "wrong_parameter",
             Prior.free(columns.add(joints, values), deviation),
-            reviser(place, effect.name, names),
-            rarity=DEVIATING,
+            reviser(place, sizes),
+            rarity=CANDIDATES.deviating,
         )
 
 
-def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
+def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]:
     model, n, Y = observed.simulation.model, observed.n, observed.regressor
     for link, name in enumerate(model.link_names):
         scale = relative_inertia(model.inertials[name])
@@ -185,7 +177,10 @@ def _bodies(observed: Observations, columns: Columns) -> Iterator[Candidate]:
             "link_inertia",
             (link,),
             "wrong_parameter",
-            Prior.free(columns.add(range(link + 1), own @ scale), np.full(PER_LINK, WRONG_INERTIA)),
+            Prior.free(
+                columns.add(range(link + 1), own @ scale),
+                np.full(PER_LINK, CANDIDATES.wrong_inertia),
+            ),
             mover(link, scale),
         )
     last = Y[:, :, PER_LINK * (n - 1) :]

@@ -6,10 +6,11 @@ collected in one table, so that sets of hypotheses are compared on sums of produ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from estimators.regression.normal_equations import NormalEquations
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-class Columns:
+class ColumnTable:
     """A growing table of columns over K rows and n joints."""
 
     def __init__(self, rows: int, joints: int) -> None:
@@ -66,45 +67,36 @@ class Columns:
         return size
 
 
-@dataclass(frozen=True)
-class Products:
-    """Sums of products of whitened columns and residual over some rows."""
+def normal_equations(
+    columns: ColumnTable,
+    residual: FloatArray,
+    noise: Noise,
+    use: NDArray[np.bool_],
+    known: NormalEquations | None = None,
+) -> NormalEquations:
+    """Sum over the rows in `use`, (K, n), with each joint's errors whitened.
 
-    gram: FloatArray  # (P, P)
-    product: FloatArray  # (P,)
-
-    @classmethod
-    def of(
-        cls,
-        columns: Columns,
-        residual: FloatArray,
-        noise: Noise,
-        use: NDArray[np.bool_],
-        known: Products | None = None,
-    ) -> Products:
-        """Sum over the rows in `use`, (K, n), with each joint's errors whitened.
-
-        Args:
-            columns: The table.
-            residual: (K, n) [N m].
-            noise: Of each joint.
-            use: Rows that count, (K, n).
-            known: The same sums over the columns that the table had before.
-        """
-        old = 0 if known is None else known.product.size
-        if known is not None and old == columns.count:
-            return known
-        gram, product = np.zeros((columns.count, columns.count)), np.zeros(columns.count)
-        if known is not None:
-            gram[:old, :old] = known.gram
-        for joint in range(columns.joints):
-            values, at = columns.of_joint(joint)
-            rows = use[:, joint]
-            A = noise.whiten(values, joint, rows)
-            y = noise.whiten(residual[:, joint], joint, rows)
-            first = int(np.searchsorted(at, old))  # column that is new; they are in order
-            new = A.T @ A[:, first:]
-            gram[np.ix_(at, at[first:])] += new
-            gram[np.ix_(at[first:], at[:first])] += new[:first].T
-            product[at] += A.T @ y
-        return cls(gram, product)
+    Args:
+        columns: The table.
+        residual: (K, n) [N m].
+        noise: Of each joint.
+        use: Rows that count, (K, n).
+        known: The same sums over the columns that the table had before.
+    """
+    old = 0 if known is None else known.product.size
+    if known is not None and old == columns.count:
+        return known
+    gram, product = np.zeros((columns.count, columns.count)), np.zeros(columns.count)
+    if known is not None:
+        gram[:old, :old] = known.gram
+    for joint in range(columns.joints):
+        values, at = columns.of_joint(joint)
+        rows = use[:, joint]
+        A = noise.whiten(values, joint, rows)
+        y = noise.whiten(residual[:, joint], joint, rows)
+        first = int(np.searchsorted(at, old))  # column that is new; they are in order
+        new = A.T @ A[:, first:]
+        gram[np.ix_(at, at[first:])] += new
+        gram[np.ix_(at[first:], at[:first])] += new[:first].T
+        product[at] += A.T @ y
+    return NormalEquations(gram, product)

@@ -12,21 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.hypotheses.catalogue import UNIT_DELAY
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.hypotheses.revision import (
-    WIDTHS,
     beside_stated,
-    can_scale,
     derivative,
     mover,
     relative_change,
     relative_inertia,
     reviser,
 )
-from estimators.diagnosis.selection.evidence import Prior, joined
+from estimators.diagnosis.settings.selection import TOLERATED
+from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueOffset, spoken
+from limo_driver.physics.delay import UNIT_DELAY
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -35,12 +34,9 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.residuals.observations import Observations
-    from estimators.diagnosis.selection.columns import Columns
+    from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.physics import Parameter, Simulation
     from limo_driver.types import FloatArray
-
-SENSOR_LAG = 3e-4  # [s], 1 sigma: of a torque sensor's own filter against the encoder's
-WIDTH_TOLERANCE = 0.7  # relative, of the width of a smoothed sign
 
 
 @dataclass(frozen=True)
@@ -52,19 +48,19 @@ class Tolerated:
     nominal: float
     scale: float  # what a relative change of 1 adds
     place: tuple[str, tuple[int, ...]] = ("", ())  # effect that has it, and its joints (0-based)
-    parameter: str = ""  # of an effect, where it is one
+    known: Parameter | None = None  # of an effect, where it is one
     lower: float = -np.inf
     upper: float = np.inf
 
     def value(self, coefficient: float) -> float:
         """Return the value that a fitted coefficient means, in the parameter's unit."""
-        part = relative_change(self.place[0], self.parameter, coefficient)
+        part = coefficient if self.known is None else relative_change(self.known, coefficient)
         return float(np.clip(self.nominal + self.scale * part, self.lower, self.upper))
 
     @property
     def of_effect(self) -> bool:
         """Whether it is a size of an effect, of no body or sensor; widths are but guessed."""
-        return bool(self.parameter) and self.parameter not in WIDTHS
+        return self.known is not None and not self.known.smooths
 
 
 @dataclass(frozen=True)
@@ -100,7 +96,7 @@ class Nuisance:
 
 def nuisance_of(
     observed: Observations,
-    columns: Columns,
+    columns: ColumnTable,
     floor: FloatArray,
     stated: Simulation | None = None,
 ) -> Nuisance:
@@ -138,7 +134,7 @@ class _Part:
     start: FloatArray
 
 
-def _inertias(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
+def _inertias(observed: Observations, columns: ColumnTable, stated: Simulation) -> list[_Part]:
     Y, model = observed.regressor, observed.simulation.model
     parts: list[_Part] = []
     for link, name in enumerate(model.link_names):
@@ -164,22 +160,22 @@ def _inertias(observed: Observations, columns: Columns, stated: Simulation) -> l
 _INERTIAL_NAMES = ("mass", *(f"com {axis}" for axis in "xyz"), *(f"inertia {i}" for i in range(6)))
 
 
-def _parameters(observed: Observations, columns: Columns, stated: Simulation) -> list[_Part]:
+def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation) -> list[_Part]:
     parts: list[_Part] = []
     for place, effect in enumerate(observed.simulation.effects):
         known_as = next((item for item in stated.effects if item.place == effect.place), effect)
         for known in effect.parameters():
             value: Any = getattr(effect, known.name)
-            if not can_scale(known) or not value:
+            if not known.is_size or not value:
                 continue
             joints, values = derivative(observed, place, known.name)
             own = observed.simulation.tolerances.friction
-            tolerance = WIDTH_TOLERANCE if known.name in WIDTHS else own
+            tolerance = TOLERATED.width if known.smooths else own
             named = getattr(known_as, known.name) or value
             # of what is stated: a tenth more of that is another part of this value
-            scale, start = beside_stated(effect.name, known.name, value / named)
+            scale, start = beside_stated(known, value / named)
             index = columns.add(joints, scale * values[:, :, None])
-            enter = reviser(place, effect.name, (known.name,))
+            enter = reviser(place, (known,))
             parts.append(
                 _Part(
                     (_tolerated(effect, known, float(named)),),
@@ -204,18 +200,18 @@ def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noq
         value,
         value,
         (effect.name, tuple(j - 1 for j in effect.joints)),
-        known.name,
+        known,
         known.lower,
         known.upper,
     )
 
 
-def _sensors(observed: Observations, columns: Columns, floor: FloatArray) -> list[_Part]:
+def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) -> list[_Part]:
     parts: list[_Part] = []
     for j in range(observed.n):
         lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
         index = columns.add(lag.joints, lag.values[:, :, None])
-        deviation = np.array([SENSOR_LAG / UNIT_DELAY])
+        deviation = np.array([TOLERATED.sensor_lag / UNIT_DELAY])
         parameter = Tolerated(f"lag of sensor {j + 1}", "s", 0.0, UNIT_DELAY)
         parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
         offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)

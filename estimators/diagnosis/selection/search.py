@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.selection.evidence import Evidence, Prior, joined
+from estimators.diagnosis.settings.selection import SEARCH
+from estimators.regression.evidence import Evidence, Prior, joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from estimators.diagnosis.selection.candidates import Candidate
-
-WIDTH = 6  # sets that are grown further
-LARGEST = 10  # effects in a set beyond its base; a real arm lacks some at every joint
 
 
 @dataclass(frozen=True)
@@ -71,8 +69,8 @@ class Search:
 
     def _grown_from(self, best: Explained) -> Explained:
         beam = [best.members]
-        for _ in range(LARGEST + len(self.base) - len(best.members)):
-            grown = self._grown(beam, WIDTH)
+        for _ in range(SEARCH.largest + len(self.base) - len(best.members)):
+            grown = self._grown(beam, SEARCH.width)
             if not grown or grown[0].gain <= best.gain:
                 break
             best = grown[0]
@@ -119,10 +117,10 @@ class Search:
 
     def _settled(self, best: Explained) -> Explained:
         """Take members out and swap them while that helps."""
-        for _ in range(2 * (LARGEST + len(self.base))):
+        for _ in range(2 * (SEARCH.largest + len(self.base))):
             options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
             trials = [Explained(option, self.gain(option)) for option in options]
-            trials += self._grown(options, WIDTH) if options else []
+            trials += self._grown(options, SEARCH.width) if options else []
             better = max(trials, key=lambda item: item.gain, default=best)
             if better.gain <= best.gain:
                 return best

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import inf
 from typing import Final
 
 from estimators.hybrid.features import Features, feature_set
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError
+from limo_driver.parameters import Declared, parameter
 
 SCHEDULES: Final = ("cosine", "plateau")
 SPLITS: Final = ("blocks", "sequences", "recordings")
@@ -16,26 +16,17 @@ KEEPS: Final = ("best", "last")
 DEVICES: Final = ("auto", "cpu", "cuda")
 # Hidden units for one joint, and the width of a transformer.
 WIDTHS: Final = {"mlp7": 100, "lstm-2": 16, "lstm-fcl": 16, "transformer": 32}
-_CHOICES: Final = {
-    "model": tuple(NETWORKS),
-    "schedule": SCHEDULES,
-    "split": SPLITS,
-    "keep": KEEPS,
-    "device": DEVICES,
-}
-_ABOVE_ZERO: Final = (
-    *("epochs", "sequence_length", "batch", "bandwidth", "learning_rate", "folds"),
-    *("layers", "carried", "heads"),
-)
-_ZERO_OR_MORE: Final = ("seed", "hidden", "weight_decay", "rate")
-_HIGHEST_SEED: Final = 2**64 - 1  # that PyTorch takes
 _LSTM_LAYERS: Final = 2  # at most, as in the paper's comparison of topologies
 _PAPER_HIDDEN: Final = {"mlp7": 100, "lstm-2": 35, "lstm-fcl": 35, "transformer": 32}
 _PAPER_LAYERS: Final = {"transformer": 2}  # 1 for the others
 
 
+def _above_zero(unit: str, description: str, default: float):  # noqa: ANN202  # a dataclass field
+    return parameter(unit, description, lower=0, above=True, default=default)
+
+
 @dataclass(frozen=True)
-class TrainingSettings:
+class TrainingSettings(Declared):
     """How to train; `paper_settings` gives the paper's protocol.
 
     `split` says how motion is held out: as "blocks" of seconds, as "recordings", of which some are
@@ -46,47 +37,59 @@ class TrainingSettings:
         ConfigError: A setting names nothing known or cannot be; the message says which.
     """
 
-    model: str = "mlp7"  # mlp7, lstm-2, lstm-fcl or transformer
+    model: str = parameter("", "of network", of=NETWORKS, default="mlp7")
     features: str = "all-joints"  # all-joints, own-joint or drive
-    epochs: int = 100
-    seed: int = 0
-    bandwidth: float = 10.0  # of the filters on motion and torque [Hz]
-    rate: float = 200.0  # of the network's samples [Hz]; 0: the recording's own, as in the paper
-    sequence_length: int = 100  # samples through which a recurrent network is differentiated
-    batch: int = 50  # rows of an mlp7, sequences of the others
-    schedule: str = "cosine"  # of the learning rate; the paper has plateau
-    learning_rate: float = 1e-3
-    weight_decay: float = 0.01
-    held_out: float = 0.2  # part of the motion
-    folds: int = 3  # stretches of motion that judge how the network carries over; 1: none do
-    hidden: int = 0  # units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM,
-    # 32 for a transformer's d_model
-    layers: int = 1  # LSTM layers of an lstm-fcl (1 or 2); encoder and decoder layers, each
-    heads: int = 2  # of a transformer's attention
+    epochs: int = _above_zero("", "", 100)
+    seed: int = parameter("", lower=0, upper=2**64 - 1, default=0)  # as PyTorch takes it
+    bandwidth: float = _above_zero("Hz", "of the filters on motion and torque", 10.0)
+    rate: float = parameter(
+        "Hz",
+        "of the network's samples; 0: the recording's, as in the paper",
+        lower=0,
+        default=200.0,
+    )
+    sequence_length: int = _above_zero(
+        "", "samples through which a recurrent network is differentiated", 100
+    )
+    batch: int = _above_zero("", "rows of an mlp7, sequences of the others", 50)
+    schedule: str = parameter(
+        "", "of the learning rate; the paper has plateau", of=SCHEDULES, default="cosine"
+    )
+    learning_rate: float = _above_zero("", "", 1e-3)
+    weight_decay: float = parameter("", lower=0, default=0.01)
+    held_out: float = parameter("", "part of the motion", default=0.2)
+    folds: int = _above_zero(
+        "", "stretches of motion that judge how the network carries over; 1: none do", 3
+    )
+    hidden: int = parameter(
+        "",
+        "units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM, 32 for "
+        "a transformer's d_model",
+        lower=0,
+        default=0,
+    )
+    layers: int = _above_zero(
+        "", "LSTM layers of an lstm-fcl (1 or 2); encoder and decoder layers, each", 1
+    )
+    heads: int = _above_zero("", "of a transformer's attention", 2)
     without: tuple[str, ...] = ()  # quantities left out of the features, by name
     standalone: bool = False  # the network alone: no tau_RBD among its inputs, none added to it
-    split: str = "blocks"  # blocks, sequences (the paper's) or recordings
-    carried: int = 10  # sequences that a recurrent memory is carried through; 1: the paper's
-    keep: str = "best"  # weights that are best on held-out motion, or last (the paper's)
-    device: str = "auto"  # cpu, cuda, or auto: a GPU where PyTorch sees one
+    split: str = parameter("", "as above", of=SPLITS, default="blocks")
+    carried: int = _above_zero(
+        "", "sequences that a recurrent memory is carried through; 1: the paper's", 10
+    )
+    keep: str = parameter(
+        "",
+        "weights that are best on held-out motion, or last (the paper's)",
+        of=KEEPS,
+        default="best",
+    )
+    device: str = parameter("", "auto: a GPU where PyTorch sees one", of=DEVICES, default="auto")
 
     def __post_init__(self) -> None:
-        for name, known in _CHOICES.items():
-            if getattr(self, name) not in known:
-                kind = "network" if name == "model" else name
-                raise ConfigError(
-                    f"no {kind} is called {getattr(self, name)!r}; known: {', '.join(known)}"
-                )
-        for name in _ABOVE_ZERO:
-            if not 0 < getattr(self, name) < inf:
-                raise ConfigError(f"{name} = {getattr(self, name)} has to be above 0 and finite")
-        for name in _ZERO_OR_MORE:
-            if not 0 <= getattr(self, name) < inf:
-                raise ConfigError(f"{name} = {getattr(self, name)} has to be 0 or more, and finite")
+        super().__post_init__()
         if not 0 < self.held_out < 1:
-            raise ConfigError(f"held_out = {self.held_out} has to lie between 0 and 1")
-        if self.seed > _HIGHEST_SEED:
-            raise ConfigError(f"seed = {self.seed} has to be {_HIGHEST_SEED} or less")
+            raise self._refused("held_out", "a number between 0 and 1")
         if 0 < self.rate < self.bandwidth:
             raise ConfigError(
                 f"rate = {self.rate:g} Hz has to be {self.bandwidth:g} Hz, the bandwidth, or more: "

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from estimators.service.comparison.gate import Comparison
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.inference.history import Rows
+    from estimators.service.inference.history import StateRows
     from estimators.service.inference.live_model import LiveModel
     from limo_driver.types import FloatArray
 
@@ -101,7 +101,7 @@ class Shadow:
         for model in self._models:
             model.state = model.stream.init()
 
-    def _judge(self, rows: Rows) -> None:
+    def _judge(self, rows: StateRows) -> None:
         errors = [_errors(model, rows) for model in self._models]
         numbers = np.arange(self._next, self._next + len(rows.time))
         self._next += len(rows.time)
@@ -122,7 +122,7 @@ class Shadow:
         return free
 
 
-def _errors(model: LiveModel, rows: Rows) -> FloatArray:
+def _errors(model: LiveModel, rows: StateRows) -> FloatArray:
     """Return what a model leaves of the measured torque of T rows, (T, n) [N m]."""
     parts = [
         model.errors(rows.part(first, first + _ROWS)) for first in range(0, len(rows.time), _ROWS)

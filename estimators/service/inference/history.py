@@ -10,18 +10,18 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-class Rows(NamedTuple):
+class StateRows(NamedTuple):
     """T states that follow each other."""
 
     time: FloatArray  # (T,) [s]
     position: FloatArray  # (T, n) [rad]
     torque: FloatArray | None  # (T, n) [N m], measured; None where it is not
 
-    def part(self, first: int, stop: int) -> Rows:
+    def part(self, first: int, stop: int) -> StateRows:
         """Return some of them."""
         rows = slice(first, stop)
         torque = None if self.torque is None else self.torque[rows]
-        return Rows(self.time[rows], self.position[rows], torque)
+        return StateRows(self.time[rows], self.position[rows], torque)
 
 
 _SPARE: Final = 4096  # rows that may be overwritten while others are copied
@@ -66,7 +66,7 @@ class History:
         """Number of the oldest state of the present memory that is still here."""
         return max(self.began, self.count - self.capacity)
 
-    def since(self, first: int, most: int | None = None) -> Rows:
+    def since(self, first: int, most: int | None = None) -> StateRows:
         """Copy the states from number `first` on, or the first `most` of them.
 
         Raises:
@@ -77,4 +77,4 @@ class History:
         stop = self.count if most is None else min(self.count, first + most)
         rows = np.arange(first, stop) % self._time.size
         torque = self._values[rows, 1] if self._measured else None
-        return Rows(self._time[rows], self._values[rows, 0], torque)
+        return StateRows(self._time[rows], self._values[rows, 0], torque)

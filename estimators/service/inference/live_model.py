@@ -13,7 +13,7 @@ from limo_driver.errors import DivergedError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.service.inference.history import History, Rows
+    from estimators.service.inference.history import History, StateRows
     from estimators.stream import LiveEstimate, Stream, StreamState
     from limo_driver.types import FloatArray
 
@@ -62,17 +62,17 @@ class LiveModel:
         estimate, self.state = self.stream.step(self.state, time, position, torque)
         return bounded(estimate, self.bound)
 
-    def prime(self, rows: Rows) -> None:
+    def prime(self, rows: StateRows) -> None:
         """Make memory what it would be had the model answered these states from the first on."""
         self.state = self.stream.init()
         self.follow(rows)
 
-    def follow(self, rows: Rows) -> None:
+    def follow(self, rows: StateRows) -> None:
         """Take states without answering."""
         if len(rows.time):
             _, self.state = self.stream.advance(self.state, rows.time, rows.position, rows.torque)
 
-    def errors(self, rows: Rows) -> FloatArray:
+    def errors(self, rows: StateRows) -> FloatArray:
         """Take states, and return the measured torque less the bounded answers, (T, n) [N m].
 
         NaN where no torque was measured.

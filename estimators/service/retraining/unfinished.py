@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.service.store.atomic_files import locked, replace
+from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
@@ -63,15 +64,18 @@ class RetrainingFile:
         Raises:
             ModelStoreError: The file cannot be read or understood.
         """
-        try:
-            content: object = json.loads(self._path.read_text())
-        except FileNotFoundError:
+        if not self._path.exists():
             return None
-        except OSError as error:
-            raise ModelStoreError(f"{self._path}: cannot be read: {error.strerror}") from None
-        except (ValueError, RecursionError) as error:
-            raise ModelStoreError(f"{self._path}: no JSON: {error}") from None
-        return self._parsed(content)
+        given = read_json(self._path, ModelStoreError, _SCHEMA)
+        content = given.content
+        for name, kinds in _FIELDS.items():
+            if not isinstance(content.get(name, ...), kinds):
+                given.fail(f"{name} is missing or of the wrong type")
+        given.text("stage", _STAGES)
+        ratios = content["foretold"] or []
+        if not all(ratio is None or isinstance(ratio, int | float) for ratio in ratios):
+            given["foretold"].refuse("a list of numbers")
+        return Unfinished(**{name: content[name] for name in _FIELDS})
 
     def write(self, unfinished: Unfinished | None) -> None:
         """Keep a stage instead of the one before; None: everything is finished.
@@ -90,20 +94,6 @@ class RetrainingFile:
                     replace(self._path, (json.dumps(content, indent=1) + "\n").encode())
         except OSError as error:
             raise ModelStoreError(f"{self._path}: cannot be written: {error.strerror}") from None
-
-    def _parsed(self, content: object) -> Unfinished:
-        if not isinstance(content, dict) or content.get("schema") != _SCHEMA:
-            raise ModelStoreError(f"{self._path}: its schema is not {_SCHEMA}")
-        for name, kinds in _FIELDS.items():
-            if not isinstance(content.get(name, ...), kinds):
-                raise ModelStoreError(f"{self._path}: {name} is missing or of the wrong type")
-        found: dict[str, Any] = {name: content[name] for name in _FIELDS}
-        if found["stage"] not in _STAGES:
-            raise ModelStoreError(f"{self._path}: no stage is {found['stage']!r}")
-        ratios = found["foretold"] or []
-        if not all(ratio is None or isinstance(ratio, int | float) for ratio in ratios):
-            raise ModelStoreError(f"{self._path}: foretold is no list of numbers")
-        return Unfinished(**found)
 
 
 class Stage:

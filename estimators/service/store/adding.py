@@ -71,7 +71,7 @@ def recorded(
     record: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return what version.json says, but for the number and the parent."""
-    manifest = read_manifest(path).values  # those of a model that was loaded
+    manifest = read_manifest(path).content  # those of a model that was loaded
     training = manifest.get("training") or {}
     return {
         "schema": SCHEMA,
@@ -114,6 +114,6 @@ def _take_robot_along(model: ResidualModel[Any], into: Path, robot: str) -> None
     copyfile(model.simulation.model.urdf, urdf)
     replace(model.simulation, robot=str(urdf)).save(into / SIMULATION)
     given = read_manifest(into)
-    own = {**given.entries("simulation").values, "sha256": digest(into / SIMULATION)}
-    manifest = as_manifest({**given.values, "robot": robot, "simulation": own})
+    own = {**given["simulation"].content, "sha256": digest(into / SIMULATION)}
+    manifest = as_manifest({**given.content, "robot": robot, "simulation": own})
     write(into / MANIFEST, manifest.encode())

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
+from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
@@ -115,20 +116,13 @@ def read_aliases(folder: Path) -> Aliases:
         ModelStoreError: The file cannot be understood.
     """
     path = folder / ALIASES
-    try:
-        content = json.loads(path.read_text())
-    except FileNotFoundError:
+    if not path.exists():
         return Aliases()
-    except OSError as error:
-        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ModelStoreError(f"{path}: no JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("schema") != _SCHEMA:
-        raise ModelStoreError(f"{path}: its schema is not {_SCHEMA}")
+    given = read_json(path, ModelStoreError, _SCHEMA)
     try:
-        return parsed_aliases(content)
+        return parsed_aliases(given.content)
     except (KeyError, TypeError, ValueError) as error:
-        raise ModelStoreError(f"{path}: cannot be understood: {error!r}") from None
+        given.fail(f"cannot be understood: {error!r}")
 
 
 def parsed_aliases(content: dict[str, Any]) -> Aliases:

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from hashlib import file_digest
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from estimators.model_folder import load_model
 from estimators.service.store.golden_motion import Golden
 from estimators.service.store.signature import check_signature
+from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
@@ -68,11 +68,9 @@ class Version:
         file = path / RECORD
         try:
             data = file.read_bytes()
-            record = json.loads(data)
         except OSError as error:
-            raise ModelStoreError(f"{file}: cannot be read: {error.strerror}") from None
-        except ValueError as error:
-            raise ModelStoreError(f"{file}: no JSON: {error}") from None
+            raise ModelStoreError(f"cannot be read: {error.strerror}", path=file) from None
+        record = read_json(file, ModelStoreError, SCHEMA, data).content
         if trusted_keys:
             check_signature(data, path, trusted_keys)
         check_record(file, record)

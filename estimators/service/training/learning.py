@@ -6,8 +6,8 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.hybrid import HybridModel
-from estimators.joint_physics import JointPhysics
 from estimators.neural import NETWORKS
+from estimators.registry import to_train, trained_by_name
 from limo_driver.errors import ConfigError, ModelStoreError
 
 if TYPE_CHECKING:
@@ -25,18 +25,21 @@ def check_kind(kind: str) -> None:
 
     Raises:
         ConfigError: No estimator that learns beside a service is called so.
+        PlugInError: It is of another distribution and cannot be used.
     """
-    known = (SAME, JointPhysics.name, *NETWORKS)
+    known = (SAME, *trained_by_name(), *NETWORKS)
     if kind not in known:
         raise ConfigError(f"no kind of challenger is {kind!r}; known: {', '.join(known)}")
+    if kind not in (SAME, *NETWORKS):
+        to_train(kind, (SAME, *NETWORKS))
 
 
 def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> ResidualModel[Any]:
     """Return a model of what the champion's simulation leaves of the torque of a recording.
 
     Args:
-        kind: `same` as the champion, with the settings that it was trained with; `joint-physics`;
-            or a network, with its usual settings.
+        kind: `same` as the champion, with the settings that it was trained with; an estimator that
+            is trained by its name, as `joint-physics`; or a network, with its usual settings.
         champion: Whose simulation, bandwidth and settings.
         recording: To learn from.
 
@@ -47,8 +50,9 @@ def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> Re
     """
     check_kind(kind)
     wanted = champion.name if kind == SAME else kind
-    if wanted == JointPhysics.name:
-        return JointPhysics(champion.simulation, champion.bandwidth).fit([recording])
+    if wanted in trained_by_name():
+        estimator = to_train(wanted)
+        return estimator.unfitted(champion.simulation, champion.bandwidth).fit([recording])
     settings = _settings(wanted, champion)
     return HybridModel(champion.simulation, settings).fit([recording])
 
@@ -73,7 +77,7 @@ def _settings_of(champion: ResidualModel[Any]) -> TrainingSettings:
     if not isinstance(given, dict) or not set(given) <= known:
         raise ModelStoreError(
             "the champion does not say how it was trained; say which kind to train, for example "
-            f"{JointPhysics.name}"
+            "joint-physics"
         )
     try:
         values: dict[str, Any] = {**given, "without": tuple(given.get("without", ()))}

@@ -51,26 +51,46 @@ def test_hexadecimal_and_exponents_are_read(tmp_path):
     ("old", "new", "message"),
     [
         ("robot: iiwa14", "robot: panda9", "neither built in"),
-        ("robot: iiwa14", "robots: iiwa14", "line 2: the file has no 'robots'"),
+        ("robot: iiwa14", "robots: iiwa14", "line 2: has no 'robots'"),
         ("robot: iiwa14\n", "", "lacks robot"),
         ("node: 13", "node: 12", "joints 2 and 3 have the same node 12"),
         ("node: 13", "node: 127", "master is 127"),
-        ("node: 13", "node: 128", "line 6: node is 128, expected at least 1 and at most 127"),
-        ("node: 13", "node: 1.5", "line 6: '1.5' is no whole number"),
-        ("node: 13", "nod: 13", "line 6: joint 3 has no 'nod'"),
-        ("node: 13, ", "", "line 6: joint 3 lacks node"),
+        (
+            "node: 13",
+            "node: 128",
+            "line 6: joints: number 3: node is 128, expected a whole number from 1 to 127",
+        ),
+        ("node: 13", "node: 1.5", "line 6: .* node is '1.5', expected a whole number"),
+        ("node: 13", "nod: 13", "line 6: joints: number 3: has no 'nod'"),
+        ("node: 13, ", "", "line 6: joints: number 3: lacks node"),
         ("node: 13", "node: 13, direction: 2", "direction is 2, expected one of 1, -1"),
-        ("node: 13", "node: 13, offset: .nan", "is no number"),
-        ("node: 13", "node: 13, offset: nan", "nan is not finite"),
+        ("node: 13", "node: 13, offset: .nan", "offset is '.nan', expected a number"),
+        ("node: 13", "node: 13, offset: nan", "offset is nan rad, expected a number"),
         ("node: 13", "node: 13, gear: 1e5", "joint 3: .* rad from its zero are .* counts"),
-        ("rated_torque: 100", "rated_torque: 0", "rated_torque is 0, expected above 0"),
-        ("robot", "rate: 0\nrobot", "line 2: rate is 0"),
-        ("robot", "convention: ethercat\nrobot", "line 2: convention is ethercat, expected one"),
-        ("robot", "on_lost: fly\nrobot", "line 2: on_lost is fly, expected one of quick_stop"),
+        (
+            "rated_torque: 100",
+            "rated_torque: 0",
+            "rated_torque is 0 N m, expected a number above 0",
+        ),
+        ("robot", "rate: 0\nrobot", "line 2: rate is 0 Hz, expected a number from 1 to 4000 Hz"),
+        (
+            "robot",
+            "convention: ethercat\nrobot",
+            "line 2: convention is 'ethercat', expected one of cia402, damiao",
+        ),
+        ("robot", "on_lost: fly\nrobot", "line 2: on_lost is 'fly', expected one of quick_stop"),
         ("robot", "watchdog: 0.004\nrobot", "line 2: watchdog is 0.004 s, expected at least two"),
-        ("channel: here", "channel: here, fd: yes", "line 1: 'yes' is neither true nor false"),
-        ("channel: here", "channel: here, bitrate: 2e6", "'2e6' is no whole number"),
-        ("channel: here", "canal: here", "line 1: bus has no 'canal'"),
+        (
+            "channel: here",
+            "channel: here, fd: yes",
+            "line 1: bus: fd is 'yes', expected true or false",
+        ),
+        (
+            "channel: here",
+            "channel: here, bitrate: 2e6",
+            "bitrate is 2000000 bit/s, expected a whole number from 10000",
+        ),
+        ("channel: here", "canal: here", "line 1: bus: has no 'canal'"),
         (
             "channel: here",
             "channel: here, fd: true, data_bitrate: 500000",
@@ -106,5 +126,5 @@ def test_a_value_of_another_type_is_named(value):
 @pytest.mark.parametrize("entry", ["on_lost: quick_stop", "temperature: {object: 0x2031}"])
 def test_what_a_convention_does_not_have_is_refused(tmp_path, entry):
     text = (EXAMPLES / "can_damiao.yaml").read_text() + entry
-    with pytest.raises(ConfigError, match=r"line \d+: \w+ is for CiA 402 drives; damiao motors"):
+    with pytest.raises(ConfigError, match=r"line \d+: \w+: is for CiA 402 drives; damiao motors"):
         read(tmp_path, text)

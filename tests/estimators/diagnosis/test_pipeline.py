@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from estimators.diagnosis import diagnose, pipeline
 from estimators.diagnosis.contact import Push
-from estimators.diagnosis.residuals.observations import REST
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import RecordingError
 from limo_driver.physics import (
@@ -77,7 +77,7 @@ def error(simulation, truth, seed=77):
     """Return the worst joint's RMS error on another motion of the arm, while it moves [N m]."""
     recording = record(truth, seed)
     difference = truth.predict(recording) - simulation.predict(recording)
-    moves = np.abs(recording.sharp_motion(10.0).velocity) > REST
+    moves = np.abs(recording.sharp_motion(10.0).velocity) > ROWS.rest
     return float(np.sqrt(np.mean(difference**2, axis=0, where=moves)).max())
 
 

@@ -123,7 +123,7 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
 
 
 def edit(folder: Path, **changes: object) -> None:
-    entries = dict(read_manifest(folder).values) | changes
+    entries = dict(read_manifest(folder).content) | changes
     (folder / "manifest.json").write_text(as_manifest(entries))
 
 
@@ -131,14 +131,17 @@ def edit(folder: Path, **changes: object) -> None:
     ("changes", "message"),
     [
         ({"schema": 2}, "schema is not 1"),
-        ({"network": "gpt"}, "'gpt' is unknown; known: mlp7, lstm-2, lstm-fcl, transformer"),
+        (
+            {"network": "gpt"},
+            "network is 'gpt', expected one of mlp7, lstm-2, lstm-fcl, transformer",
+        ),
         ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
         ({"inputs": []}, "inputs: number 1 is nothing"),
         ({"outputs": [{"name": "x", "unit": "N m", "mean": 0, "std": 1}]}, "number 1 is"),
         ({"weights": {"sha256": "0"}}, "sha256 differs"),
         ({"simulation": "sim.yaml"}, "simulation is 'sim.yaml', expected an object"),
         ({"features": {}}, "features: lacks own_joint"),
-        ({"rate": None}, "rate is None, expected a number in 0.5 to 5500"),
+        ({"rate": None}, "rate is None, expected a number from 0.5 to 5500"),
     ],
 )
 def test_a_manifest_that_does_not_fit_is_refused(

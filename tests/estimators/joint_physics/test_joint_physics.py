@@ -11,10 +11,11 @@ import pytest
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.calibration import leverage_of
-from estimators.joint_physics.columns import SETTLED, Columns
-from estimators.joint_physics.evidence import Evidence, fit, most_probable_prior
+from estimators.joint_physics.columns import SETTLED, JointColumns
 from estimators.manifest import as_manifest, read_manifest
 from estimators.model_folder import load_model
+from estimators.regression.empirical_bayes import fit, most_probable_prior
+from estimators.regression.normal_equations import NormalEquations
 from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
@@ -141,9 +142,11 @@ def test_parts_of_the_motion_that_disagree_widen_the_covariance() -> None:
     slope = np.repeat([0.8, 0.9, 1.0, 1.1, 1.2], 100)  # of the first column, drifting over parts
     y = slope * x[:, 0] + 0.5 * x[:, 1] + 0.01 * random.standard_normal(500)
 
-    def sums(rows: np.ndarray) -> Evidence:
+    def sums(rows: np.ndarray) -> NormalEquations:
         own, target = x[rows], y[rows]
-        return Evidence(own.T @ own, own.T @ target, float(target @ target), float(rows.sum()))
+        return NormalEquations(
+            own.T @ own, own.T @ target, float(target @ target), float(rows.sum())
+        )
 
     part = np.arange(500) // 100
     found = fit(sums(part >= 0), [sums(part != f) for f in range(5)], np.array([0, 1, 1]))
@@ -159,7 +162,7 @@ def test_parts_of_the_motion_that_disagree_widen_the_covariance() -> None:
 
 
 def test_rows_in_between_are_remembered(rigid: Simulation, test_recording: Recording) -> None:
-    columns, motion = Columns(rigid.body, BANDWIDTH), test_recording.motion(BANDWIDTH)[:500]
+    columns, motion = JointColumns(rigid.body, BANDWIDTH), test_recording.motion(BANDWIDTH)[:500]
     torque = rigid.predict(motion)
     every, _ = columns.advance(columns.init(), motion, torque)
     some, _ = columns.advance(columns.init(), motion, torque, every=4)
@@ -168,7 +171,7 @@ def test_rows_in_between_are_remembered(rigid: Simulation, test_recording: Recor
 
 
 def test_families_fill_all_columns(rigid: Simulation, test_recording: Recording) -> None:
-    columns, motion = Columns(rigid.body, BANDWIDTH), test_recording.motion(BANDWIDTH)[:50]
+    columns, motion = JointColumns(rigid.body, BANDWIDTH), test_recording.motion(BANDWIDTH)[:50]
     rows, _ = columns.advance(columns.init(), motion, rigid.predict(motion))
     assert rows.columns.shape == (2, 50, sum(family.size for family in columns.families))
     by_name = {family.name: k for k, family in enumerate(columns.families)}
@@ -181,12 +184,12 @@ def test_evidence_switches_off_what_explains_nothing() -> None:
     x = random.standard_normal((2000, 6))
     y = x[:, :3] @ [1.0, -2.0, 0.5] + 0.1 * random.standard_normal(2000)
     family = np.array([0, 0, 0, 1, 1, 1])
-    evidence = Evidence(x.T @ x, x.T @ y, float(y @ y), 2000.0)
+    evidence = NormalEquations(x.T @ x, x.T @ y, float(y @ y), 2000.0)
     prior = most_probable_prior(evidence, family)
     assert prior.precision[3] > 100 * prior.precision[0]
     assert prior.noise == pytest.approx(0.01, rel=0.1)
     halves = [
-        Evidence(x[s].T @ x[s], x[s].T @ y[s], float(y[s] @ y[s]), 1000.0)
+        NormalEquations(x[s].T @ x[s], x[s].T @ y[s], float(y[s] @ y[s]), 1000.0)
         for s in (slice(0, 1000), slice(1000, 2000))
     ]
     found = fit(evidence, halves, family)
@@ -197,7 +200,7 @@ def test_evidence_switches_off_what_explains_nothing() -> None:
 def test_a_column_that_is_zero_gets_no_weight() -> None:
     x = np.random.default_rng(0).standard_normal((500, 2)) * [1.0, 0.0]
     y = 2.0 * x[:, 0]
-    evidence = Evidence(x.T @ x, x.T @ y, float(y @ y), 500.0)
+    evidence = NormalEquations(x.T @ x, x.T @ y, float(y @ y), 500.0)
     found = fit(evidence, [evidence], np.array([0, 1]))
     np.testing.assert_allclose(found.posterior.weights, [2.0, 0.0], atol=1e-3)
 
@@ -320,7 +323,7 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
     ("changes", "message"),
     [
         ({"schema": 2}, "schema is not 1"),
-        ({"estimator": "oracle"}, "'oracle' is unknown; known: hybrid, joint-physics"),
+        ({"estimator": "oracle"}, "estimator is 'oracle', expected one of hybrid, joint-physics"),
         ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
         ({"families": []}, "train it again"),
         ({"families": None}, "families is None, expected a list of objects"),
@@ -331,7 +334,7 @@ def test_predicting_needs_no_torch(folder: Path) -> None:
 def test_a_manifest_that_does_not_fit_is_refused(
     folder: Path, changes: dict[str, object], message: str
 ) -> None:
-    entries = dict(read_manifest(folder).values) | changes
+    entries = dict(read_manifest(folder).content) | changes
     (folder / "manifest.json").write_text(as_manifest(entries))
     with pytest.raises(ModelStoreError, match=message):
         load_model(folder)

@@ -12,11 +12,12 @@ from wandering import wander
 from estimators.evaluation import evaluate
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.calibration import Calibration
-from estimators.joint_physics.columns import Columns
-from estimators.joint_physics.evidence import Evidence, most_probable_prior
+from estimators.joint_physics.columns import JointColumns
 from estimators.joint_physics.regions import REGIONS, Regions
 from estimators.joint_physics.tolerances import tolerances
 from estimators.manifest import MANIFEST, as_manifest, read_manifest
+from estimators.regression.empirical_bayes import most_probable_prior
+from estimators.regression.normal_equations import NormalEquations
 from estimators.service.store.version import digest
 from limo_driver.physics import JointElasticity, PreslidingHysteresis, Simulation, TorqueOffset
 from limo_driver.recordings.recording import Recording
@@ -88,7 +89,7 @@ def test_weights_whose_size_is_known_keep_it() -> None:
     random = np.random.default_rng(0)
     x = random.standard_normal((1000, 3)) * [1.0, 0.01, 0.0]
     y = x @ [1.0, 300.0, 0.0] + 0.1 * random.standard_normal(1000)
-    evidence = Evidence.of(x, y)
+    evidence = NormalEquations.of(x, y)
     prior = most_probable_prior(evidence, np.array([0, 1, 1]), np.array([np.nan, 0.5, 0.5]))
     assert prior.precision[1] == pytest.approx(1.0 / (0.5 * evidence.rms[1]) ** 2)
     assert np.isfinite(prior.precision).all()
@@ -97,7 +98,7 @@ def test_weights_whose_size_is_known_keep_it() -> None:
 
 
 def test_sensors_encoders_and_gears_have_tolerances(rigid: Simulation) -> None:
-    columns = Columns(rigid.body, 10.0)
+    columns = JointColumns(rigid.body, 10.0)
     rms = np.ones(columns.count)
     rms[columns.of_family("gain")] = [10.0, 2.0]
     known = tolerances(columns, 1, rms)
@@ -126,7 +127,7 @@ def test_a_folder_from_before_torque_faded_estimates_as_it_did(
     file = tmp_path / "model.safetensors"
     older = {k: v for k, v in load_file(file).items() if k not in ("growth", "usual")}
     save_file(older, file)
-    values = read_manifest(tmp_path).values
+    values = read_manifest(tmp_path).content
     values = {**values, "weights": {**values["weights"], "sha256": digest(file)}}
     (tmp_path / MANIFEST).write_text(as_manifest(values))
     loaded = JointPhysics.load(tmp_path)

@@ -115,7 +115,7 @@ class TestFolder:
         tensors = load_file(file)
         del tensors["moments"]
         save_file(tensors if moments is None else {**tensors, "moments": moments}, file)
-        values = read_manifest(folder).values
+        values = read_manifest(folder).content
         values = {**values, "weights": {**values["weights"], "sha256": digest(file)}}
         (folder / MANIFEST).write_text(as_manifest(values))
 

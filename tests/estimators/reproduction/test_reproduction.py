@@ -97,7 +97,7 @@ def test_the_first_run_of_all_rows_comes_before_the_second(data: TableData) -> N
 
 @pytest.mark.parametrize("name", ["runs", "epochs", "batch"])
 def test_a_protocol_of_nothing_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match=f"{name} = 0 has to be 1 or more"):
+    with pytest.raises(ConfigError, match=f"{name} is 0, expected a whole number of 1 or more"):
         Protocol(**{name: 0})
 
 
@@ -133,15 +133,15 @@ def recorded(name: str, change: Callable[[Recording], Recording]) -> Callable[[P
         (described(schema=2), "its schema is not 1"),
         (lambda folder: (folder / "data.json").write_text("[" * 100_000), "data.json: is no JSON"),
         (described(robot="panda9"), "panda9"),
-        (described(robot=14), "data.json: robot is 14, expected a built-in name or a URDF"),
-        (described(scaffold_starts=[0, 10**400]), "a list of 2 or more times"),
+        (described(robot=14), "data.json: robot is 14, expected a text"),
+        (described(scaffold_starts=[0, 10**400]), "scaffold_starts: number 2 is 1000"),
         (recorded("limo.parquet", lambda it: replace(it, robot="panda")), "is of robot panda"),
         (recorded("validation.parquet", lambda it: it[::2]), "at 50 Hz, but .* at 100 Hz"),
         (described(scaffold_starts=[0.0, 20.0, 10.0]), "10 s follows 20 s; expected .* increase"),
         (described(scaffold_starts=[0.0, 20.0, 20.5]), "each by 1 s or more"),
         (described(scaffold_starts=[0.0, 900.0]), "span 0 to 900 s, but .*limo.parquet"),
         (described(scaffold_starts=[0.0]), "a list of 2 or more times"),
-        (described(scaffold_starts="10"), "a list of 2 or more times"),
+        (described(scaffold_starts="10"), "scaffold_starts is '10', expected a list of numbers"),
     ],
 )  # fmt: skip
 def test_data_that_do_not_fit_are_refused(

@@ -245,8 +245,8 @@ def command_line(*arguments: object) -> list[str]:
     [
         (["--device", "tpu"], "no device is called 'tpu'; known: auto, cpu, cuda"),
         (["--jobs", "0"], "--jobs is 0, expected 1 or more"),
-        (["--epochs", "0"], "epochs = 0 has to be 1 or more"),
-        (["--batch", "0"], "batch = 0 has to be 1 or more"),
+        (["--epochs", "0"], "epochs is 0, expected a whole number of 1 or more"),
+        (["--batch", "0"], "batch is 0, expected a whole number of 1 or more"),
         (["--data", "nowhere"], "nowhere/data.json: cannot be read"),
     ],
 )

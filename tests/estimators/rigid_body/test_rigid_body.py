@@ -383,7 +383,7 @@ def test_thickened_points_and_rods_exist():
 
 
 def test_bad_requests_are_refused(iiwa):
-    with pytest.raises(ConfigError, match="weighting 'speed' is not one of error, torque"):
+    with pytest.raises(ConfigError, match="weighting is 'speed', expected one of error, torque"):
         Rows(weighting="speed")
     with pytest.raises(ConfigError, match="sign width 0 rad"):
         JointTerms((0.0,))

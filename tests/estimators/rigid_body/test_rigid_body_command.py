@@ -101,9 +101,9 @@ def test_every_base_parameter_has_a_name_and_an_uncertainty(recording, identify)
     [
         (("--robot", "robot9"), "'robot9' is neither built in"),
         (("--bandwidth", "70"), "a bandwidth of 70 Hz does not suit"),
-        (("--weighting", "mood"), "weighting 'mood'"),
+        (("--weighting", "mood"), "weighting is 'mood', expected one of error"),
         *(
-            (("--bandwidth", value), f"bandwidth {value} Hz: has to be above 0 and finite")
+            (("--bandwidth", value), f"bandwidth is {value} Hz, expected a number above 0 Hz")
             for value in ("0", "-3", "nan", "inf")
         ),
         *(

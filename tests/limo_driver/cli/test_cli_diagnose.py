@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from estimators.diagnosis.residuals.observations import REST
 from estimators.diagnosis.result import Diagnosis, Explanation, Traces
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
@@ -72,7 +72,7 @@ def _made_up(given, recordings, bandwidth, equivalent, after, separates):
     traces = Traces(
         motion.time, np.zeros(len(motion), dtype=int), motion.position, motion.velocity, load,
         np.abs(motion.position - START), measured, before, before, simulated, motion.time > 15.0,
-        np.abs(motion.velocity) > REST,
+        np.abs(motion.velocity) > ROWS.rest,
     )  # fmt: skip
     rmse = [tuple(np.sqrt(np.mean((measured - x) ** 2, axis=0))) for x in (before, simulated)]
     finding = Finding(

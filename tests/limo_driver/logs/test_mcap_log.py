@@ -326,7 +326,7 @@ def test_what_cannot_be_logged_is_refused_at_once(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="file: cannot be written to: File exists"):
         McapLog(tmp_path / "file")
-    with pytest.raises(ConfigError, match="queue is 0, expected more than 0"):
+    with pytest.raises(ConfigError, match="queue is 0, expected a whole number of 1 or more"):
         LogLimits(queue=0)
 
 

@@ -29,7 +29,7 @@ from limo_driver.physics import (
     ViscousFriction,
 )
 from limopa.separation import motions as excitation
-from limopa.separation.separation import _PAIRS, motion_for, purpose_of, separation_of
+from limopa.separation.separation import motion_for, purpose_of, separation_of
 
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 BASE = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))
@@ -91,10 +91,6 @@ def test_a_pair_names_its_motion_in_either_order(iiwa):
     assert "joints 2, 3" in purpose_of(pair, [2, 3])
     motion = motion_for(iiwa, [2], pair, np.stack([iiwa.limits.position_max, START]))
     assert np.allclose(motion.position[0], START)  # the first pose allows no motion
-
-
-def test_pairs_are_listed_in_one_order():
-    assert all(first < second for first, second in _PAIRS)
 
 
 def test_what_no_motion_tells_apart_is_said():

@@ -17,23 +17,47 @@ NODE, OTHER = 11, 12
     [
         ("", "is empty; it needs `faults:`"),
         ("seed: 1", "line 1: lacks `faults:`"),
-        ("faults: 3", "line 1: faults: has to be a list"),
-        ("faults:\n- {fault: fire}", "line 2: fault 'fire' is unknown; known: lose_frames, "),
-        ("faults:\n- {at: 3}", "line 2: lacks `fault:`"),
-        ("faults:\n\n- {fault: bus_off}", "line 3: bus_off lacks joint"),
-        ("faults:\n- {fault: bus_off, joint: 3}", "line 2: joint is 3, but the arm has 2 joints"),
-        ("faults:\n- {fault: bus_off, joint: 0}", "line 2: joint is 0, expected at least 1"),
-        ("faults:\n- fault: bus_off\n  joint: 1\n  until: 3", "line 4: bus_off has no 'until'"),
-        ("faults:\n- {fault: lose_frames, probability: 2}", "probability is 2, expected at least"),
-        ("faults:\n- {fault: lose_frames, probability: x}", "line 2: 'x' is no number"),
+        ("faults: 3", "line 1: faults is '3', expected a list of mappings"),
+        (
+            "faults:\n- {fault: fire}",
+            "line 2: faults: number 1: fault is 'fire', expected one of lose_frames, ",
+        ),
+        ("faults:\n- {at: 3}", "line 2: faults: number 1: lacks `fault:`"),
+        ("faults:\n\n- {fault: bus_off}", "line 3: faults: bus_off: lacks joint"),
+        (
+            "faults:\n- {fault: bus_off, joint: 3}",
+            "line 2: faults: bus_off: joint is 3, expected a joint from 1 to 2",
+        ),
+        (
+            "faults:\n- {fault: bus_off, joint: 0}",
+            "line 2: faults: bus_off: joint is 0, expected a joint from 1",
+        ),
+        (
+            "faults:\n- fault: bus_off\n  joint: 1\n  until: 3",
+            "line 4: faults: bus_off: has no 'until'",
+        ),
+        (
+            "faults:\n- {fault: lose_frames, probability: 2}",
+            "probability is 2, expected a number from 0 to 1",
+        ),
+        (
+            "faults:\n- {fault: lose_frames, probability: x}",
+            "probability is 'x', expected a number",
+        ),
         (
             "faults:\n- fault: lose_frames\n  probability: 1\n  way: up",
-            "line 4: way is up, expected one of to_drives, from_drives, both",
+            "line 4: faults: lose_frames: way is 'up', expected one of to_drives, from_drives, bo",
         ),
-        ("faults:\n- {fault: wrong_node, joint: 1, node: 12}", "node is 12, which joint 2 has"),
-        ("faults:\n- {fault: swap_joints, joint: 1, other: 1}", "other is 1, which is the joint"),
+        (
+            "faults:\n- {fault: wrong_node, joint: 1, node: 12}",
+            "node is 12, expected another than that of joint 2",
+        ),
+        (
+            "faults:\n- {fault: swap_joints, joint: 1, other: 1}",
+            "other is 1, expected another joint",
+        ),
         ("faults:\n- {fault: babble, data: xyz}", "expected up to 8 bytes in hexadecimal"),
-        ("seed: -1\nfaults: []", "line 1: seed is -1, expected at least 0"),
+        ("seed: -1\nfaults: []", "line 1: seed is -1, expected a whole number of 0 or more"),
         ("faults: [", "is no YAML"),
     ],
 )

@@ -123,8 +123,8 @@ def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> 
     ("options", "message"),
     [
         (("--fri", "1.12"), "FRI version '1.12' is not known"),
-        (("--period-ms", "0"), "send period 0 ms has to be 1 to 100 ms"),
-        (("--multiplier", "0"), "receive multiplier 0"),
+        (("--period-ms", "0"), "period_ms is 0 ms, expected a whole number from 1 to 100 ms"),
+        (("--multiplier", "0"), "multiplier is 0, expected a whole number from 1 to 100"),
         (("--client", "30200"), "--client '30200' is no HOST:PORT"),
         (("--client", "127.0.0.1:99999"), "no HOST:PORT"),
         (("--bind", "192.0.2.1:0"), "cannot bind 192.0.2.1:0"),
@@ -134,7 +134,7 @@ def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> 
         (("--trajectory", "none.parquet", "--position", "0"), "not both"),
         (("--client", f"{'x' * 70}:30200"), "is not known"),
         (("--bind", "x" * 70), "cannot bind"),
-        (("--late-ms", "inf"), "late_after = inf s has to be 0 or more"),
+        (("--late-ms", "inf"), "late_after is inf s, expected a number of 0 s or more"),
         (("--scenario", "none.yaml"), "none.yaml: cannot be read"),
     ],
 )

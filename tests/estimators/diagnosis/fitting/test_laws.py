@@ -10,7 +10,6 @@ import pytest
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.fitting.laws import sentence_of
 from estimators.diagnosis.hypotheses.catalogue import every, rivals
-from estimators.diagnosis.hypotheses.friction import STOP_WIDTHS
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.candidates import LawEvidence
 from limo_driver.physics import (
@@ -21,6 +20,7 @@ from limo_driver.physics import (
     Tolerances,
     ViscousFriction,
 )
+from limo_driver.physics.hysteresis import STOP_WIDTHS
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.hypotheses.catalogue import every, rivals
-from estimators.diagnosis.hypotheses.friction import friction, sign_width
+from estimators.diagnosis.hypotheses.catalogue import every, recorded_in, rivals
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import AsymmetricFriction, CoulombFriction, Simulation
+from limo_driver.physics.catalogue import known_as
+from limo_driver.physics.effect import Friction
+from limo_driver.physics.friction import sign_width_at
 from limo_driver.recordings.recording import Recording
 
 DRY = (
@@ -28,7 +30,8 @@ def test_dry_friction_of_a_joint_has_the_sign_of_what_is_known_there(
     observed = replace(observed, motion=warm)
     widths = {
         (hypothesis.effect, term.v_eps)
-        for hypothesis in friction(observed, 1)
+        for hypothesis in every(observed)
+        if hypothesis.joints == (1,) and issubclass(known_as(hypothesis.effect), Friction)
         for term in hypothesis.terms
         if hasattr(term, "v_eps")
     }
@@ -38,7 +41,7 @@ def test_dry_friction_of_a_joint_has_the_sign_of_what_is_known_there(
         "coulomb_friction", "asymmetric_friction", "stribeck_friction", "load_dependent_friction",
         "position_dependent_friction", "temperature_dependent_friction",
     }  # fmt: skip
-    assert sign_width(observed, 1) == 0.002
+    assert sign_width_at(1, recorded_in(observed)) == 0.002
 
 
 def test_a_ripple_is_offered_where_the_joint_turns_through_half_of_it(rigid):
@@ -70,7 +73,7 @@ def test_coupling_is_offered_between_neighbours_and_every_other_joint():
 
 def test_asymmetric_friction_alone_cannot_push(rigid, training_recording):
     observed = Observations.of(rigid, [training_recording], 10.0)
-    (skewed,) = (h for h in friction(observed, 1) if h.effect == "asymmetric_friction")
+    (skewed,) = AsymmetricFriction.at_joint(2, recorded_in(observed))
     (effect,) = skewed.realise(np.array([0.4, -0.3]))
     assert (effect.tau_plus, effect.tau_minus) == (0.4, 0.0)
 

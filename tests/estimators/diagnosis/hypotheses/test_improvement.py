@@ -16,6 +16,7 @@ from limo_driver.physics import (
     JointElasticity,
     Payload,
     PreslidingHysteresis,
+    Recorded,
     Simulation,
     SpringLoad,
     TorqueGain,
@@ -95,11 +96,19 @@ def test_a_revision_within_tolerance_and_one_beyond_it_add_up(improvement):
     assert effects(improvement)[0].tau_c == pytest.approx(1.5 * 2.1)
 
 
+def enter_skewed(improvement, joint):
+    known = (CoulombFriction(joint=joint, tau_c=1.0, v_eps=0.01),)
+    nothing = np.zeros((2, 7))
+    recorded = Recorded(nothing, None, 0.0, 1.0, 1.0, np.array([0.0, 0.0, -9.81]), known)
+    (skewed,) = AsymmetricFriction.at_joint(joint, recorded)
+    improvement.enter(skewed, np.array([0.4, -0.3]))
+
+
 def test_asymmetric_friction_takes_in_the_coulomb_friction_of_its_joint(improvement):
-    improvement.skew(2, 0.4, -0.3, v_eps=0.01)
+    enter_skewed(improvement, joint=2)
     expected = AsymmetricFriction(joint=2, tau_plus=1.9, tau_minus=1.2, v_eps=0.004)
     assert effects(improvement)[0] == expected
-    improvement.skew(5, 0.4, -0.3, v_eps=0.01)
+    enter_skewed(improvement, joint=5)
     last = effects(improvement)[-1]
     assert last == AsymmetricFriction(joint=5, tau_plus=0.4, tau_minus=0.0, v_eps=0.01)
 

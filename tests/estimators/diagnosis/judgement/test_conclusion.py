@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.fitting.problem import Bench, fitted, quiet
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, quiet
 from estimators.diagnosis.judgement.conclusion import explanations_of, shifts_of
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
@@ -19,7 +19,7 @@ FLOOR = np.full(2, 0.01)  # [N m]
 
 
 @pytest.fixture(scope="module")
-def bench(rigid, training_recording):
+def problem(rigid, training_recording):
     """An arm with a spring that its simulation lacks, and Coulomb friction a little too low."""
     r = training_recording
     motion = r.motion(10.0)
@@ -27,20 +27,20 @@ def bench(rigid, training_recording):
     true = replace(rigid, effects=(*known, SpringLoad(joint=2, stiffness=8.0, rest=0.0)))
     noise = FLOOR * np.random.default_rng(0).standard_normal(r.position.shape)
     recording = Recording.from_arrays(r.time, r.position, true.predict(motion) + noise)
-    return Bench.of(Observations.of(rigid, [recording], 10.0), quiet)
+    return RegressionProblem.of(Observations.of(rigid, [recording], 10.0), quiet)
 
 
 @pytest.fixture(scope="module")
-def noise(bench):
-    return Noise.independent(FLOOR, bench.split.fitted)
+def noise(problem):
+    return Noise.independent(FLOOR, problem.split.fitted)
 
 
-def spring_of(bench):
-    return next(i for i, c in enumerate(bench.candidates) if c.place == ("spring_load", (1,)))
+def spring_of(problem):
+    return next(i for i, c in enumerate(problem.candidates) if c.place == ("spring_load", (1,)))
 
 
-def test_a_set_that_was_taken_back_keeps_its_share_and_nothing_is_no_share(bench, noise):
-    found = explanations_of(bench, fitted(bench, (), noise), FLOOR)
+def test_a_set_that_was_taken_back_keeps_its_share_and_nothing_is_no_share(problem, noise):
+    found = explanations_of(problem, fitted(problem, (), noise), FLOOR)
     (chosen,) = (item for item in found if item.note == CHOSEN)
     assert chosen.effects == ()
     assert chosen.share == pytest.approx(0.0, abs=1e-9)
@@ -48,8 +48,8 @@ def test_a_set_that_was_taken_back_keeps_its_share_and_nothing_is_no_share(bench
     assert found[0].share > 0.9
 
 
-def test_the_chosen_set_is_told_even_where_many_have_more_evidence(bench, noise):
-    found = explanations_of(bench, fitted(bench, (), noise), FLOOR, limit=3)
+def test_the_chosen_set_is_told_even_where_many_have_more_evidence(problem, noise):
+    found = explanations_of(problem, fitted(problem, (), noise), FLOOR, limit=3)
     assert len(found) == 3
     assert [item.log_evidence for item in found] == sorted(
         (item.log_evidence for item in found), reverse=True
@@ -57,17 +57,19 @@ def test_the_chosen_set_is_told_even_where_many_have_more_evidence(bench, noise)
     assert sum(item.note == CHOSEN for item in found) == 1
 
 
-def test_more_evidence_that_motion_held_out_denies_is_said_to(bench, noise):
-    chosen = fitted(bench, (spring_of(bench),), noise)
-    denied = replace(bench, target=np.where(bench.split.held_out, -bench.target, bench.target))
+def test_more_evidence_that_motion_held_out_denies_is_said_to(problem, noise):
+    chosen = fitted(problem, (spring_of(problem),), noise)
+    denied = replace(
+        problem, target=np.where(problem.split.held_out, -problem.target, problem.target)
+    )
     assert chosen.gain > 0
     found = explanations_of(denied, fitted(denied, (), noise), FLOOR)
     assert found[0].note == "does not hold on motion held out"
 
 
-def test_known_values_move_in_their_own_units(bench, noise):
-    chosen = fitted(bench, (spring_of(bench),), noise)
-    (dry,) = (s for s in shifts_of(bench, chosen) if s.name.startswith("tau_c of joint 1 "))
+def test_known_values_move_in_their_own_units(problem, noise):
+    chosen = fitted(problem, (spring_of(problem),), noise)
+    (dry,) = (s for s in shifts_of(problem, chosen) if s.name.startswith("tau_c of joint 1 "))
     assert (dry.nominal, dry.unit) == (1.0, "N m")
     assert dry.fitted == pytest.approx(1.1, abs=0.02)
     assert dry.sigmas == pytest.approx((dry.fitted - 1.0) / 0.15)

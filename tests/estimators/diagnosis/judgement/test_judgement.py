@@ -17,12 +17,12 @@ from estimators.diagnosis.judgement.judgement import (
 )
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.result import Shift
-from estimators.diagnosis.selection.search import LARGEST
+from estimators.diagnosis.settings.selection import SEARCH
 
 FLOOR = np.full(2, 0.1)
 
 
-def bench_of(effect="viscous_friction", joints=(0,)):
+def problem_of(effect="viscous_friction", joints=(0,)):
     split = SimpleNamespace(held_out=np.ones((100, 2), dtype=bool))
     observed = SimpleNamespace(n=2, residual=np.full((100, 2), 0.2))
     candidates = [SimpleNamespace(effect=effect, joints=joints)]
@@ -32,7 +32,7 @@ def bench_of(effect="viscous_friction", joints=(0,)):
 @pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])
 def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
     proven = np.column_stack([np.full(100, 0.1), np.full(100, error)])
-    assert harms(bench_of(), proven, Leftover(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
+    assert harms(problem_of(), proven, Leftover(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
 
 
 @pytest.mark.parametrize(
@@ -46,21 +46,21 @@ def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
     ],
 )
 def test_what_no_recording_tells_apart_is_named_together(effect, joint, same):
-    assert identical(bench_of(effect, (joint,)), 0) == same
+    assert identical(problem_of(effect, (joint,)), 0) == same
 
 
 def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_beside_little():
     """Both joints keep the same rest; at the first one, effects explain 99.6 % of the error."""
     bare, fitted = np.tile([1.0, 0.2], (100, 1)), np.full((100, 2), 0.06)
-    bench = bench_of()
-    bench.left = {"nothing": bare, "all": fitted}.get
+    problem = problem_of()
+    problem.left = {"nothing": bare, "all": fitted}.get
     evidence = SimpleNamespace(posterior=lambda _prior: "nothing")
     search = SimpleNamespace(evidence=evidence, prior=lambda members: members)
     solution = SimpleNamespace(search=search, fitted="all", members=())
     rest = Leftover(FLOOR, np.full(2, 0.06), fitted)
-    assert abstained(bench, solution, rest) == ((), (1,))
+    assert abstained(problem, solution, rest) == ((), (1,))
     quiet = Leftover(FLOOR, np.full(2, 0.04), fitted)
-    assert abstained(bench, solution, quiet) == ((), ())
+    assert abstained(problem, solution, quiet) == ((), ())
 
 
 def test_what_could_be_foretold_is_kept_as_a_series(rigid, training_recording):
@@ -79,10 +79,10 @@ def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
         Shift("lag of sensor 5", 0, -9e-4, "s", -3.0),
         Shift("mass", 0, 0.01, "kg", 0.5),
     )
-    said = tuple(remarks(shifts, members=LARGEST, harmful=False, doubted=2))
+    said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, doubted=2))
     assert "tau_c of joint 2 by +2.4 sigma; lag of sensor 5 by -3.0 sigma (as far as" in said[0]
     assert said[0].endswith("What a sensor adds is written into no simulation.")
     assert "mass" not in said[0]
-    assert f"stopped at {LARGEST} effects" in said[1]
+    assert f"stopped at {SEARCH.largest} effects" in said[1]
     assert said[2].startswith("2 short stretches")
     assert tuple(remarks((), members=1, harmful=False, doubted=0)) == ()

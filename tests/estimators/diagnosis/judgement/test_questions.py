@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lanes import sampled
 
-from estimators.diagnosis.fitting.problem import Bench, fitted, quiet
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, quiet
 from estimators.diagnosis.judgement.questions import tests_of as ask
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
@@ -46,18 +46,18 @@ def answers(arm: Path, *effects: Effect) -> tuple[Answer, ...]:
     known = tuple(CoulombFriction(joint=j, tau_c=1.0) for j in (1, 2))
     simulation, true = (Simulation(str(arm), known + more) for more in ((), effects))
     recordings = [_record(true, seed) for seed in (1, 2)]
-    bench = Bench.of(Observations.of(simulation, recordings, 10.0), quiet)
+    problem = RegressionProblem.of(Observations.of(simulation, recordings, 10.0), quiet)
     named = [
         i
-        for i, candidate in enumerate(bench.candidates)
+        for i, candidate in enumerate(problem.candidates)
         if any(candidate.place == (effect.name, (0,)) for effect in effects)
     ]
-    noise = Noise.of(0.02 * _white(bench), bench.split.fitted, bench.observed.segment)
-    return ask(bench, fitted(bench, tuple(named[:1]), noise))
+    noise = Noise.of(0.02 * _white(problem), problem.split.fitted, problem.observed.segment)
+    return ask(problem, fitted(problem, tuple(named[:1]), noise))
 
 
-def _white(bench: Bench) -> np.ndarray:
-    return np.random.default_rng(0).standard_normal(bench.target.shape)
+def _white(problem: RegressionProblem) -> np.ndarray:
+    return np.random.default_rng(0).standard_normal(problem.target.shape)
 
 
 def _record(true: Simulation, seed: int) -> Recording:

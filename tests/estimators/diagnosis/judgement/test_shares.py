@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.fitting.problem import Bench, fitted, quiet
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, quiet
 from estimators.diagnosis.judgement.findings import left_at, left_by_tolerances, shares_of
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
@@ -19,42 +19,42 @@ FLOOR = np.full(2, 0.01)  # [N m]
 
 
 @pytest.fixture(scope="module")
-def bench(rigid, training_recording):
+def problem(rigid, training_recording):
     """An arm with a spring that its simulation lacks, and Coulomb friction a little too low."""
     r = training_recording
     known = tuple(CoulombFriction(joint=j, tau_c=1.3) for j in (1, 2))
     true = replace(rigid, effects=(*known, SpringLoad(joint=2, stiffness=8.0, rest=0.0)))
     noise = FLOOR * np.random.default_rng(0).standard_normal(r.position.shape)
     recording = Recording.from_arrays(r.time, r.position, true.predict(r.motion(10.0)) + noise)
-    return Bench.of(Observations.of(rigid, [recording], 10.0), quiet)
+    return RegressionProblem.of(Observations.of(rigid, [recording], 10.0), quiet)
 
 
-def members_of(bench, *places):
+def members_of(problem, *places):
     return tuple(
-        next(i for i, c in enumerate(bench.candidates) if c.place == place) for place in places
+        next(i for i, c in enumerate(problem.candidates) if c.place == place) for place in places
     )
 
 
-def solved(bench, members):
-    return fitted(bench, members, Noise.independent(FLOOR, bench.split.fitted))
+def solved(problem, members):
+    return fitted(problem, members, Noise.independent(FLOOR, problem.split.fitted))
 
 
-def test_values_inside_tolerances_take_their_part_before_any_share(bench):
-    (spring,) = members_of(bench, ("spring_load", (1,)))
-    solution = solved(bench, (spring,))
-    before = rmse(bench.observed.residual, bench.split.held_out)
-    alone = rmse(left_by_tolerances(bench, solution), bench.split.held_out)
-    after = rmse(bench.left(solution.fitted), bench.split.held_out)
+def test_values_inside_tolerances_take_their_part_before_any_share(problem):
+    (spring,) = members_of(problem, ("spring_load", (1,)))
+    solution = solved(problem, (spring,))
+    before = rmse(problem.observed.residual, problem.split.held_out)
+    alone = rmse(left_by_tolerances(problem, solution), problem.split.held_out)
+    after = rmse(problem.left(solution.fitted), problem.split.held_out)
     assert alone[0] < 0.1 * before[0]  # the friction of joint 1 is inside its tolerance
-    assert shares_of(bench, solution, alone, after, FLOOR)[spring] == pytest.approx(1.0, abs=0.03)
+    assert shares_of(problem, solution, alone, after, FLOOR)[spring] == pytest.approx(1.0, abs=0.03)
 
 
-def test_shares_of_effects_that_overlap_add_up_to_what_the_set_takes(bench):
-    members = members_of(bench, ("spring_load", (1,)), ("torque_offset", (1,)))
-    solution = solved(bench, members)
-    alone = rmse(left_by_tolerances(bench, solution), bench.split.held_out)
-    after = rmse(bench.left(solution.fitted), bench.split.held_out)
-    shares = shares_of(bench, solution, alone, after, FLOOR)
+def test_shares_of_effects_that_overlap_add_up_to_what_the_set_takes(problem):
+    members = members_of(problem, ("spring_load", (1,)), ("torque_offset", (1,)))
+    solution = solved(problem, members)
+    alone = rmse(left_by_tolerances(problem, solution), problem.split.held_out)
+    after = rmse(problem.left(solution.fitted), problem.split.held_out)
+    shares = shares_of(problem, solution, alone, after, FLOOR)
     assert set(shares) == set(members)
     assert min(shares.values()) >= 0
     assert 0.9 < sum(shares.values()) <= 1.0

@@ -12,12 +12,12 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from estimators.diagnosis.fitting.contribution import TELLABLE
 from estimators.diagnosis.report import figures, worst_stretch, write_report
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.result import CHOSEN, Diagnosis, Explanation, Replay, Shift, Traces
 from estimators.diagnosis.result import Test as Question
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
@@ -261,7 +261,9 @@ def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(
 def test_the_page_says_what_its_evidence_is_not(parsed):
     text = " ".join(parsed.text.split())
     assert "Rows near rest are neither fitted nor scored" in text
-    assert f"A difference in log evidence of {TELLABLE:g} means odds of 55 to 1" in text
+    assert (
+        f"A difference in log evidence of {CONTRIBUTION.tellable:g} means odds of 55 to 1" in text
+    )
     assert "They name nothing" in text
 
 

@@ -8,8 +8,8 @@ import pytest
 from estimators.diagnosis.residuals.held_out import Split, bootstrap, reducible_removed, rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
-from estimators.diagnosis.selection.columns import Columns, Products
-from estimators.diagnosis.selection.evidence import Prior, posterior
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
+from estimators.regression.evidence import Prior, posterior
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_every_recording_has_rows_of_both_kinds_and_a_guard_between(split, obser
 
 
 def test_what_happens_on_held_out_rows_changes_no_fit(split, observed):
-    columns = Columns(*observed.residual.shape)
+    columns = ColumnTable(*observed.residual.shape)
     sign = observed.filter(np.tanh(observed.motion.velocity / 0.002))
     index = columns.add((0,), sign[None, :, :1])
     prior = Prior.free(index, np.ones(1))
@@ -49,7 +49,7 @@ def test_what_happens_on_held_out_rows_changes_no_fit(split, observed):
     fits = []
     for residual in (observed.residual, observed.residual + 100.0 * split.held_out):
         noise = Noise.of(residual, split.fitted, observed.segment)
-        products = Products.of(columns, residual, noise, split.fitted)
+        products = normal_equations(columns, residual, noise, split.fitted)
         fits.append(posterior(products, nuisance, prior).mean)
     np.testing.assert_array_equal(*fits)
 

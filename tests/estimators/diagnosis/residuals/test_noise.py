@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.diagnosis.residuals.noise import ORDER, Noise, roughness
+from estimators.diagnosis.residuals.noise import Noise, roughness
+from estimators.diagnosis.settings.residuals import NOISE
 
 ROWS = 20_000
 WHITE = np.array([0.03, 0.2])  # [N m]
@@ -28,8 +29,8 @@ ONE = np.zeros(ROWS, dtype=np.int64)  # one segment
 
 def test_a_known_autoregression_is_recovered(errors):
     noise = Noise.of(errors, ALL, ONE)
-    np.testing.assert_allclose(noise.weight[:, ORDER], WEIGHT, atol=0.03)
-    np.testing.assert_allclose(noise.white[:, ORDER], WHITE, rtol=0.02)
+    np.testing.assert_allclose(noise.weight[:, NOISE.order], WEIGHT, atol=0.03)
+    np.testing.assert_allclose(noise.white[:, NOISE.order], WHITE, rtol=0.02)
     np.testing.assert_allclose(noise.white[:, 0], errors.std(axis=0), rtol=0.02)
 
 

@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.hypotheses.responses import response
-from estimators.diagnosis.residuals.observations import (
-    NEAR_REST,
-    REST,
-    ROWS_PER_BANDWIDTH,
-    SAMPLES_PER_BANDWIDTH,
-    Observations,
-)
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.settings.residuals import ROWS
 from limo_driver.errors import RecordingError
 from limo_driver.physics import CoulombFriction, TorqueOffset
 from limo_driver.recordings.recording import Recording
@@ -52,14 +47,14 @@ def test_a_response_is_what_the_simulation_itself_would_add(observed, rigid):
 
 
 def test_rows_are_thinned_to_what_the_bandwidth_leaves(observed, training_recording):
-    expected = training_recording.duration * ROWS_PER_BANDWIDTH * BANDWIDTH
+    expected = training_recording.duration * ROWS.per_bandwidth * BANDWIDTH
     assert observed.kept.size == pytest.approx(expected, rel=0.02)
-    assert observed.row_period == pytest.approx(1 / (ROWS_PER_BANDWIDTH * BANDWIDTH), rel=0.05)
+    assert observed.row_period == pytest.approx(1 / (ROWS.per_bandwidth * BANDWIDTH), rel=0.05)
     assert not training_recording.edges(BANDWIDTH)[observed.kept].any()
 
 
 def test_a_fast_recording_is_thinned_before_and_gives_the_same_rows(true_arm, rigid):
-    rate = 4 * SAMPLES_PER_BANDWIDTH * BANDWIDTH
+    rate = 4 * ROWS.samples_per_bandwidth * BANDWIDTH
     t = np.arange(int(20 * rate)) / rate
     angle = 2 * np.pi * np.array([0.3, 0.4]) * t[:, None]
     position = np.array([0.4, -0.8]) + 0.05 * np.sin(angle)
@@ -79,13 +74,13 @@ def test_rows_as_near_to_rest_as_the_filter_reaches_are_not_moving(
     observed = Observations.of(rigid, [training_recording], bandwidth)
     speed = np.abs(observed.motion.velocity)
     time, kept = observed.motion.time, observed.kept
-    reach = NEAR_REST / bandwidth
+    reach = ROWS.near_rest / bandwidth
     assert reach == 1.0 / bandwidth
     moves = observed.moving[:, 0]
     for row, moving in zip(kept[::7], moves[::7], strict=True):
         away = np.abs(time - time[row])
-        assert speed[away <= 1.2 * reach + 0.01, 0].min() < REST or moving
-        assert speed[away <= 0.8 * reach, 0].min() >= REST or not moving
+        assert speed[away <= 1.2 * reach + 0.01, 0].min() < ROWS.rest or moving
+        assert speed[away <= 0.8 * reach, 0].min() >= ROWS.rest or not moving
     assert 0.2 < moves.mean() < 0.99
 
 

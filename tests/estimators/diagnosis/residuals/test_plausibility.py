@@ -321,11 +321,11 @@ def test_an_explanation_out_of_range_is_refused_as_one():
         prior=SimpleNamespace(index=np.zeros(1)),
         enter=lambda improvement, c: improvement.add(EncoderOffset(joint=2, offset=float(c[0]))),
     )
-    bench = SimpleNamespace(
+    problem = SimpleNamespace(
         observed=SimpleNamespace(simulation=GIVEN),
         nuisance=SimpleNamespace(prior=nothing, enter=lambda _improvement, _c: None),
         candidates=[offset],
     )
     solution = SimpleNamespace(members=(0,), fitted=SimpleNamespace(mean=np.array([1.5])))
     with pytest.raises(RecordingError, match=r"out of range: encoder_offset, .* another robot"):
-        improve(bench, solution)
+        improve(problem, solution)

@@ -10,7 +10,7 @@ import pytest
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.base_friction import base_of, with_friction, without_friction
 from estimators.diagnosis.selection.candidates import candidates_of
-from estimators.diagnosis.selection.columns import Columns
+from estimators.diagnosis.selection.columns import ColumnTable
 from limo_driver.physics import (
     CoulombFriction,
     JointCoupling,
@@ -80,7 +80,7 @@ def test_the_residual_stays_that_of_the_given_simulation(bare, true, training_re
 def test_the_search_starts_with_the_friction_of_bare_joints(bare, true, training_recording):
     given = replace(bare, effects=(CoulombFriction(joint=1, tau_c=0.5),))
     observed = with_friction(observed_of(given, true, training_recording))
-    candidates = candidates_of(observed, Columns(*observed.residual.shape), np.ones(2))
+    candidates = candidates_of(observed, ColumnTable(*observed.residual.shape), np.ones(2))
     base = [candidates[i].place for i in base_of(candidates, given)]
     assert base == [("coulomb_friction", (1,)), ("viscous_friction", (1,))]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.diagnosis.residuals.noise import Noise
-from estimators.diagnosis.selection.columns import Columns, Products
+from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 
 ROWS = 60
 RANDOM = np.random.default_rng(0)
@@ -15,7 +15,7 @@ USE = RANDOM.uniform(size=(ROWS, 3)) > 0.3
 
 
 def table():
-    columns = Columns(ROWS, 3)
+    columns = ColumnTable(ROWS, 3)
     return columns, columns.add((0, 2), FIRST), columns.add((2,), SECOND)
 
 
@@ -69,7 +69,7 @@ def test_products_are_those_of_the_used_rows_in_units_of_the_noise():
     columns, _, _ = table()
     residual = np.random.default_rng(1).standard_normal((ROWS, 3))
     deviation = np.array([0.5, 1.0, 2.0])
-    products = Products.of(columns, residual, Noise.independent(deviation, USE), USE)
+    products = normal_equations(columns, residual, Noise.independent(deviation, USE), USE)
     A = (dense() / deviation[:, None])[USE]
     y = (residual / deviation)[USE]
     np.testing.assert_allclose(products.gram, A.T @ A, atol=1e-10)
@@ -80,11 +80,11 @@ def test_sums_go_on_with_columns_that_came_later():
     columns, _, _ = table()
     residual = np.random.default_rng(2).standard_normal((ROWS, 3))
     noise = Noise.of(residual, USE, np.zeros(ROWS, dtype=np.int64))
-    before = Products.of(columns, residual, noise, USE)
-    assert Products.of(columns, residual, noise, USE, before) is before
+    before = normal_equations(columns, residual, noise, USE)
+    assert normal_equations(columns, residual, noise, USE, before) is before
     columns.add((1, 2), FIRST)
     columns.add((0,), SECOND)
-    gone_on = Products.of(columns, residual, noise, USE, before)
-    anew = Products.of(columns, residual, noise, USE)
+    gone_on = normal_equations(columns, residual, noise, USE, before)
+    anew = normal_equations(columns, residual, noise, USE)
     np.testing.assert_allclose(gone_on.gram, anew.gram, atol=1e-12)
     np.testing.assert_allclose(gone_on.product, anew.product, atol=1e-12)

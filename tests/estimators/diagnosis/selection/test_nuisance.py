@@ -9,7 +9,7 @@ import pytest
 
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.observations import Observations
-from estimators.diagnosis.selection.columns import Columns
+from estimators.diagnosis.selection.columns import ColumnTable
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import CoulombFriction, JointElasticity
@@ -24,7 +24,7 @@ def observed(rigid, training_recording):
 
 @pytest.fixture(scope="module")
 def nuisance(observed):
-    return nuisance_of(observed, Columns(*observed.residual.shape), np.full(observed.n, 0.1))
+    return nuisance_of(observed, ColumnTable(*observed.residual.shape), np.full(observed.n, 0.1))
 
 
 def named(nuisance, name):
@@ -81,22 +81,21 @@ def test_where_a_value_moved_to_counts_from_the_stated_one(observed, stated, at_
     """What the start gives from the stated value is at hand, and one step back is as stated."""
     moved = replace(observed.simulation, effects=(replace(stated, **at_hand),))
     given = replace(observed.simulation, effects=(stated,))
-    columns = Columns(*observed.residual.shape)
+    columns = ColumnTable(*observed.residual.shape)
     found = nuisance_of(observed.beside(moved), columns, np.full(observed.n, 0.1), given)
     back = Improvement(moved)
     found.enter(back, -found.start)
     for item, start in zip(found.parameters, found.start, strict=True):
-        if item.parameter:
-            assert item.value(start) == pytest.approx(at_hand[item.parameter])
-            assert getattr(back.effects[0], item.parameter) == pytest.approx(
-                getattr(stated, item.parameter)
-            )
+        if item.known:
+            name = item.known.name
+            assert item.value(start) == pytest.approx(at_hand[name])
+            assert getattr(back.effects[0], name) == pytest.approx(getattr(stated, name))
 
 
 def test_what_is_certain_has_no_tolerance_and_the_rest_keeps_its_own(nuisance):
     """A width is but guessed, and stays free beside the size of the same effect."""
     dry = nuisance.of({("coulomb_friction", (1,))})
-    assert [nuisance.parameters[k].parameter for k in np.flatnonzero(dry)] == ["tau_c"]
+    assert [nuisance.parameters[k].known.name for k in np.flatnonzero(dry)] == ["tau_c"]
     held = nuisance.certain(dry)
     assert held.prior.deviation[dry] == 0.0
     np.testing.assert_array_equal(held.prior.deviation[~dry], nuisance.prior.deviation[~dry])

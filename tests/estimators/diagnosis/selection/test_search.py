@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from estimators.diagnosis.selection.candidates import MISSING, Candidate
-from estimators.diagnosis.selection.columns import Products
-from estimators.diagnosis.selection.evidence import Evidence, Prior
-from estimators.diagnosis.selection.search import LARGEST, Search
+from estimators.diagnosis.selection.candidates import Candidate
+from estimators.diagnosis.selection.search import Search
+from estimators.diagnosis.settings.selection import CANDIDATES, SEARCH
+from estimators.regression.evidence import Evidence, Prior
+from estimators.regression.normal_equations import NormalEquations
 
 ROWS = 400
 EFFECTS = (
@@ -44,7 +47,7 @@ def candidate(at, *, effect=None, joint=None, variants=1, positive=False):
 
 
 def search_of(columns, y, candidates=None, base=()):
-    products = Products(columns.T @ columns, columns.T @ y)
+    products = NormalEquations(columns.T @ columns, columns.T @ y)
     nuisance = Prior.free(np.array([11]), np.array([0.1]))
     given = candidates or [candidate(at) for at in (*range(11), 12)]
     return Search(given, Evidence(products, nuisance), base)
@@ -75,9 +78,8 @@ def test_a_pair_that_greedy_addition_misses_is_found(columns, seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_member_chosen_too_early_is_taken_out_again(columns, seed, monkeypatch):
-    monkeypatch.setattr(
-        "estimators.diagnosis.selection.search.WIDTH", 1
-    )  # greedy: the blend comes first
+    narrow = replace(SEARCH, width=1)  # greedy: the blend comes first
+    monkeypatch.setattr("estimators.diagnosis.selection.search.SEARCH", narrow)
     search = search_of(columns, 3 * (columns[:, 0] + columns[:, 1]) + noise(seed))
     assert names(search, search.best()) == {0, 1}
 
@@ -90,11 +92,11 @@ def test_four_effects_are_found(columns):
 
 def test_a_set_is_no_larger_than_the_largest(columns):
     search = search_of(columns, columns[:, :11].sum(axis=1))
-    assert len(search.best().members) <= LARGEST
+    assert len(search.best().members) <= SEARCH.largest
 
 
 def test_a_base_does_not_count_and_leaves_room_for_the_largest_set(columns, monkeypatch):
-    monkeypatch.setattr("estimators.diagnosis.selection.search.LARGEST", 2)
+    monkeypatch.setattr("estimators.diagnosis.selection.search.SEARCH", replace(SEARCH, largest=2))
     search = search_of(columns, columns[:, :8].sum(axis=1) + noise(1), base=tuple(range(6)))
     assert names(search, search.best()) == set(range(8))
 
@@ -134,7 +136,7 @@ def test_gain_is_log_evidence_less_the_rarity_of_each_place_and_variant(columns)
     y = columns[:, 0] + noise(6)
     few = [candidate(0, variants=3), candidate(1), candidate(2)]
     search = search_of(columns, y, few)
-    price = 2 * MISSING + np.log(3)
+    price = 2 * CANDIDATES.missing + np.log(3)
     evidence = search.evidence.gain(search.prior((0, 2)))
     assert search.gain((2, 0)) == pytest.approx(evidence - price)
 

@@ -131,5 +131,7 @@ class TestSettings:
     def test_of_contact_are_refused_for_other_joints(self) -> None:
         with pytest.raises(ConfigError, match="contact_duration has 3 values, expected one, or"):
             ServiceSettings(contact_duration=(0.1, 0.2, 0.3)).contact(2)
-        with pytest.raises(ConfigError, match="contact_torque = nan has to be above 0"):
+        with pytest.raises(
+            ConfigError, match="contact_torque is nan, expected a list of numbers above 0"
+        ):
             ServiceSettings(contact_torque=(1.0, np.nan))

@@ -208,5 +208,5 @@ class TestOtherReasons:
     "given", [{"seconds": 0.0}, {"every": -1.0}, {"pause": np.inf}, {"shadow": np.nan}]
 )
 def test_settings_that_cannot_be_are_refused(given: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match="has to be above 0"):
+    with pytest.raises(ConfigError, match="expected a number above 0"):
         RetrainingSettings(**given)

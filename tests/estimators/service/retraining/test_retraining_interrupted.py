@@ -281,7 +281,7 @@ class TestFile:
             (
                 '{"schema": 1, "stage": "x", "reason": "", "tries": 1, "champion": null, '
                 '"before": null, "foretold": null}',
-                "no stage is 'x'",
+                "stage is 'x', expected one of gathering",
             ),
         ],
     )

@@ -198,7 +198,7 @@ def test_a_record_that_does_not_fit_is_refused(store: ModelStore, change, messag
 
 def test_broken_files_of_the_store_are_named(store: ModelStore) -> None:
     (store.home / "2" / "version.json").write_text("{")
-    with pytest.raises(ModelStoreError, match=r"version\.json: no JSON"):
+    with pytest.raises(ModelStoreError, match=r"version\.json: is no JSON"):
         store.open(2)
     (store.home / "aliases.json").write_text('{"schema": 1, "champion": "x"}')
     with pytest.raises(ModelStoreError, match=r"aliases\.json: cannot be understood"):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from estimators.diagnosis.selection.columns import Products
-from estimators.diagnosis.selection.evidence import REACH, Evidence, Prior, joined, posterior
+from estimators.regression.evidence import REACH, Evidence, Prior, joined, posterior
+from estimators.regression.normal_equations import NormalEquations
 
 ROWS = 40
 RANDOM = np.random.default_rng(5)
@@ -18,7 +18,7 @@ SET = Prior.free(np.array([3, 5]), np.array([1.5, 0.7]))
 
 
 def products_of(y):
-    return Products(COLUMNS.T @ COLUMNS, COLUMNS.T @ y)
+    return NormalEquations(COLUMNS.T @ COLUMNS, COLUMNS.T @ y)
 
 
 def density(y, *priors):

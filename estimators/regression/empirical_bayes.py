@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from estimators.regression.normal_equations import NormalEquations
     from limo_driver.types import FloatArray
 
 _ITERATIONS: Final = 20
@@ -33,38 +34,8 @@ _ZERO: Final = 1e-9  # root mean square, below which a column is zero
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Sums of one joint over rows x (K,) with targets y."""
-
-    gram: FloatArray  # (K, K), Σ x xᵀ
-    product: FloatArray  # (K,), Σ x y
-    energy: float  # Σ y² [N² m²]
-    rows: float
-
-    @classmethod
-    def of(cls, x: FloatArray, y: FloatArray) -> Evidence:
-        """Sum over rows of columns x (T, K) and residual y (T,) [N m]."""
-        return cls(x.T @ x, x.T @ y, float(y @ y), float(y.size))
-
-    @property
-    def rms(self) -> FloatArray:
-        """Root mean square of each column, (K,)."""
-        return np.sqrt(np.diag(self.gram) / self.rows)
-
-    def error(self, weights: FloatArray) -> float:
-        """Return Σ (y - x·w)² [N² m²]."""
-        return self.energy + float(weights @ (self.gram @ weights - 2 * self.product))
-
-    def worth(self, share: float) -> Evidence:
-        """Return the same as if it were a share of the rows."""
-        return Evidence(
-            share * self.gram, share * self.product, share * self.energy, share * self.rows
-        )
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What a fit of the columns assumes."""
+class Hyperparameters:
+    """Of the prior of each weight, N(0, 1 / precision) of the scaled column, and of the noise."""
 
     scale: FloatArray  # (K,), root mean square of each column; inf of one that is zero
     precision: FloatArray  # (K,) [1/(N m)²]
@@ -72,69 +43,69 @@ class Prior:
 
 
 @dataclass(frozen=True)
-class Posterior:
+class WeightPosterior:
     """Weights of the columns and how well they are known."""
 
     weights: FloatArray  # (K,), of columns as they come
     root: FloatArray  # (K, K), R with covariance Rᵀ R
 
 
-def posterior(evidence: Evidence, prior: Prior) -> Posterior:
+def posterior(equations: NormalEquations, prior: Hyperparameters) -> WeightPosterior:
     """Return the weights that the data of one joint say under a prior."""
     S = 1.0 / prior.scale
-    P = evidence.gram * np.outer(S, S) / prior.noise + np.diag(prior.precision)
+    P = equations.gram * np.outer(S, S) / prior.noise + np.diag(prior.precision)
     root = np.linalg.inv(np.linalg.cholesky(P))
-    weights = root.T @ (root @ (evidence.product * S)) / prior.noise
-    return Posterior(weights * S, root * S)
+    weights = root.T @ (root @ (equations.product * S)) / prior.noise
+    return WeightPosterior(weights * S, root * S)
 
 
 def most_probable_prior(
-    evidence: Evidence, family: NDArray[np.int64], known: FloatArray | None = None
-) -> Prior:
+    equations: NormalEquations, family: NDArray[np.int64], known: FloatArray | None = None
+) -> Hyperparameters:
     """Find the prior variance of each family (K,) and the noise that the data speak for most.
 
     Weights whose deviation (K,) is known keep it; of the others it is NaN.
     """
-    scale = np.where(evidence.rms > _ZERO, evidence.rms, np.inf)
+    scale = np.where(equations.rms > _ZERO, equations.rms, np.inf)
     back = np.where(np.isfinite(scale), scale, 0.0)
     deviation = np.full(family.size, np.nan) if known is None else known * scale  # [N m]
     free = ~np.isfinite(deviation)
     stated = 1.0 / np.where(free, 1.0, deviation) ** 2
     alpha = np.ones(int(family.max()) + 1)
-    noise = max(0.1 * evidence.energy / evidence.rows, LEAST_NOISE)
+    noise = max(0.1 * equations.energy / equations.rows, LEAST_NOISE)
     precision = np.where(free, alpha[family], stated)
     for _ in range(_ITERATIONS):
-        found = posterior(evidence, Prior(scale, precision, noise))
+        found = posterior(equations, Hyperparameters(scale, precision, noise))
         variance = np.sum((found.root * back) ** 2, axis=0)
         variance[back == 0] = 1.0 / precision[back == 0]  # the data say nothing
         determined = 1.0 - precision * variance
         energy = np.bincount(family, free * (found.weights * back) ** 2)
         count = np.bincount(family, free * determined)
         alpha = np.clip(np.maximum(count, 1e-6) / np.maximum(energy, 1e-12), *_PRECISION)
-        rest = max(evidence.rows - float(determined.sum()), 1.0)
-        noise = max(evidence.error(found.weights) / rest, LEAST_NOISE)
+        rest = max(equations.rows - float(determined.sum()), 1.0)
+        noise = max(equations.error(found.weights) / rest, LEAST_NOISE)
         precision = np.where(free, alpha[family], stated)
-    return Prior(scale, precision, noise)
+    return Hyperparameters(scale, precision, noise)
 
 
-def _widened(found: Posterior, spread: FloatArray) -> Posterior:
+def _widened(found: WeightPosterior, spread: FloatArray) -> WeightPosterior:
     """Add the covariance Dᵀ D of a spread D (F, K) to that of the weights."""
     known = np.flatnonzero(found.root.any(axis=0))  # others are of columns that are zero
     both = np.concatenate([found.root, spread])[:, known]
     root = np.zeros(found.root.shape)
     # factored from the last column on, which keeps the root a lower triangle
     root[np.ix_(known, known)] = np.linalg.qr(both[:, ::-1]).R[::-1, ::-1]
-    return Posterior(found.weights, root)
+    return WeightPosterior(found.weights, root)
 
 
-def _jackknife(without: Sequence[Posterior]) -> FloatArray:
+def _jackknife(without: Sequence[WeightPosterior]) -> FloatArray:
     """Return D (F, K) with Dᵀ D the covariance of the weights by the fits without each fold."""
     weights = np.array([found.weights for found in without])
     return np.sqrt((len(without) - 1) / len(without)) * (weights - weights.mean(axis=0))
 
 
 @dataclass(frozen=True)
-class Fit:
+class RegionalFit:
     """Posterior of all rows, those without each region, and what they share.
 
     The posterior is that of a true model. What the columns cannot explain moves the weights by more
@@ -142,24 +113,24 @@ class Fit:
     data, of few parts of the range, are not taken for more than they are.
     """
 
-    posterior: Posterior  # with the covariance of the jackknife
-    without: tuple[Posterior, ...]
-    prior: Prior
+    posterior: WeightPosterior  # with the covariance of the jackknife
+    without: tuple[WeightPosterior, ...]
+    prior: Hyperparameters
     worth: float  # of a row
     held_out: float  # mean square error on the regions left out [N² m²]
     spread: FloatArray  # (R, K), D with the jackknife's covariance Dᵀ D
 
-    def again(self, evidence: Evidence) -> Posterior:
+    def again(self, equations: NormalEquations) -> WeightPosterior:
         """Return the posterior of other rows, under the same prior and worth."""
-        return posterior(evidence.worth(self.worth), self.prior)
+        return posterior(equations.worth(self.worth), self.prior)
 
 
 def fit(
-    everything: Evidence,
-    regions: Sequence[Evidence],
+    everything: NormalEquations,
+    regions: Sequence[NormalEquations],
     family: NDArray[np.int64],
     known: FloatArray | None = None,
-) -> Fit:
+) -> RegionalFit:
     """Fit one joint, taking rows for as much evidence as motion of other regions confirms.
 
     What the columns cannot explain lasts longer than a sample, so that a row is worth less than an
@@ -172,7 +143,7 @@ def fit(
         family: Which family each column is of, (K,).
         known: Standard deviations of weights before any data, (K,); NaN where the data decide.
     """
-    candidates: list[Fit] = []
+    candidates: list[RegionalFit] = []
     for worth in _WORTHS:
         prior = most_probable_prior(everything.worth(worth), family, known)
         without = tuple(posterior(rest.worth(worth), prior) for rest in regions)
@@ -182,5 +153,7 @@ def fit(
         )
         spread = _jackknife(without)
         found = _widened(posterior(everything.worth(worth), prior), spread)
-        candidates.append(Fit(found, without, prior, worth, error / everything.rows, spread))
+        candidates.append(
+            RegionalFit(found, without, prior, worth, error / everything.rows, spread)
+        )
     return min(candidates, key=lambda candidate: candidate.held_out)

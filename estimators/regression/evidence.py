@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.selection.columns import Products
+    from estimators.regression.normal_equations import NormalEquations
     from limo_driver.types import FloatArray
 
 REACH = 3.0  # prior deviations of a nuisance parameter; more is a wrong parameter
@@ -83,7 +83,9 @@ class Evidence:
         held: Coefficients (c,) of the nuisance that stay where they are; NaN where they are free.
     """
 
-    def __init__(self, products: Products, nuisance: Prior, held: FloatArray | None = None) -> None:
+    def __init__(
+        self, products: NormalEquations, nuisance: Prior, held: FloatArray | None = None
+    ) -> None:
         self.products, self.nuisance = products, nuisance
         free = np.ones(nuisance.index.size, dtype=bool) if held is None else np.isnan(held)
         at, s = nuisance.index[free], nuisance.deviation[free]
@@ -176,7 +178,7 @@ class Evidence:
         return np.where(there, mean, np.nan)
 
 
-def posterior(products: Products, nuisance: Prior, prior: Prior) -> Posterior:
+def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Posterior:
     """Return the coefficients of nuisance columns and a set, given sums over any rows.
 
     Nuisance parameters stay inside `REACH` deviations: where thousands of rows outvote a prior, a

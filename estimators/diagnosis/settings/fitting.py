@@ -1,0 +1,86 @@
+"""Settings: when a fit is good enough, and when something else is tried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimators.diagnosis.settings.setting import setting
+
+# A table: value, unit, meaning; what it trades; how it was chosen.
+# fmt: off
+
+
+@dataclass(frozen=True)
+class SolvingSettings:
+    """Noise and search in turn (fitting.solving)."""
+
+    rounds: int = setting(2, "", "of noise and search in turn",
+        "more cost time; fewer search under a noise that has physics in it")
+    curved: float = setting(0.4, "of the rest", "by which a simulation may be off its linear fit",
+        "higher keeps fits that are not what is simulated; lower searches again too often")
+
+
+SOLVING = SolvingSettings()
+
+
+@dataclass(frozen=True)
+class NewtonSettings:
+    """Gauss-Newton of all that was found (fitting.linearised)."""
+
+    block: float = setting(2.0, "s", "over which scores are summed for intervals",
+        "longer leaves few blocks; shorter takes errors for independent")
+    rounds: int = setting(5, "", "at most", "more cost time; fewer stop short")
+    enough: float = setting(1e-3, "of the sum of squares", "that a round has to take off",
+        "smaller costs time; larger stops short")
+    shorter: tuple[float, ...] = setting((1.0, 0.5, 0.2), "of a step", "that are tried",
+        "more cost time; fewer give up where a full step is too far")
+    derivative: float = setting(1e-3, "prior deviations", "step of derivatives",
+        "larger is less linear; smaller loses digits")
+
+
+NEWTON = NewtonSettings()
+
+
+@dataclass(frozen=True)
+class ContributionSettings:
+    """What a finding has to take off (fitting.contribution)."""
+
+    material: float = setting(0.5, "errors left",
+        "that a finding has to take off the error of some joint",
+        "higher names less; lower names what hardly matters")
+    tellable: float = setting(4.0, "nat", "within which explanations cannot be told apart",
+        "higher lists more equivalents; lower is sure too soon")
+    seen: float = setting(0.5, "of an effect's mean square",
+        "that rows held out have to have to judge it",
+        "lower judges by rows that lack the effect; higher judges by rows that were fitted")
+    slight: float = setting(0.1, "of what is gained over all rows",
+        "that may be lost on those held out",
+        "higher keeps what does not carry over; lower drops rare events")
+
+
+CONTRIBUTION = ContributionSettings()
+
+
+@dataclass(frozen=True)
+class LawSettings:
+    """Laws of one effect (fitting.laws)."""
+
+    refinable: float = setting(100.0, "nat",
+        "that a refinement may make up for, where no law has a name",
+        "higher costs time; lower leaves out what would have been best")
+
+
+LAWS = LawSettings()
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """Settings that the torque is not linear in (fitting.refinement)."""
+
+    evaluations: int = setting(60, "", "of the evidence, at most",
+        "more cost time; fewer stop short")
+    rejected: float = setting(1e6, "", "objective where no column comes out",
+        "numerical: worse than any")
+
+
+REFINEMENT = RefinementSettings()

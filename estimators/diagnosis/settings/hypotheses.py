@@ -1,0 +1,70 @@
+"""Settings: which lines a torque may have over its angle, and how far stated values move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimators.diagnosis.settings.setting import setting
+
+# A table: value, unit, meaning; what it trades; how it was chosen.
+# fmt: off
+
+
+@dataclass(frozen=True)
+class RippleSettings:
+    """Lines over the angle of a joint (hypotheses.ripple)."""
+
+    most_cycles: float = setting(400.0, "1/rev", "of a line",
+        "more cost time and find more by chance; fewer miss fast gears")
+    least_periods: float = setting(3.0, "", "of a line over the joint's range",
+        "fewer take a shape for a line; more miss slow lines")
+    false_lines: float = setting(1e-6, "lines", "expected in a scan of white noise",
+        "more find lines that are none; fewer miss weak ones",
+        chosen="far below 1, since no sensor's noise is quite so even")
+    oversampling: float = setting(4.0, "grid points", "within the resolution of a line",
+        "more cost time; fewer lose power between them")
+    neighbours: int = setting(61, "grid points",
+        "whose median is the level that a line stands out from",
+        "more blur a coloured level; fewer let a line raise its own")
+    passed: float = setting(0.25, "", "gain of the filter below which a row does not count",
+        "higher uses fewer rows; lower divides by nearly nothing")
+    least_share: float = setting(0.1, "of the rows", "on which a line has to pass the filter",
+        "more miss lines of fast joints; fewer judge by little")
+    shape: int = setting(8, "knots", "of the dependence on position that is taken out first",
+        "more take slow lines out; fewer leave shapes that look like lines")
+    flat: int = setting(2, "knots", "the same, where a line of few periods is sought", "as above")
+    few_periods: tuple[float, float] = setting((1.5, 6.0), "",
+        "of such a line over the range of a joint",
+        "wider finds shapes; narrower misses slow lines")
+    least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
+        "lower finds shapes; higher misses weak lines")
+    same: float = setting(0.05, "relative", "difference within which two lines are one",
+        "larger merges neighbours; smaller counts one twice")
+    block: int = setting(32, "frequencies", "at a time", "more need memory; fewer cost time")
+    tiny: float = setting(1e-30, "", "that nothing is divided by less than", "numerical")
+    burst: float = setting(6.0, "median deviations", "beyond which a residual is clipped",
+        "more let a burst look like all lines; fewer clip lines")
+
+
+RIPPLE = RippleSettings()
+
+
+@dataclass(frozen=True)
+class RevisionSettings:
+    """How far a stated value moves at once (hypotheses.revision, improvement)."""
+
+    step: float = setting(0.05, "relative", "of derivatives by a parameter",
+        "larger is less linear; smaller loses digits")
+    least_lever: float = setting(0.01, "m", "scale of a centre of mass that lies on an axis",
+        "larger lets small bodies move far; smaller holds them")
+    narrower: float = setting(0.2, "times", "at least, in one revision",
+        "smaller leaves what is linear; larger needs more rounds")
+    wider: float = setting(5.0, "times", "at most, in one revision", "as above")
+    stiffest: float = setting(0.01, "of an inverse", "that one revision leaves at least",
+        "smaller makes gears stiff without bound; larger needs more rounds")
+    steps: int = setting(9, "",
+        "from the inertia that was found to the nominal one, of which the first that can be is "
+        "taken", "more cost time; fewer go farther back than needed")
+
+
+REVISION = RevisionSettings()

@@ -1,0 +1,132 @@
+"""Settings: what is named, how surely, and what stays unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimators.diagnosis.settings.setting import setting
+
+# A table: value, unit, meaning; what it trades; how it was chosen.
+# fmt: off
+
+
+@dataclass(frozen=True)
+class JudgementSettings:
+    """Abstention (judgement.judgement)."""
+
+    foretold: float = setting(0.45, "noise floors", "of predictable rest that counts as unknown",
+        "higher overlooks unknown physics; lower abstains too often",
+        chosen="by judgement, changed once while developing on concealed cases: from 0.5")
+    smoother: float = setting(1.4, "times the other joints'", "ratio of a rest to its roughness",
+        "higher takes slow physics for noise; lower noise for physics")
+    smooth: float = setting(1.9, "", "that ratio, at least", "as above")
+    at_limit: float = setting(0.01, "sigma",
+        "from the limit of a tolerance, at which a value is said to be there", "only wording")
+    worth_a_word: float = setting(1.5, "sigma", "that a value moved inside its tolerance",
+        "only wording: higher notes fewer")
+    dominant: float = setting(0.96, "of a joint's predictable error",
+        "that its findings have to explain",
+        "higher abstains more often; lower names what stands in for the unknown",
+        chosen="by judgement, changed once while developing on concealed cases: from 0.7")
+    precise: float = setting(0.99, "of a joint's predictable error",
+        "beyond which the rest is imprecision of a law",
+        "higher abstains more often; lower overlooks small unknown physics")
+
+
+JUDGEMENT = JudgementSettings()
+
+
+@dataclass(frozen=True)
+class BlackBoxSettings:
+    """The black box that looks for unknown physics (judgement.surrogate)."""
+
+    widths: tuple[float, ...] = setting((3e-4, 1e-3, 4e-3, 0.015, 0.06), "rad", "of its stops",
+        "more cost time and fit noise; fewer see less")
+    speeds: tuple[float, ...] = setting((0.002, 0.01, 0.04, 0.15), "rad/s", "of its signs",
+        "as above")
+    ridges: tuple[float, ...] = setting((1e-3, 1e-2, 1e-1, 1.0), "of the mean energy of a feature",
+        "of which the best is taken", "only bounds: the rows left out choose")
+    folds: int = setting(5, "", "of time, each left out once",
+        "more cost time; fewer train on less")
+    waves: int = setting(3, "per revolution", "of its dependence on position, at most",
+        "more fit noise; fewer see less")
+    hats: int = setting(12, "", "of its dependence on time",
+        "more fit noise; fewer miss what changes quickly")
+
+
+BLACK_BOX = BlackBoxSettings()
+
+
+@dataclass(frozen=True)
+class QuestionSettings:
+    """Questions asked of a residual (judgement.questions)."""
+
+    affected: float = setting(1.15, "noise floors", "of error, from which a joint is looked into",
+        "lower asks of noise; higher asks seldom")
+    least_evidence: float = setting(6.0, "nat", "for a yes",
+        "higher says no to weak dependence; lower yes to chance")
+    least_share: float = setting(0.05, "of the reducible error held out", "for a yes", "as above")
+    distances: tuple[float, ...] = setting((1e-3, 6e-3, 0.03, 0.15), "rad",
+        "over which friction may build up", "more cost time; fewer see less")
+    speeds: tuple[float, ...] = setting((0.01, 0.05), "rad/s", "over which friction may fade",
+        "as above")
+    hats: int = setting(5, "", "of a smooth dependence", "more fit noise; fewer see less")
+    least_reducible: float = setting(0.1, "of the floor", "that shares are taken of at least",
+        "lower gives shares of noise; higher understates")
+
+
+QUESTIONS = QuestionSettings()
+
+
+@dataclass(frozen=True)
+class RegionSettings:
+    """Where a finding is said to act (judgement.region)."""
+
+    narrow: float = setting(0.5, "ratio of medians", "below which a region is worth a word",
+        "only wording")
+    wide: float = setting(2.0, "ratio of medians", "above which it is", "only wording")
+    part: float = setting(0.2, "of the rows",
+        "that has half the energy, if a range of positions is worth a word", "only wording")
+    most: float = setting(0.75, "of the energy in a recording", "that its stretch of time holds",
+        "higher gives longer stretches")
+    all: float = setting(0.9, "of the energy in all recordings",
+        "that those with a stretch hold together", "higher names more recordings")
+    brief: float = setting(1.0 / 3.0, "of the rows", "that those stretches have at most",
+        "higher says a time where there is none in particular")
+
+
+REGION = RegionSettings()
+
+
+@dataclass(frozen=True)
+class ObservableSettings:
+    """What the motion says nothing of (judgement.conclusion)."""
+
+    price: float = setting(10.0, "nat", "that an effect would have to bring", "lower lists less",
+        chosen="as for missing physics")
+    hidden: float = setting(10.0, "noise floors", "that could act and not be seen",
+        "lower lists more; higher less")
+
+
+OBSERVABLE = ObservableSettings()
+
+
+@dataclass(frozen=True)
+class ConfidenceSettings:
+    """How sure a name is (judgement.findings)."""
+
+    weights: tuple[float, float, float] = setting((0.7, 0.25, 1.6), "logit", "of 1, lead and size",
+        "fitted, not chosen",
+        chosen=("measured: logistic regression on 68 names of 63 concealed cases "
+                "(benchmarks/diagnosis/diagnosis_calibration.py)"))
+    highest: float = setting(0.99, "", "that is ever said",
+        "higher claims more than 63 cases can show")
+    of_unknown: float = setting(0.75, "of the cases",
+        "in which what nothing explained was unknown physics there", "a frequency, not a choice",
+        chosen="measured on concealed cases")
+    of_contact: float = setting(0.95, "of the cases", "in which what looked like a push was one",
+        "a frequency, not a choice",
+        chosen="stated when confidence was first written; no count of it was kept")
+
+
+CONFIDENCE = ConfidenceSettings()

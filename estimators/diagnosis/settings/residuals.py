@@ -1,0 +1,176 @@
+"""Settings: what counts as a row, as noise, as a repeat and as a mistake of the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimators.diagnosis.settings.setting import setting
+from limo_driver.physics.friction import SIGN_WIDTH
+
+# A table: value, unit, meaning; what it trades; how it was chosen.
+# fmt: off
+
+
+@dataclass(frozen=True)
+class RowSettings:
+    """Which rows of recordings count (residuals.observations)."""
+
+    per_bandwidth: float = setting(2.5, "rows/(s Hz)", "rows of the slow grid",
+        "more cost time; fewer than 2 lose information",
+        chosen="a little above the sampling theorem")
+    samples_per_bandwidth: float = setting(20.0, "samples/(s Hz)",
+        "samples kept of fast recordings",
+        "more cost time and say nothing that passes the filters; fewer blur what is sharp before "
+        "it is filtered")
+    least: int = setting(200, "rows", "of all recordings together, on the slow grid",
+        "more refuse short recordings; fewer judge by little")
+    rest: float = setting(0.0015, "rad/s", "speed below which a joint is at rest",
+        "higher leaves out slow motion; lower fits friction that holds anything",
+        chosen=("by judgement, changed once while developing on concealed cases: 1.5 sign widths "
+                "were tried and taken back, since they left creep out of fits too"))
+    creep: float = setting(1.5 * SIGN_WIDTH, "rad/s",
+        "speed below which nothing is judged unknown",
+        "higher overlooks unknown friction; lower takes the smoothing of a sign for physics",
+        chosen="from the width of the smoothed sign, within which it is no sign")
+    near_rest: float = setting(1.0, "1/bandwidth", "left out before and after a rest",
+        "more leaves out motion; less leaves in what the filter spreads of rest",
+        chosen="about what the filter reaches; before, 0.1 s, which is the same at 10 Hz")
+    even: float = setting(1e-4, "sample periods",
+        "deviation from an even grid that does not matter",
+        "larger skips resampling that would be needed; smaller resamples for rounding")
+    difference: float = setting(1e-4, "rad", "step of derivatives of the rigid body",
+        "larger is less exact; smaller loses digits")
+
+
+ROWS = RowSettings()
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Errors that are alike in time (residuals.noise)."""
+
+    order: int = setting(3, "rows", "before, from which an error is predicted",
+        "more fits noise; fewer leaves errors alike, which look like physics")
+    ridge: float = setting(1e-3, "of the variance",
+        "added, so that a residual of nothing has an autoregression",
+        "larger predicts less; smaller is badly conditioned")
+    least: float = setting(1e-4, "N m", "deviation of any noise",
+        "larger hides what exact torques show; smaller takes rounding for physics",
+        chosen="below any torque sensor")
+    strongest: float = setting(0.97, "", "reflection, at most",
+        "higher remembers longer and takes slow physics for noise; lower whitens less",
+        chosen="so that errors forget within some fifty rows")
+
+
+NOISE = NoiseSettings()
+
+
+@dataclass(frozen=True)
+class HeldOutSettings:
+    """Motion that nothing is fitted to (residuals.held_out)."""
+
+    blocks: int = setting(8, "", "of each recording, in time",
+        "more are shorter and nearer to what is fitted; fewer hold out other motion")
+    which: tuple[int, ...] = setting((2, 5), "", "blocks held out, from 0",
+        "more leave less to fit to",
+        chosen="in the middle, so that effects that change with time are not extrapolated")
+    resamples: int = setting(400, "", "of the interval of the error removed",
+        "more cost time; fewer are a rough interval")
+    block: float = setting(3.0, "s", "of a stretch that is resampled whole",
+        "longer leaves few stretches; shorter takes errors for independent",
+        chosen="longer than errors remember")
+    nothing: float = setting(0.05, "of the noise's energy",
+        "reducible error below which no part of it is stated",
+        "larger states less; smaller states parts of noise")
+    guard: float = setting(1.0, "s", "between rows fitted and rows held out",
+        "longer leaves less; shorter lets the filter reach across")
+
+
+HELD_OUT = HeldOutSettings()
+
+
+@dataclass(frozen=True)
+class RepeatSettings:
+    """Motion recorded again (residuals.repeats)."""
+
+    alike: float = setting(0.05, "of a joint's RMS speed",
+        "by which the speeds of repeats may differ",
+        "larger pairs other motion; smaller misses repeats")
+    near: float = setting(0.02, "rad", "RMS by which their positions may differ",
+        "larger pairs other motion; smaller misses repeats")
+    least: float = setting(0.5, "of a recording", "that has to be in the other one",
+        "larger misses repeats; smaller judges by little")
+    fewest: int = setting(8, "rows", "of a recording",
+        "more overlook short repeats; fewer cannot be compared")
+
+
+REPEATS = RepeatSettings()
+
+
+@dataclass(frozen=True)
+class PlausibilitySettings:
+    """Torques that cannot be of that motion (residuals.plausibility)."""
+
+    better: float = setting(3.0, "times", "that undoing a mistake has to lower the misfit",
+        "higher lets mistakes pass; lower refuses odd arms")
+    strange: float = setting(0.1, "misfit", "above which a torque may belong to something else",
+        "lower tries to undo what is physics; higher lets mistakes pass")
+    fits: float = setting(0.4, "misfit", "below which a torque belongs to its motion",
+        "higher takes poor mending for a mistake; lower lets mistakes pass")
+    scale: float = setting(12.0, "times", "a sensor may be off",
+        "higher lets wrong units of one joint pass; lower refuses wrong gains")
+    scale_of_all: float = setting(4.0, "times", "all sensors together may be off",
+        "higher lets wrong units pass; lower refuses wrong masses")
+    alike: float = setting(0.8, "correlation", "of two torques that differ in their scale",
+        "lower finds exchanges that are none; higher misses them")
+    most: int = setting(8, "", "mistakes that are undone one after the other", "more cost time")
+    said: int = setting(3, "", "mistakes that a message names", "more make it long")
+    foreign: float = setting(0.5, "misfit", "of torques that follow no load of this arm",
+        "lower refuses odd arms; higher diagnoses noise")
+    expected: float = setting(0.25, "of the torque",
+        "that the load should make, if its lack is to tell",
+        "lower judges where there is no load; higher judges seldom")
+    alive: float = setting(3.0, "noise floors",
+        "of torque on a joint that does not move, beyond its load",
+        "lower doubts encoders for noise; higher misses stuck ones")
+    own: float = setting(0.5, "of that torque", "that is not load",
+        "lower doubts encoders of loaded joints; higher misses stuck ones")
+    apart: float = setting(0.05, "misfit", "beyond which bodies are others",
+        "lower asks for another arm too often; higher seldom")
+    apart_sigmas: float = setting(2.5, "tolerances of inertia", "the same, where those are wide",
+        "as above")
+    much_better: float = setting(5.0, "times",
+        "that a free rigid body fits better than the given one",
+        "lower asks for another arm too often; higher seldom")
+    many: int = setting(3, "joints", "on which it does",
+        "fewer take a payload for another arm; more ask seldom")
+    dependent: float = setting(1e-6, "of the largest singular value",
+        "of parameters that only act together", "numerical: rounding of a regressor")
+    negligible: float = setting(0.03, "misfit", "of which smaller ones are all good",
+        "larger sees no difference between good fits; smaller prefers by noise")
+    constant: float = setting(1e-9, "N m", "range of a torque that never changes",
+        "numerical: rounding")
+
+
+PLAUSIBILITY = PlausibilitySettings()
+
+
+@dataclass(frozen=True)
+class MistakeSettings:
+    """Mistakes of a log that are tried (residuals.mistakes)."""
+
+    least_moving: int = setting(50, "rows", "on which a joint has to move to be judged",
+        "more judge seldom; fewer judge by little")
+    rows: int = setting(1500, "", "that are enough to judge by", "more cost time")
+    rows_to_turn: int = setting(400, "", "the same, where all angles of a joint are tried",
+        "more cost time")
+    turns: int = setting(3, "", "of friction and angles in turn",
+        "more cost time; fewer do not settle")
+    left: float = setting(0.7, "of the recorded torque", "that may be left beside its gravity",
+        "higher puts gravity back where it was not taken out; lower misses that it was")
+    tiny: float = setting(1e-9, "N m, rad/s", "that nothing is divided by less than", "numerical")
+    angles: int = setting(120, "", "of a joint that are tried, over a turn",
+        "more cost time; fewer miss the zero")
+
+
+MISTAKES = MistakeSettings()

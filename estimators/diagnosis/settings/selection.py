@@ -1,0 +1,79 @@
+"""Settings: what is believed before any data, and how sets of effects are searched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimators.diagnosis.settings.setting import setting
+
+# A table: value, unit, meaning; what it trades; how it was chosen.
+# fmt: off
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """The beam of sets (selection.search)."""
+
+    width: int = setting(6, "sets", "that are grown further",
+        "more cost time; fewer miss sets whose parts only help together")
+    largest: int = setting(10, "effects", "in a set beyond its base",
+        "more cost time; fewer cannot tell all of a real arm",
+        chosen=("by judgement, changed once while developing on concealed cases: from 6, since a "
+                "real arm lacks some at every joint"))
+
+
+SEARCH = SearchSettings()
+
+
+@dataclass(frozen=True)
+class CandidateSettings:
+    """Priors of what competes (selection.candidates)."""
+
+    missing: float = setting(10.0, "nat", "that missing physics has to bring",
+        "higher misses small effects; lower gives false alarms",
+        chosen=("by judgement, above the log of the some hundred effects at places that compete "
+                "(4.6 nat)"))
+    deviating: float = setting(5.0, "nat", "that a wrong parameter has to bring", "as above",
+        chosen="less, since everybody knows the parameter to be there")
+    wrong: float = setting(1.0, "relative", "deviation of a parameter that is simply wrong",
+        "smaller misses very wrong values; larger costs evidence")
+    wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
+    tiny: float = setting(1e-12, "", "strength below which a column is zero", "numerical")
+    together: int = setting(20, "hypotheses", "that pass the filter in one go",
+        "more need memory; fewer cost time")
+    payload: tuple[float, float, float] = setting((2.0, 0.2, 0.02), "kg, kg m, kg m²",
+        "1 sigma of mass, moment and inertia of a payload",
+        "larger costs small payloads evidence; smaller large ones")
+
+
+CANDIDATES = CandidateSettings()
+
+
+@dataclass(frozen=True)
+class ToleratedSettings:
+    """What may differ anyway (selection.nuisance)."""
+
+    sensor_lag: float = setting(3e-4, "s",
+        "1 sigma of a torque sensor's filter against the encoder's",
+        "larger hides delays; smaller finds delays that are the sensor")
+    width: float = setting(0.7, "relative", "1 sigma of the width of a smoothed sign",
+        "larger hides friction laws; smaller takes widths for physics")
+
+
+TOLERATED = ToleratedSettings()
+
+
+@dataclass(frozen=True)
+class BaseFrictionSettings:
+    """Friction that a bare description lacks (selection.base_friction)."""
+
+    turns: int = setting(2, "", "of noise and widths in turn",
+        "more cost time; fewer do not settle")
+    narrowest: float = setting(2.5e-4, "rad/s", "width of a sign that is tried",
+        "narrower cannot be told from a step")
+    widest: float = setting(8e-3, "rad/s", "width of a sign that is tried",
+        "wider is viscous friction by another name")
+    widths: int = setting(6, "", "that are tried, evenly in their logarithm", "more cost time")
+
+
+BASE_FRICTION = BaseFrictionSettings()

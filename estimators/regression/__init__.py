@@ -1,0 +1,1 @@
+"""Bayesian linear regression: normal equations, priors, posteriors, and the evidence of a model."""

@@ -1,0 +1,115 @@
+"""Plug-ins: classes by name in groups of entry points, of limo itself and of other distributions.
+
+Nothing is looked for until a name is asked for, and then once in a process. A plug-in that cannot
+be used is an error for who asks for its name, and for nobody else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any, Final
+
+from limo_driver.errors import BackendNotFoundError, LimoError, PlugInError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+    from importlib.metadata import EntryPoint
+
+ROBOTS: Final = "limo.robots"
+ESTIMATORS: Final = "limo.estimators"
+EFFECTS: Final = "limo.effects"
+OWN: Final = "limo"  # the distribution whose names no other may take
+
+
+@dataclass(frozen=True)
+class PlugIn:
+    """A class that a distribution registers by name; nothing of it is imported yet."""
+
+    group: str
+    name: str
+    target: str  # module:class
+    distribution: str
+    entry: EntryPoint
+
+    @property
+    def kind(self) -> str:
+        """What the group holds, in the singular."""
+        return self.group.removeprefix("limo.").removesuffix("s")
+
+    def load(self) -> Any:  # noqa: ANN401  # the class behind the entry point
+        """Import the class.
+
+        Raises:
+            PlugInError: Whatever went wrong with one of another distribution.
+        """
+        if self.distribution == OWN:  # whose errors say what they mean
+            return self.entry.load()
+        try:
+            return self.entry.load()
+        except Exception as error:  # foreign code may raise anything
+            what = "" if isinstance(error, LimoError) else f"{type(error).__name__}: "
+            raise self.unusable(f"{what}{error}") from error
+
+    def unusable(self, reason: str) -> PlugInError:
+        """Return the error that names distribution and entry point."""
+        return PlugInError(self.group, self.name, self.target, self.distribution, reason)
+
+
+def names(group: str) -> tuple[str, ...]:
+    """Return all names that are registered in a group, in order; nothing is imported."""
+    return tuple(sorted(_registered().get(group, {})))
+
+
+def plug_in(group: str, name: str, own: Collection[str] = ()) -> PlugIn | None:
+    """Return what is registered as `name` in a group, if anything is.
+
+    Args:
+        group: Of entry points.
+        name: In the group.
+        own: Names of limo itself that no entry point tells.
+
+    Raises:
+        PlugInError: Another distribution uses a name of limo's own, or two use the same.
+    """
+    found = _registered().get(group, {}).get(name, ())
+    foreign = [item for item in found if item.distribution != OWN]
+    if foreign and (name in own or len(foreign) < len(found)):
+        raise foreign[0].unusable(
+            f"{name!r} is a name of limo's own; it has to take another, or to be uninstalled"
+        )
+    if len(foreign) > 1:
+        others = " and ".join(item.distribution for item in foreign[1:])
+        raise foreign[0].unusable(f"{others} registers that name, too; uninstall one of them")
+    return found[0] if found else None
+
+
+def find(group: str, name: str) -> Any:  # noqa: ANN401  # the class behind an entry point
+    """Return the class registered as `name` in an entry point group.
+
+    Raises:
+        BackendNotFoundError: No such name; the message lists the known ones.
+        PlugInError: The name is taken twice, or what it stands for cannot be imported.
+    """
+    found = plug_in(group, name)
+    if found is None:
+        raise BackendNotFoundError(
+            group.removeprefix("limo.").removesuffix("s"), name, names(group)
+        )
+    return found.load()
+
+
+@cache
+def _registered() -> Mapping[str, Mapping[str, tuple[PlugIn, ...]]]:
+    """Return what each of limo's groups holds, by name."""
+    from importlib.metadata import entry_points
+
+    everything = entry_points()
+    found: dict[str, dict[str, tuple[PlugIn, ...]]] = {}
+    for group in (ROBOTS, ESTIMATORS, EFFECTS):
+        named = found.setdefault(group, {})
+        for entry in everything.select(group=group):
+            owner = "" if entry.dist is None else entry.dist.name
+            item = PlugIn(group, entry.name, entry.value, owner, entry)
+            named[entry.name] = (*named.get(entry.name, ()), item)
+    return found

@@ -1,0 +1,93 @@
+"""What effects say of themselves and of each other fits together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from limo_driver.physics import (
+    CATALOGUE,
+    CoulombFriction,
+    JointElasticity,
+    PreslidingHysteresis,
+    Recorded,
+    TimeDelay,
+)
+from limo_driver.physics.catalogue import confusion_of, description_of, identical_to
+
+OF_BODIES = "link_inertia"
+SOUGHT_OTHERWISE = {"payload", "external_contact"}  # by the regressor, and by a scan over time
+
+
+@pytest.fixture
+def recorded():
+    position = np.linspace([-1.0] * 3, [1.0] * 3, 50)
+    warm = np.full((200, 3), 30.0)
+    return Recorded(position, warm, 0.0, 20.0, 20.0, np.array([0.0, 0.0, -9.81]), ())
+
+
+def tried(effect, recorded):
+    return [*effect.at_joint(2, recorded), *effect.on_arm(recorded)]
+
+
+def test_every_pair_is_stated_once_and_of_what_there_is():
+    pairs = [
+        frozenset({effect.name, item.other})
+        for effect in CATALOGUE.values()
+        for item in effect.description.confusions
+    ]
+    assert len(set(pairs)) == len(pairs) == 36
+    assert {name for pair in pairs for name in pair} <= {*CATALOGUE, OF_BODIES}
+
+
+def test_a_pair_is_known_from_both_sides():
+    known = confusion_of("backlash", "joint_elasticity")
+    assert known is confusion_of("joint_elasticity", "backlash")
+    assert known is not None
+    assert known.motion == "load_reversal"
+    assert confusion_of("backlash", "viscous_friction") is None
+    assert identical_to("torque_offset") == ("asymmetric_friction",)
+    assert identical_to("asymmetric_friction") == ("torque_offset",)
+    assert identical_to(OF_BODIES) == ("payload",)
+    assert identical_to("backlash") == ()
+    assert description_of("no_effect").signature == ""
+
+
+@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE)
+def test_every_effect_says_how_it_shows(effect):
+    known = effect.description
+    assert known.signature
+    assert not known.signature.endswith(".")
+    assert known.part_of in {"", OF_BODIES, *CATALOGUE}
+    assert known.shown_by or effect.name in SOUGHT_OTHERWISE
+
+
+@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE)
+def test_what_is_tried_comes_out_as_what_it_is(effect, recorded):
+    found = tried(effect, recorded)
+    assert bool(found) == (effect.name not in SOUGHT_OTHERWISE)
+    further = [law for hypothesis in found[:1] for law in effect.further_laws(hypothesis)]
+    for hypothesis in (*found, *further):
+        assert hypothesis.effect == effect.name
+        assert hypothesis.joints[:1] in {(1,), ()}
+        sizes = np.full(len(hypothesis.terms), 2.0)
+        (made,) = hypothesis.realise(sizes)
+        assert isinstance(made, effect)
+        assert len(hypothesis.settings) == len(hypothesis.bounds) or not hypothesis.bounds
+        if hypothesis.family is not None:
+            again = hypothesis.family(*hypothesis.settings)
+            assert again == replace(hypothesis, realise=again.realise)
+
+
+def test_two_of_one_kind_are_one_where_that_has_a_meaning():
+    dry = CoulombFriction(joint=1, tau_c=1.0)
+    assert dry.with_more(replace(dry, tau_c=0.5)) == replace(dry, tau_c=1.5)
+    assert dry.with_more(replace(dry, joint=2)) is None
+    soft = JointElasticity(joint=1, stiffness=2e4)
+    assert soft.with_more(soft) == replace(soft, stiffness=1e4)
+    slip = PreslidingHysteresis(joint=1, stiffness=(10.0,), width=(0.01,))
+    assert slip.with_more(slip) is None
+    assert soft.with_more(dry) is None
+    assert TimeDelay(joint=1, delay=0.01).with_more(TimeDelay(joint=1, delay=0.01)) is None
