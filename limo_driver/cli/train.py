@@ -10,7 +10,6 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from estimators.hybrid.fitted_network import FittedNetwork
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.residual_model import ResidualModel
@@ -102,17 +101,15 @@ def command(  # one argument for each option
     import json
     from dataclasses import replace
 
-    from estimators.hybrid import HybridModel
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from limo_driver.console.terminal import terminal
-    from limo_driver.plugins import ESTIMATORS, plug_in
+    from limo_driver.workflow.learning import require_model
 
-    plug_in(ESTIMATORS, model, NETWORKS)  # refuses one that takes the name of a network
+    require_model(model)
     if model not in NETWORKS:
-        estimator = _estimator(model, tuple(NETWORKS))
         _refuse_network_options(context, model)
-        _train_estimator(estimator, recordings, sim, out, bandwidth, as_json=as_json)
+        _train_estimator(model, recordings, sim, out, bandwidth, as_json=as_json)
         return
     usual = usual_settings(features)
     settings = replace(
@@ -134,8 +131,7 @@ def command(  # one argument for each option
         device=device,
     )
     simulation, measured, notes = _load(recordings, sim, out)
-    hybrid = HybridModel(simulation, settings)
-    hybrid.fitted_ = _train(simulation, measured, settings, notes)
+    hybrid = _train(simulation, measured, settings, notes)
     hybrid.save(out)
     rmse, gain = hybrid.fitted.record["rmse"], hybrid.fitted.gain.tolist()
     if as_json:
@@ -166,10 +162,10 @@ def _load(
 
 def _train(
     simulation: Simulation, recordings: list[Recording], settings: TrainingSettings, notes: Console
-) -> FittedNetwork:
+) -> ResidualModel[Any]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from estimators.hybrid.model import train
+    from limo_driver.workflow.learning import train
 
     trainings = settings.folds + 1 if settings.folds > 1 else 1
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
@@ -186,7 +182,7 @@ def _train(
                 f"loss {epoch.training_loss:.4f}  held-out {epoch.held_out_loss:.4f}",
             )
 
-        return train(simulation, recordings, settings, on_epoch)
+        return train(simulation, recordings, settings.model, settings=settings, progress=on_epoch)
 
 
 def _print(
@@ -196,8 +192,8 @@ def _print(
 
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
-        caption="held-out: blocks that choose which weights are kept; left out: stretches foretold "
-        "by networks that did not see them, which the standard deviation and the gain come from; "
+        caption="held-out: blocks that choose which weights are kept; left out: stretches "
+        "predicted by networks that did not see them, which the standard deviation and the gain come from; "
         "gain: the part of the network's torque that they confirm",
     )
     table.add_column("joint", justify="right")
@@ -219,22 +215,6 @@ def _print(
 _OF_EVERY_MODEL: Final = frozenset(("recordings", "sim", "out", "model", "bandwidth", "as_json"))
 
 
-def _estimator(model: str, networks: tuple[str, ...]) -> type[ResidualModel[Any]]:
-    """Return what is no network, by its name.
-
-    Raises:
-        ConfigError: There is none, or it is trained in another way.
-        PlugInError: It is of another distribution and cannot be used.
-    """
-    from estimators.registry import known_estimators, to_train, trained_by_name
-    from limo_driver.errors import ConfigError
-
-    if model not in known_estimators():
-        known = ", ".join((*trained_by_name(), *networks))
-        raise ConfigError(f"no model is called {model!r}; known: {known}")
-    return to_train(model)
-
-
 def _refuse_network_options(context: typer.Context, model: str) -> None:
     """Refuse options that only networks have a use for.
 
@@ -251,7 +231,7 @@ def _refuse_network_options(context: typer.Context, model: str) -> None:
 
 
 def _train_estimator(
-    estimator: type[ResidualModel[Any]],
+    name: str,
     recordings: list[Path],
     sim: Path,
     out: Path,
@@ -264,9 +244,10 @@ def _train_estimator(
     from rich.table import Table
 
     from limo_driver.console.terminal import terminal
+    from limo_driver.workflow.learning import train
 
     simulation, measured, _ = _load(recordings, sim, out)
-    model = estimator.unfitted(simulation, bandwidth).fit(measured)
+    model = train(simulation, measured, name, bandwidth=bandwidth)
     model.save(out)
     rmse = model.fitted.record.get("rmse", {})
     if as_json:
@@ -277,9 +258,9 @@ def _train_estimator(
         return
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
-        caption=f"held out: {estimator.held_out_is}",
+        caption=f"held out: {model.held_out_is}",
     )
-    for heading in ("joint", "simulation", f"{estimator.name}, held out"):
+    for heading in ("joint", "simulation", f"{model.name}, held out"):
         table.add_column(heading, justify="right")
     for j, values in enumerate(zip(rmse["simulation"], rmse["held_out"], strict=True)):
         table.add_row(str(j + 1), *(f"{value:.4f}" for value in values))

@@ -166,8 +166,8 @@ def train(
     Args:
         simulation: Normally an identified one.
         recordings: Of its robot.
-        model: `joint-physics`, fitted in closed form with standard deviations; or a network: mlp7,
-            lstm-2, lstm-fcl, transformer.
+        model: `joint-physics`, fitted in closed form with standard deviations; a network: mlp7,
+            lstm-2, lstm-fcl, transformer; or an estimator of another distribution.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; that of `settings`, or 10, if
             not given.
         settings: Of a network's training; the usual ones if not given. `model` is its name.
@@ -178,22 +178,18 @@ def train(
 
     Raises:
         ConfigError: There is no such model, or settings were given for one that has none.
+        PlugInError: It is of another distribution and cannot be used.
         RecordingError: A recording is of another robot, or too short.
         DivergedError: The loss of a network is no longer finite.
 
     Example:
         >>> train(sim, [Recording.load("run.parquet")], "lstm-fcl").save("model/")
     """
-    from estimators.joint_physics import JointPhysics
-    from estimators.neural import NETWORKS
-
-    if model == JointPhysics.name:
+    estimator = require_model(model)
+    if estimator is not None:
         if settings is not None:
             raise ConfigError(f"settings are of networks; {model} has no such choice")
-        return JointPhysics(simulation, bandwidth or BANDWIDTH).fit(recordings)
-    if model not in NETWORKS:
-        known = ", ".join((JointPhysics.name, *NETWORKS))
-        raise ConfigError(f"no model is called {model!r}; known: {known}")
+        return estimator.unfitted(simulation, bandwidth or BANDWIDTH).fit(recordings)
     from estimators.hybrid import HybridModel
     from estimators.hybrid.model import train as fitted
     from estimators.hybrid.training.settings import TrainingSettings
@@ -204,3 +200,26 @@ def train(
     hybrid = HybridModel(simulation, chosen)
     hybrid.fitted_ = fitted(simulation, recordings, chosen, progress or (lambda _epoch: None))
     return hybrid
+
+
+def require_model(name: str) -> type[ResidualModel[Any]] | None:
+    """Return the estimator of a name that `train` takes; None for a network of limo's own.
+
+    Args:
+        name: As for `train`.
+
+    Raises:
+        ConfigError: There is none, or it is trained in another way.
+        PlugInError: It is of another distribution and cannot be used.
+    """
+    from estimators.neural import NETWORKS
+    from estimators.registry import known_estimators, to_train, trained_by_name
+    from limo_driver.plugins import ESTIMATORS, plug_in
+
+    plug_in(ESTIMATORS, name, NETWORKS)  # refuses one that takes the name of a network
+    if name in NETWORKS:
+        return None
+    if name not in known_estimators():
+        known = ", ".join((*trained_by_name(), *NETWORKS))
+        raise ConfigError(f"no model is called {name!r}; known: {known}")
+    return to_train(name)
