@@ -1,4 +1,4 @@
-"""Setting: a number that somebody chose, with its unit, why it is so, and what it trades."""
+"""Settings: numbers that somebody chose, each with unit, reason, and what it trades."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothin
 
 
 @dataclass(frozen=True)
-class Setting:
+class ChosenNumber:
     """What is known of a number."""
 
     name: str
@@ -44,7 +44,7 @@ def setting(
     return field(default=value, metadata=known)
 
 
-def settings_of(group: Any) -> Iterator[Setting]:  # noqa: ANN401  # a dataclass of settings
+def settings_of(group: Any) -> Iterator[ChosenNumber]:  # noqa: ANN401  # a dataclass of settings
     """Yield the settings of a group, in order."""
     for item in fields(group):
-        yield Setting(item.name, getattr(group, item.name), **item.metadata)
+        yield ChosenNumber(item.name, getattr(group, item.name), **item.metadata)
