@@ -193,8 +193,8 @@ def _print(
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
         caption="held-out: blocks that choose which weights are kept; left out: stretches "
-        "predicted by networks that did not see them, which the standard deviation and the gain come from; "
-        "gain: the part of the network's torque that they confirm",
+        "predicted by networks that did not see them, which the standard deviation and the gain "
+        "come from; gain: the part of the network's torque that they confirm",
     )
     table.add_column("joint", justify="right")
     for where in ("training", "held-out"):
