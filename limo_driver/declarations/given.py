@@ -1,5 +1,4 @@
-"""What a file declares at one place, whatever its format, and how it is taken from there."""
-
+"""Take declared values from one place of a file, whatever its format."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
