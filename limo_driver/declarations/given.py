@@ -1,4 +1,5 @@
 """Take declared values from one place of a file, whatever its format."""
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
