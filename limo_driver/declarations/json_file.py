@@ -1,0 +1,82 @@
+"""JSON files: values as they are, each named by the way to it."""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from limo_driver.declarations.given import Given
+from limo_driver.parameters import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from limo_driver.errors import PlacedError
+
+
+class JsonGiven(Given):
+    """What stands at a place of a JSON file; `content` is a value."""
+
+    mapping = "an object"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is given."""
+        return self.content is None
+
+    @cached_property
+    def entries(self) -> Mapping[str, Given]:
+        """The entries of an object, by name; refuses what is none."""
+        if not isinstance(self.content, dict):
+            self.refuse(self.mapping)
+        return {name: self._inner(value, name) for name, value in self.content.items()}
+
+    @cached_property
+    def items(self) -> Sequence[Given] | None:
+        """The items of a list; None if it is none."""
+        if not isinstance(self.content, list):
+            return None
+        return [self._inner(value, f"number {i}") for i, value in enumerate(self.content, start=1)]
+
+    def scalar(self, kind: str) -> Any:  # noqa: ANN401, ARG002  # JSON has types
+        """Return one value as it is given."""
+        return self.content
+
+    def plain(self) -> Any:  # noqa: ANN401  # of any type that JSON knows
+        """Return what is given."""
+        return self.content
+
+    @property
+    def said(self) -> str:
+        """What is given, for messages."""
+        return shown(self.content)
+
+    def _inner(self, value: Any, called: str) -> JsonGiven:  # noqa: ANN401  # from JSON
+        return JsonGiven(value, self.path, self.error, self, called)
+
+
+def read_json(
+    path: Path, error: type[PlacedError], schema: int, text: str | bytes | None = None
+) -> JsonGiven:
+    """Read a JSON file, an object of a schema.
+
+    Args:
+        path: The file.
+        error: Raised for every mistake, here and later.
+        schema: Number that its entry `schema` has to be.
+        text: What stands in it, if that was read already.
+
+    Raises:
+        error: No file, no JSON, or of another schema.
+    """
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8") if text is None else text)
+    except OSError as failure:
+        raise error(f"cannot be read: {failure.strerror}", path=path) from None
+    except (ValueError, RecursionError) as failure:
+        raise error(f"is no JSON: {failure}", path=path) from None
+    if not isinstance(content, dict) or content.get("schema") != schema:
+        raise error(f"its schema is not {schema}", path=path)
+    return JsonGiven(content, path, error)
