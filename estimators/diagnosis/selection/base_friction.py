@@ -19,8 +19,7 @@ from estimators.diagnosis.selection.columns import Columns, Products
 from estimators.diagnosis.selection.evidence import Evidence, Posterior
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
-from limo_driver.physics import CoulombFriction, PreslidingHysteresis, ViscousFriction
-from limo_driver.physics.effect import Friction
+from limo_driver.physics import CoulombFriction, ViscousFriction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,12 +34,7 @@ _TURNS = 2  # of noise and widths in turn
 
 def without_friction(simulation: Simulation) -> tuple[int, ...]:
     """Return the joints (0-based) that a simulation gives no friction of any kind."""
-    known = {
-        joint
-        for effect in simulation.effects
-        if isinstance(effect, (Friction, PreslidingHysteresis))
-        for joint in effect.joints
-    }
+    known = {joint for effect in simulation.effects if effect.rubs for joint in effect.joints}
     return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
 
 
