@@ -29,7 +29,7 @@ from estimators.joint_physics.column_scan import (
     WIDTHS,
 )
 from limo_driver.compiled import compiled
-from limo_driver.physics.hysteresis import PreslidingHysteresis
+from limo_driver.physics import TorqueEffect
 
 if TYPE_CHECKING:
     from estimators.joint_physics.columns import JointColumns
@@ -89,7 +89,7 @@ def _simulated(simulation: Simulation, n: int) -> FloatArray:
     """Return the heights of the simulated stops, each shared by the two widths next to its own."""
     heights = np.zeros((n, _STOPS))
     for effect in simulation.effects:
-        if isinstance(effect, PreslidingHysteresis):
+        if isinstance(effect, TorqueEffect):
             for height, width in effect.stops():
                 place = np.interp(np.log(width), np.log(WIDTHS), np.arange(_STOPS))
                 below = min(int(place), _STOPS - 2)

@@ -87,6 +87,7 @@ class Effect(Declared, ABC):
 
     name: ClassVar[str]  # the identifier in sim.yaml and in a diagnosis
     description: ClassVar[Description] = Description()
+    rubs: ClassVar[bool] = False  # whether it is friction, as every joint has some of
 
     @classmethod
     @cache  # effects are made by the thousand while they are fitted
@@ -240,12 +241,18 @@ class TorqueEffect(JointEffect):
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the torque of T samples, (T,) [N m], and the memory after them."""
 
+    def stops(self) -> tuple[tuple[float, float], ...]:
+        """Return heights [N m] and widths [rad] of stops that remember the beginning as long."""
+        return ()
+
 
 class Friction(TorqueEffect):
     """Torque without memory that vanishes with the velocity and has its sign.
 
     The simulated robot takes it as a damping, so that it dissipates at any step size.
     """
+
+    rubs: ClassVar[bool] = True
 
 
 class MotionEffect(JointEffect):

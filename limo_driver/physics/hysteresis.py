@@ -106,6 +106,7 @@ class PreslidingHysteresis(TorqueEffect):
             ),
         ),
     )
+    rubs: ClassVar[bool] = True
     law: str = parameter("text", "what remembers", of=LAWS, default="maxwell_slip")
     stiffness: tuple[float, ...] = _list("N m/rad", "stiffness of each element", 0.0, 1e7)
     width: tuple[float, ...] = _list("rad", "deflection at which each element slips", 1e-7, 1.0)
@@ -156,7 +157,7 @@ class PreslidingHysteresis(TorqueEffect):
         return float(sum(self.stiffness)) if self.stiffness else self.sigma_0 or 0.0
 
     def stops(self) -> tuple[tuple[float, float], ...]:
-        """Return heights [N m] and widths [rad] of stops that remember the beginning as long.
+        """Return those of the law.
 
         Bristles forget exponentially, a hundredth being left after twice such a width; a relay
         once the joint has turned from one threshold to the other.

@@ -20,8 +20,7 @@ from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.selection import BASE_FRICTION
 from estimators.regression.evidence import Evidence, Posterior
-from limo_driver.physics import CoulombFriction, PreslidingHysteresis, ViscousFriction
-from limo_driver.physics.effect import Friction
+from limo_driver.physics import CoulombFriction, ViscousFriction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,12 +36,7 @@ _BASE = (CoulombFriction.name, ViscousFriction.name)
 
 def without_friction(simulation: Simulation) -> tuple[int, ...]:
     """Return the joints (0-based) that a simulation gives no friction of any kind."""
-    known = {
-        joint
-        for effect in simulation.effects
-        if isinstance(effect, (Friction, PreslidingHysteresis))
-        for joint in effect.joints
-    }
+    known = {joint for effect in simulation.effects if effect.rubs for joint in effect.joints}
     return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
 
 
