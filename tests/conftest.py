@@ -1,5 +1,6 @@
 """What tests of several parts share."""
 
+import signal
 import sys
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -35,6 +36,15 @@ for name, alike in (("alike", True), ("explore", False)):
         suppress_health_check=[hypothesis.HealthCheck.too_slow],
     )
 hypothesis.settings.load_profile("alike")
+
+
+def pytest_configure() -> None:
+    """Hear Ctrl-C, and let the programs of tests hear it, where a shell in the background does not.
+
+    What is ignored stays ignored in every process that is started, in which tests wait for it.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
