@@ -33,6 +33,7 @@ FENCE = re.compile(
 PROGRAM = re.compile(
     r"^(limo [a-z]+ --[a-z-]+ \S|limo [a-z]+ \w+\.|python |make |pip )", flags=re.MULTILINE
 )
+RUNS = 4  # of a block whose arm holds
 LONGEST = 1200  # [s] that a block may take before something hangs
 NOT_RUN = {
     "CONTRIBUTING.md": ["runs what runs this"],
@@ -225,7 +226,11 @@ TO_RUN = {
 def test_a_document_does_what_it_says(document, reader):
     folder = reader(document)
     for block in TO_RUN[document]:
-        done = run(block, folder)
+        # On a machine too busy for real time a driver has to hold; its user runs it again.
+        for _ in range(RUNS):
+            done = run(block, folder)
+            if done.returncode == 0 or "limo: the arm holds (" not in done.stdout:
+                break
         assert done.returncode == 0, f"{block}:\n{done.stdout}"
         assert "Traceback" not in done.stdout, f"{block}:\n{done.stdout}"
 
