@@ -97,7 +97,7 @@ class _MachineCode:
 
     def __init__(self, dispatcher: Dispatcher) -> None:
         self._dispatcher = dispatcher
-        self._place: kept_code.Place | None = None
+        self._place: kept_code.CodePlace | None = None
         self.cache_path = None  # numba's statistics ask for it
 
     def is_kept(self) -> bool:
@@ -123,12 +123,12 @@ class _MachineCode:
         self._place = None
         self.place().write(_key(sig, data.codegen), lambda: dumps(data._reduce()))
 
-    def place(self) -> kept_code.Place:
+    def place(self) -> kept_code.CodePlace:
         """Return where the code is kept that is made from what the function uses now."""
         if self._place is None:
             source = self._dispatcher.py_func.__code__.co_filename
             name, made_from = _name(self._dispatcher), digest(self._dispatcher)
-            self._place = kept_code.Place(source, name, made_from)
+            self._place = kept_code.CodePlace(source, name, made_from)
         return self._place
 
     def flush(self) -> None:

@@ -42,7 +42,7 @@ class Condition(StrEnum):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Violations:
     """Which of T configurations break which condition; each array has shape (T,)."""
 
     broken: Mapping[Condition, NDArray[np.bool_]]
@@ -87,13 +87,13 @@ class Feasibility:
             self._choose_pairs()
         self._reach = self._reaches()
 
-    def check(self, position: FloatArray) -> Verdict:
+    def check(self, position: FloatArray) -> Violations:
         """Check joint limits, table and self-collision of joint positions (T, n) [rad]."""
         gap, lowest = self._clearances(position)
         need = self.surroundings.clearance
         floor = self.surroundings.table_height + need
         outside = (position < self.lower - ROUNDING) | (position > self.upper + ROUNDING)
-        return Verdict(
+        return Violations(
             {
                 Condition.JOINT_LIMITS: np.any(outside, axis=1),
                 Condition.TABLE: np.any(lowest[:, self._above_table] < floor, axis=1),
@@ -101,14 +101,14 @@ class Feasibility:
             }
         )
 
-    def check_scaffold(self, position: FloatArray) -> Verdict:
+    def check_scaffold(self, position: FloatArray) -> Violations:
         """Check joint positions (T, n) [rad] as `check` does, and the effective workspace."""
         space = self.workspace
         flange = self.chain.flange_position(position)
         far = np.linalg.norm(flange - np.array(space.centre), axis=1) > space.radius
         outside = (flange < np.array(space.lower)) | (flange > np.array(space.upper))
         workspace = {Condition.WORKSPACE: np.logical_or(far, outside.any(axis=1))}
-        return Verdict({**workspace, **self.check(position).broken})
+        return Violations({**workspace, **self.check(position).broken})
 
     def margins(self, position: FloatArray) -> FloatArray:
         """Return what is left of every distance at joint positions (T, n) [rad], (T, m) [m].

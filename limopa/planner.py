@@ -31,7 +31,7 @@ REACHING, EXPLORING = "reaching", "exploring"
 
 
 @dataclass(frozen=True)
-class Phase:
+class PlanPhase:
     """One phase of a plan: its path, and its parameter at each sample of its segment."""
 
     kind: str  # reaching or exploring
@@ -47,7 +47,7 @@ class Plan(Displayed):
     seed: int
     trajectory: Trajectory
     scaffolds: FloatArray  # (L, n) [rad], in the order of the motion
-    phases: tuple[Phase, ...]
+    phases: tuple[PlanPhase, ...]
     candidates: int  # random configurations drawn
     rejections: Mapping[str, Mapping[str, int]]  # stage → condition → count
     unchecked_pairs: tuple[tuple[str, str], ...]  # links that touch by construction
@@ -114,7 +114,7 @@ class _Planner:
             trajectory=joined(parts, self.period, self.model.name),
             scaffolds=np.array(self.scaffolds),
             phases=tuple(
-                Phase(kind, path, timed.parameter)
+                PlanPhase(kind, path, timed.parameter)
                 for (kind, path), timed in zip(self.paths, self.timed, strict=True)
             ),
             candidates=self.sampler.drawn,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
-    from limopa.planner import Phase, Plan
+    from limopa.planner import Plan, PlanPhase
 
 BIN = np.radians(5.0)  # width of a bin of joint coverage [rad]
 STILL = 1e-9  # [rad/s], below which a joint has no direction of rotation
@@ -121,7 +121,7 @@ def relative_peaks(plan: Plan, model: RobotModel) -> Peaks:
     )
 
 
-def path_deviation(plan: Plan, phase: Phase, rows: slice, rate: float = 1000.0) -> float:
+def path_deviation(plan: Plan, phase: PlanPhase, rows: slice, rate: float = 1000.0) -> float:
     """Return how far the trajectory leaves the path of one phase at most, any joint [rad].
 
     The trajectory is evaluated at `rate` [Hz], also between its samples; the nearest point of the

@@ -2,7 +2,7 @@
 
 from backends.can.config import ArmConfig
 from backends.can.errors import DriveError
-from backends.can.link import DriveState
+from backends.can.link import DriveStatus
 from backends.can.robot import CanRobot
 
-__all__ = ["ArmConfig", "CanRobot", "DriveError", "DriveState"]
+__all__ = ["ArmConfig", "CanRobot", "DriveError", "DriveStatus"]

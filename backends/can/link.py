@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from backends.can.port import Frame, Port
+    from backends.can.port import BusPort, Frame
     from limo_driver.types import FloatArray, JointCommand
 
 BACKLOG: Final = 256  # frames that are still read when no time is left
@@ -19,7 +19,7 @@ OVERSLEPT: Final = 0.25  # of a period by which this program woke up late
 
 
 @dataclass(frozen=True)
-class DriveState:
+class DriveStatus:
     """What is known of one drive; a value that never came is NaN, never zero."""
 
     node: int
@@ -48,7 +48,7 @@ def status_line(status: str, error: str, silent: int) -> str:
 
 
 @dataclass(frozen=True)
-class Sample:
+class DriveSample:
     """What the drives measured in one cycle; each array has shape (n,)."""
 
     position: FloatArray  # [rad]
@@ -68,7 +68,7 @@ class Link(ABC):
         period: Of the cycles [s].
     """
 
-    def __init__(self, port: Port, period: float) -> None:
+    def __init__(self, port: BusPort, period: float) -> None:
         self.port, self._period = port, period
         self.overslept = 0.0  # how late this program woke up for answers, in the last cycle [s]
 
@@ -121,7 +121,7 @@ class Link(ABC):
         self._hear(until, lambda: False)
 
     @abstractmethod
-    def measure(self, until: float) -> Sample | None:
+    def measure(self, until: float) -> DriveSample | None:
         """Start a cycle and return what all drives measured; None if one was not heard in time."""
 
     @abstractmethod
@@ -129,7 +129,7 @@ class Link(ABC):
         """Say why the arm has to hold; empty if it need not."""
 
     @abstractmethod
-    def drives(self) -> tuple[DriveState, ...]:
+    def drives(self) -> tuple[DriveStatus, ...]:
         """Return what is known of every drive."""
 
     @abstractmethod

@@ -48,7 +48,7 @@ class PortCounts:
     errors: int = 0  # error frames
 
 
-class Port(Closing):
+class BusPort(Closing):
     """An open bus.
 
     Args:

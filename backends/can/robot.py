@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from backends.can.config import CIA402, ArmConfig
-from backends.can.port import Port
+from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.robot.robot import Robot
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     import can
 
-    from backends.can.link import DriveState, Link
+    from backends.can.link import DriveStatus, Link
     from limo_driver.types import FloatArray, JointCommand
 
 BRAKING_TIMEOUT: Final = 10.0  # [s] in which an arm that is closed comes to rest
@@ -65,7 +65,7 @@ class CanRobot(Robot):
             raise ConfigError("an arm on a CAN bus needs its arm.yaml (--config)")
         self.config = config if isinstance(config, ArmConfig) else ArmConfig.load(config)
         warm_up(self.config.spec(np.zeros(len(self.config.joints))))
-        self._port = Port(self.config.bus, bus, clock)
+        self._port = BusPort(self.config.bus, bus, clock)
         try:
             self._link = _link(self.config, self._port, reset=reset_faults)
             self._link.connect()
@@ -82,7 +82,7 @@ class CanRobot(Robot):
         self._silent = 0  # cycles in which not every drive was heard
 
     @property
-    def drives(self) -> tuple[DriveState, ...]:
+    def drives(self) -> tuple[DriveStatus, ...]:
         """What is known of every drive, of joint 1 first."""
         return self._link.drives()
 
@@ -216,7 +216,7 @@ class CanRobot(Robot):
             self._contract.observe(state)
 
 
-def _link(config: ArmConfig, port: Port, *, reset: bool) -> Link:
+def _link(config: ArmConfig, port: BusPort, *, reset: bool) -> Link:
     if config.convention == CIA402:
         from backends.can.cia402.link import Cia402Link
 

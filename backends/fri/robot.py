@@ -23,7 +23,7 @@ from backends.fri.codec.version import FriVersion
 from backends.fri.connection import Connection, connect, pace, unusable
 from backends.fri.lead import Lead
 from backends.fri.outputs import Outputs
-from backends.fri.session import LinkFigures, Order, Session, Visit
+from backends.fri.session import LinkFigures, Order, RobotSession, Visit
 from backends.fri.velocity import VelocityFilter
 from backends.fri.wire_limits import WireLimits
 from limo_driver.errors import (
@@ -116,7 +116,7 @@ class FriRobot(Robot):
         self.latency = LatencyHistogram()  # from a packet's arrival to its answer
         self._reader = MonitoringTemplate(self._link.generation)
         self._writer = CommandTemplate(self._link.generation)
-        self._session = Session(1e-3 * self._link.send_period)
+        self._session = RobotSession(1e-3 * self._link.send_period)
         self._wire = WireLimits(spec)
         self._lead = Lead(self._contract, self._wire)
         self._velocity = VelocityFilter(spec.n)

@@ -64,7 +64,7 @@ class Visit:
 
 
 @dataclass
-class Session:
+class RobotSession:
     """Follows one robot through its sessions.
 
     Args:

@@ -23,7 +23,7 @@ from diagnosis_peer_base import (
     spread,
 )
 
-from estimators.rigid_body.regressor import PER_LINK, Chain, parameters_of
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain, parameters_of
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class _Links:
     """
 
     def __init__(self, task: Task) -> None:
-        self._chain = Chain.of(task.nominal.model)
+        self._chain = RegressorChain.of(task.nominal.model)
         bodies, tolerances = _links(task.nominal), task.nominal.tolerances
         self._sigma = tolerances.inertia * np.concatenate([_sizes(b) for b in bodies])
         known, joints = joint_terms(task.nominal), range(1, task.noise.size + 1)

@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from estimators.rigid_body import JointTerms, Rows, identify
 from estimators.rigid_body.normal_equations import CHUNK
-from estimators.rigid_body.regressor import PER_LINK, Chain
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
 from limo_driver.recordings.recording import Recording
@@ -67,7 +67,7 @@ def time_of_pinocchio(model: RobotModel, recording: Recording) -> float:
 def time_of_regressor(model: RobotModel, recording: Recording) -> float:
     """Return the time [s] of limo's regressor over all samples, written chunk by chunk."""
     motion = recording[: PINOCCHIO_SAMPLES + 100].motion(10.0)[:PINOCCHIO_SAMPLES]
-    chain = Chain.of(model)
+    chain = RegressorChain.of(model)
     Y = np.zeros((model.n, CHUNK, PER_LINK * model.n))
     start = time.perf_counter()
     for first in range(0, len(motion), CHUNK):

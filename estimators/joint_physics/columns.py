@@ -50,7 +50,7 @@ from estimators.joint_physics.column_scan import (
 )
 from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.newton_euler import link_parameters
-from estimators.rigid_body.regressor import PER_LINK, Chain
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from estimators.rigid_body.terms import JointTerms
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ class JointColumns:
     @cached_property
     def _arm(self) -> Arm:
         """What the compiled scan has to know of the rigid body."""
-        chain = Chain.of(self.body)
+        chain = RegressorChain.of(self.body)
         parameters = link_parameters(self.body)
         return chain.rotation, chain.translation, chain.axis, chain.gravity, parameters
 

@@ -34,7 +34,7 @@ _PACKAGES: Final = ("limo", "numpy", "torch", "pin")
 
 
 @dataclass(frozen=True)
-class Motion:
+class ScoringMotion:
     """Motion to be scored: the normalised inputs and targets of a network, and what counts."""
 
     inputs: NDArray[np.floating]  # (T, d)
@@ -126,7 +126,7 @@ class Bench:
         """Return the MSE of each part and joint [(N m)²]."""
         length = trial.row.sequence_length
         nothing = prepared.output_scaling.normalise(np.zeros(prepared.targets.shape[1]))
-        seen = Motion(
+        seen = ScoringMotion(
             prepared.inputs,
             prepared.targets,
             prepared.use != LEFT_OUT,
@@ -146,13 +146,13 @@ class Bench:
             for part, squares in zip(PARTS, by_part, strict=True)
         }
 
-    def _validation(self, settings: TrainingSettings, prepared: TrainingData) -> Motion:
+    def _validation(self, settings: TrainingSettings, prepared: TrainingData) -> ScoringMotion:
         """Return the validation motion as the training motion is: filtered and normalised."""
         recording = self.data.validation
         features = settings.features_for(self.simulation.model.n)
         x, torque = inputs_and_torque(self.simulation, recording, features, settings)
         target = recording.filtered_torque(settings.bandwidth) - torque
-        return Motion(
+        return ScoringMotion(
             prepared.input_scaling.normalise(x),
             prepared.output_scaling.normalise(target),
             ~recording.edges(settings.bandwidth),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.regressor import PER_LINK, Chain
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _random_regressor(model: RobotModel, terms: JointTerms) -> FloatArray:
     n = model.n
     velocity, acceleration = random.uniform(-_FASTEST, _FASTEST, (2, _SAMPLES, n))
     position = random.uniform(-np.pi, np.pi, (_SAMPLES, n))
-    Y = Chain.of(model).regressor(
+    Y = RegressorChain.of(model).regressor(
         Motion(np.arange(float(_SAMPLES)), position, velocity, acceleration)
     )
     own = terms.columns(velocity, acceleration)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.rigid_body.base_parameters import find_base_parameters
-from estimators.rigid_body.regressor import PER_LINK, Chain, fill_regressor
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.compiled import compiled
 from limo_driver.types import Motion
@@ -35,7 +35,7 @@ _STEP = 1e-6  # [rad, rad/s, rad/s²] of finite differences
 
 
 @dataclass(frozen=True)
-class Slope:
+class MotionGradient:
     """A smooth value of a motion, and its derivative by the motion's samples."""
 
     value: float
@@ -55,7 +55,7 @@ class Conditioning:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self.chain = Chain.of(model)
+        self.chain = RegressorChain.of(model)
         self.terms = JointTerms((SIGN_WIDTH,), offset=False, armature=False)
         self.base = find_base_parameters(model, self.terms)
 
@@ -74,7 +74,7 @@ class Conditioning:
         norm = np.sqrt(np.diag(gram))
         return _ratio(gram / np.outer(norm, norm))
 
-    def smooth(self, motion: Motion, sharpness: float) -> Slope:
+    def smooth(self, motion: Motion, sharpness: float) -> MotionGradient:
         """Return a smooth bound of the logarithm of the condition number, and its derivative.
 
             ln cond <= (ln |lambda|_p + ln |1 / lambda|_p) / 2
@@ -96,7 +96,7 @@ class Conditioning:
         M = (vectors * (large / large.sum() - small / small.sum()) / (2 * values)) @ vectors.T
         return self._slope(float(value), motion, 2 * (stacked @ M).reshape(K.shape))
 
-    def _slope(self, value: float, motion: Motion, weight: FloatArray) -> Slope:
+    def _slope(self, value: float, motion: Motion, weight: FloatArray) -> MotionGradient:
         """Contract the derivative of the regressor by the samples with a weight (n, T, b)."""
         n, T = self.chain.n, len(motion)
         full = np.zeros((n, T, PER_LINK * n + 2 * n))
@@ -111,7 +111,7 @@ class Conditioning:
         viscous, coulomb = (np.einsum("jtj->tj", own[:, :, term]) for term in range(2))
         turn = 1 / np.cosh(motion.velocity / _SMOOTH_WIDTH) ** 2  # of the smoothed sign
         slope[1] += viscous + coulomb * turn / _SMOOTH_WIDTH
-        return Slope(value, *slope)
+        return MotionGradient(value, *slope)
 
     def _gram(self, motion: Motion) -> FloatArray:
         gram = np.zeros((self.columns, self.columns))

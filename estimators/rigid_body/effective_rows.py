@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.rigid_body.regressor import Chain
+    from estimators.rigid_body.regressor import RegressorChain
     from limo_driver.recordings.recording import Recording
 
 REMEMBERED = 2.0  # [s], that errors are correlated at most
@@ -79,7 +79,7 @@ def blocks_of(recording: Recording) -> NDArray[np.int64]:
 
 
 def effective_rows(
-    chain: Chain, rows: ThinnedRows, gram: FloatArray, parameters: FloatArray
+    chain: RegressorChain, rows: ThinnedRows, gram: FloatArray, parameters: FloatArray
 ) -> FloatArray:
     """Return the number of independent rows that each joint's rows are worth, (n,).
 

@@ -11,7 +11,7 @@ from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.identification import nominal_parameters
 from estimators.rigid_body.least_squares import choose_sign_widths, fit_base
 from estimators.rigid_body.normal_equations import CHUNK, Rows, accumulate
-from estimators.rigid_body.regressor import PER_LINK, Chain
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.errors import NotFittedError, ShapeError
 from limo_driver.model import RobotModel
@@ -58,7 +58,7 @@ class RigidBodyModel:
         self.terms_ = choice.terms
         self.fit_ = fit_base(choice.equations, self.base_, nominal)
         self.parameters_ = self.base_.expand(self.fit_.parameters)
-        self.chain_ = Chain.of(model)
+        self.chain_ = RegressorChain.of(model)
         return self
 
     def predict(self, recording: Recording) -> FloatArray:

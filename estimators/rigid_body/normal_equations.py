@@ -16,7 +16,7 @@ import numpy as np
 from estimators.recordings import check_recordings
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.folds import FOLDS, fold_of
-from estimators.rigid_body.regressor import PER_LINK, Chain
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.parameters import Declared, parameter
 from limo_driver.recordings.differentiation import smooth
@@ -72,7 +72,7 @@ class ArmEquations:
     energy: FloatArray  # (n,), Σ tau² [N² m²]
     count: FloatArray  # (n,), rows summed
     thinned: ThinnedRows  # a few of the rows, with the same columns
-    chain: Chain
+    chain: RegressorChain
     weighting: str  # of the joints, as in `Rows`
 
     @cached_property
@@ -191,7 +191,7 @@ class _Sums:
 
     def __init__(self, model: RobotModel, terms: JointTerms) -> None:
         self.terms = terms
-        self.chain = Chain.of(model)
+        self.chain = RegressorChain.of(model)
         self.n = model.n
         self.links = PER_LINK * self.n
         self.own = len(terms.all()) + len(terms.sign_widths) - 1

@@ -26,7 +26,7 @@ PER_LINK = 10
 
 
 @dataclass(frozen=True)
-class Chain:
+class RegressorChain:
     """What the regressor has to know of an arm with n revolute joints in series."""
 
     rotation: FloatArray  # (n, 3, 3), of each joint frame in the frame before, at zero
@@ -35,7 +35,7 @@ class Chain:
     gravity: FloatArray  # (3,) [m/s²]
 
     @classmethod
-    def of(cls, model: RobotModel) -> Chain:
+    def of(cls, model: RobotModel) -> RegressorChain:
         """Read the chain of a robot.
 
         Raises:

@@ -15,7 +15,7 @@ from zenoh.handlers import RingChannel
 
 from estimators.service.inference.arm_service import ArmService, Window
 from estimators.service.inference.outlet import LogWatch, NetworkOutlet
-from estimators.service.inference.source import FollowedSource, Silence
+from estimators.service.inference.source import FollowedSource, StateSilence
 from estimators.service.opening import Opening
 from estimators.service.queries import ModelQueries
 from estimators.service.store.vetting import Demand
@@ -78,7 +78,7 @@ class ArmServer:
         self._told = False  # why something was refused
         self._failures = 0  # of this program
         self._opener: threading.Thread | None = None
-        self._source, self._silence = FollowedSource(), Silence()
+        self._source, self._silence = FollowedSource(), StateSilence()
         self.keeper: Retrainer | None = None  # retrains the champion, where there is one
         self._changing = threading.RLock()  # one change of models after the other
         self._ros = None if ros is None else RosReader(self._physics.model.joint_names, self.arm)

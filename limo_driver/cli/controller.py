@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 
-class Mode(StrEnum):
+class CommandOption(StrEnum):
     """What the client may command."""
 
     POSITION = "position"
@@ -26,7 +26,9 @@ def command(
     bind: Annotated[
         str | None, typer.Option(help="Own address, HOST or HOST:PORT; else any free port.")
     ] = None,
-    mode: Annotated[Mode, typer.Option(help="What the client commands.")] = Mode.POSITION,
+    mode: Annotated[
+        CommandOption, typer.Option(help="What the client commands.")
+    ] = CommandOption.POSITION,
     period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 [ms].")] = 2,
     multiplier: Annotated[
         int, typer.Option(help="Receive multiplier: the client answers every that many packets.")
@@ -73,7 +75,7 @@ def command(
     from backends.fri.codec.version import FriVersion
     from backends.fri.simulator.controller import SimulatedController
     from backends.fri.simulator.port import Address
-    from backends.fri.simulator.scenario import Scenario
+    from backends.fri.simulator.scenario import ControllerScenario
     from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
     from limo_driver.physics import Simulation
     from limo_driver.robot.interrupts import interrupts
@@ -92,7 +94,7 @@ def command(
         fifo=fifo,
     )
     simulation = None if sim is None else Simulation.load(sim)
-    played = None if scenario is None else Scenario.load(scenario)
+    played = None if scenario is None else ControllerScenario.load(scenario)
     with SimulatedController(settings, simulation, played) as controller:
         if as_json:
             ends = {"from": controller.address, "to": str(settings.client)}

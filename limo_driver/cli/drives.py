@@ -48,12 +48,12 @@ def command(
             --duration 60
     """
     from backends.can.config import ArmConfig
-    from backends.can.simulator.scenario import Scenario
+    from backends.can.simulator.scenario import BusScenario
     from backends.can.simulator.session import run_drives
     from limo_driver.physics import Simulation
 
     arm = ArmConfig.load(config)
-    faults = None if scenario is None else Scenario.load(scenario, arm.joints)
+    faults = None if scenario is None else BusScenario.load(scenario, arm.joints)
     simulation = Simulation(robot=arm.robot) if sim is None else Simulation.load(sim)
     position = None if trajectory is None else _start_of(trajectory, arm)
 

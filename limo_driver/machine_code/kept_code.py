@@ -24,7 +24,7 @@ _said = False
 _log = logging.getLogger("limo")
 
 
-class Place:
+class CodePlace:
     """Where the machine code of one function is kept.
 
     Args:

@@ -19,7 +19,7 @@ from limo_driver.physics.friction import CREEP_SPEEDS, CoulombFriction, sign_wid
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import Effect, Recorded, SimulatedRobot
+    from limo_driver.physics.effect import Effect, Recorded, SimulatedPlant
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -308,7 +308,7 @@ class TemperatureDependentFriction(DryFriction):
         height = CoulombFriction(joint=joint, tau_c=1.0, v_eps=v_eps)
         return Hypothesis(slope.name, (joint - 1,), (slope, height), realise)
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for it sampled.
 
         Raises:

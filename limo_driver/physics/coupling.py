@@ -15,7 +15,7 @@ from limo_driver.physics.friction import sign_width
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import ArmMotion, Recorded, SimulatedRobot
+    from limo_driver.physics.effect import ArmMotion, Recorded, SimulatedPlant
     from limo_driver.types import FloatArray
 
 
@@ -81,7 +81,7 @@ class JointCoupling(ArmEffect):
         torque[:, self.joint - 1] = self.friction(w) + self.inertia * rate
         return torque, state
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for it sampled, as heavy as it is."""
         robot.sample(self)
         robot.expect_late(self.joint, inertia=self.inertia)

@@ -143,7 +143,7 @@ class Effect(Declared, ABC):
                 return replace(self, **{known.name: total})
         return None
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask a simulated robot for the effect; without a native form it is sampled."""
         robot.sample(self)
 
@@ -155,7 +155,7 @@ class Effect(Declared, ABC):
         return self
 
 
-class SimulatedRobot(Protocol):
+class SimulatedPlant(Protocol):
     """What effects can ask of a simulated robot; joints are 1-based.
 
     What `sample` and `sense` take runs through its `advance`; the others are native forms.
@@ -210,7 +210,7 @@ class BodyEffect(Effect):
     def body(self, model: RobotModel) -> RobotModel:
         """Return what the effect makes of a rigid body."""
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for nothing: a simulated robot is made of `Simulation.body`."""
 
 
@@ -278,7 +278,7 @@ class SensorEffect(JointEffect):
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return what this joint's sensor adds, (T,) [N m], and the memory after it."""
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for it in what the sensor says."""
         robot.sense(self)
 

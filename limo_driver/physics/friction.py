@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedRobot
+    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedPlant
     from limo_driver.types import FloatArray
 
 SIGN_WIDTH = 0.002  # [rad/s], width of the smoothed sign where an effect has no own
@@ -77,7 +77,7 @@ class VelocityFriction(Friction):
         """Evaluate `torque` over T samples."""
         return self.torque(motion.velocity), state
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for the compiled law."""
         robot.add_friction(self.joint, self.friction_law, self.row)
 

@@ -18,7 +18,7 @@ from limo_driver.physics.effect import Hypothesis, State, TorqueEffect
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedRobot
+    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedPlant
     from limo_driver.types import FloatArray, Motion
 
 
@@ -185,7 +185,7 @@ class PreslidingHysteresis(TorqueEffect):
         given = [np.array(v) if isinstance(v, tuple) else float(v) for v in values]
         return law.follow(after, path, *given), after
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for slipping springs; other laws are sampled, as stiff as they are."""
         if self.law == MAXWELL_SLIP:
             for stiffness, width in zip(self.stiffness, self.width, strict=True):

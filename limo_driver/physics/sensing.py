@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         JointMotion,
         Recorded,
         SensedTorque,
-        SimulatedRobot,
+        SimulatedPlant,
     )
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -52,7 +52,7 @@ class TorqueOffset(TorqueEffect):
         """Return the offset [N m], (T,)."""
         return np.full(motion.position.shape, self.offset), state
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for the offset of the sensor."""
         robot.add_torque_offset(self.joint, self.offset)
 
@@ -97,7 +97,7 @@ class TorqueDrift(TorqueEffect):
         """Return the offset at the time of each sample [N m], (T,)."""
         return np.interp(motion.time, self.times, self.offset), state
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for it in what the sensor says."""
         robot.sense(self)
 
@@ -148,7 +148,7 @@ class EncoderOffset(MotionEffect):
         """Return the offset [rad], (T,)."""
         return np.full(motion.position.shape, self.offset), state
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for another zero of the encoder."""
         robot.add_encoder_offset(self.joint, self.offset)
 

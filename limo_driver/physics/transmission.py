@@ -17,7 +17,7 @@ from limo_driver.physics.effect import Hypothesis, MotionEffect, State, TorqueEf
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedRobot
+    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedPlant
     from limo_driver.types import FloatArray
 
 GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
@@ -67,7 +67,7 @@ class JointElasticity(MotionEffect):
         """Return encoder minus link position [rad], (T,)."""
         return wind_up(motion.load, 1.0 / self.stiffness, self.cubic), state
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for a compliance."""
         robot.add_compliance(self.joint, 1.0 / self.stiffness, self.cubic)
 
@@ -243,7 +243,7 @@ class Armature(TorqueEffect):
         """Return inertia ddq [N m], (T,)."""
         return self.inertia * motion.acceleration, state
 
-    def realise(self, robot: SimulatedRobot) -> None:
+    def realise(self, robot: SimulatedPlant) -> None:
         """Ask for reflected inertia."""
         robot.add_inertia(self.joint, self.inertia)
 

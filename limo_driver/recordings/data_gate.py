@@ -87,7 +87,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Findings:
+class UsableRows:
     """Rows that can be used, what was left out, and what is odd about the rest."""
 
     rows: NDArray[np.int64]  # (T,)
@@ -95,7 +95,7 @@ class Findings:
     warnings: tuple[str, ...]
 
 
-def inspect(columns: Columns) -> Findings:
+def inspect(columns: Columns) -> UsableRows:
     """Judge every row of a recording.
 
     Raises:
@@ -118,7 +118,7 @@ def inspect(columns: Columns) -> Findings:
     gate.leave_out(f"less than {SHORTEST_PIECE:g} s between gaps", gate.short())
     gate.check_amount()
     gate.check_units()
-    return Findings(gate.rows, gate.left_out(), gate.warnings())
+    return UsableRows(gate.rows, gate.left_out(), gate.warnings())
 
 
 def contiguous(time: FloatArray) -> tuple[slice, ...]:

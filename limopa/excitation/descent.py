@@ -60,7 +60,7 @@ class Criterion(Protocol):
 
 
 @dataclass(frozen=True)
-class Candidate:
+class EvaluatedMotion:
     """A motion, and all that its value depends on."""
 
     fourier: Fourier
@@ -72,7 +72,9 @@ class Candidate:
     x: FloatArray
     value: float = inf
 
-    def refined(self, sharpness: float, weight: float, iterations: int, watch: Watch) -> Candidate:
+    def refined(
+        self, sharpness: float, weight: float, iterations: int, watch: IterationProgress
+    ) -> EvaluatedMotion:
         """Return the motion after a descent.
 
         Args:
@@ -108,7 +110,7 @@ class Candidate:
         return Motion(self.time, *self.coarse.states(x)[:3])
 
 
-class Watch:
+class IterationProgress:
     """Count iterations and tell of them."""
 
     def __init__(self, tell: Callable[[int, int, float], None], most: int) -> None:

@@ -19,7 +19,7 @@ _STEP = 1e-6  # [rad] of finite differences
 
 
 @dataclass(frozen=True)
-class Slope:
+class StateGradient:
     """A value and its derivative by the states, (4, T, n)."""
 
     value: float
@@ -50,7 +50,7 @@ class Excess:
             ]
         )[:, None]  # (4, 1, n)
 
-    def of(self, states: FloatArray) -> Slope:
+    def of(self, states: FloatArray) -> StateGradient:
         """Return the excess of position, velocity, acceleration and jerk, (4, T, n)."""
         T = states.shape[1]
         relative = states / self._bounds
@@ -58,7 +58,7 @@ class Excess:
         over = np.maximum(np.abs(relative) - 1.0, 0.0)
         slope = 2 * over * np.sign(relative) / self._bounds
         near = self._near(states[0], slope[0])
-        return Slope((float((over**2).sum()) + near) / T, slope / T)
+        return StateGradient((float((over**2).sum()) + near) / T, slope / T)
 
     def _near(self, position: FloatArray, slope: FloatArray) -> float:
         """Return the squares of missing distances, and add their derivative to `slope`, (T, n)."""

@@ -22,7 +22,7 @@ from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory
-from limopa.excitation.descent import Candidate, Watch
+from limopa.excitation.descent import EvaluatedMotion, IterationProgress
 from limopa.excitation.excess import Excess
 from limopa.excitation.fourier import Fourier, allot
 from limopa.feasibility import Condition, Feasibility
@@ -174,7 +174,7 @@ class _Search:
         poses = ScaffoldSampler(self.roomier, random, _DRAWS).draw(request.starts)
         motions = [self._random_motion(pose, random) for pose in poses]
         each = [min(stage.kept, len(motions)) * stage.iterations(request) for stage in _STAGES]
-        watch = Watch(progress, sum(each))
+        watch = IterationProgress(progress, sum(each))
         for stage in _STAGES:
             motions = [
                 motion.refined(stage.sharpness, stage.weight, stage.iterations(request), watch)
@@ -190,7 +190,7 @@ class _Search:
             self.feasibility.overlapping_pairs,
         )
 
-    def _random_motion(self, pose: FloatArray, random: np.random.Generator) -> Candidate:
+    def _random_motion(self, pose: FloatArray, random: np.random.Generator) -> EvaluatedMotion:
         """Return a motion around a pose with random harmonics and coefficients."""
         request = self.request
         harmonics = allot(self.model.n, request.harmonics, random)
@@ -199,7 +199,7 @@ class _Search:
         time = np.arange(_DENSER * count) / (_DENSER * count) * request.duration
         seen = time[_DENSER // 2 :: _DENSER]
         x = np.concatenate([pose, _START * random.standard_normal(fourier.size - self.model.n)])
-        return Candidate(
+        return EvaluatedMotion(
             fourier,
             seen,
             fourier.sampled(seen),
@@ -209,7 +209,7 @@ class _Search:
             x,
         )
 
-    def _inside(self, found: Candidate) -> Trajectory:
+    def _inside(self, found: EvaluatedMotion) -> Trajectory:
         """Return a motion as it is or, if it is not strictly within the limits, a smaller one."""
         whole = self._trajectory(found.fourier, found.x)
         largest = min(1.0, STRICTLY / _reached(whole, self.model.limits))

@@ -27,7 +27,7 @@ _ACCELERATION = 0.4  # share of the limits
 _RAMP = 0.2  # [s] in which a slow move gets up to speed: no jolt that shakes what is measured
 
 
-class Chain:
+class MotionChain:
     """Parts of a motion, each from rest to rest, the next where the last one ended."""
 
     def __init__(self, model: RobotModel, start: FloatArray) -> None:

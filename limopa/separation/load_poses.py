@@ -10,7 +10,7 @@ from limopa.path import Line
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
-    from limopa.separation.chain import Chain
+    from limopa.separation.chain import MotionChain
 
 _RANGE = 1.25  # [rad] to either side, of a wide sweep
 _POSES = 64  # random poses that are looked at
@@ -18,7 +18,7 @@ _NEAR, _FAR = 0.7, 1.5  # [rad] of each joint around the start
 _LEAST_LOAD = 0.01  # of the torque limit, to either side of a reversal of the load
 
 
-def range_of(chain: Chain, pose: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
+def range_of(chain: MotionChain, pose: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
     """Return how far joint j (0-based) can go from a pose to either side, both (n,) [rad]."""
     step = np.eye(len(pose))[j]
     ends: list[FloatArray] = []
@@ -29,7 +29,7 @@ def range_of(chain: Chain, pose: FloatArray, j: int) -> tuple[FloatArray, FloatA
     return ends[0], ends[1]
 
 
-def heavy_and_light(chain: Chain, start: FloatArray, j: int) -> list[FloatArray]:
+def heavy_and_light(chain: MotionChain, start: FloatArray, j: int) -> list[FloatArray]:
     """Return poses nearby of the lowest and the highest gravity torque at joint j; or none."""
     reachable = _reachable(chain, start, j, _NEAR)
     if not reachable:
@@ -38,7 +38,7 @@ def heavy_and_light(chain: Chain, start: FloatArray, j: int) -> list[FloatArray]
     return [reachable[int(load.argmin())], reachable[int(load.argmax())]]
 
 
-def reversing(chain: Chain, j: int) -> tuple[FloatArray, FloatArray] | None:
+def reversing(chain: MotionChain, j: int) -> tuple[FloatArray, FloatArray] | None:
     """Return the ends of a sweep of joint j that gravity loads from either side; or None.
 
     Of the sweeps in random poses it is the one whose smaller load is the largest.
@@ -56,7 +56,7 @@ def reversing(chain: Chain, j: int) -> tuple[FloatArray, FloatArray] | None:
     return found
 
 
-def _reachable(chain: Chain, start: FloatArray, j: int, spread: float) -> list[FloatArray]:
+def _reachable(chain: MotionChain, start: FloatArray, j: int, spread: float) -> list[FloatArray]:
     """Return random poses around `start`, with joint j as there, that a straight move reaches."""
     random = np.random.default_rng(0)
     poses = start + random.uniform(-spread, spread, (_POSES, len(start)))

@@ -23,7 +23,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limopa.path import Line
-from limopa.separation.chain import Chain, first_feasible
+from limopa.separation.chain import MotionChain, first_feasible
 from limopa.separation.load_poses import heavy_and_light, range_of, reversing
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def creep(
     """Move joints at steady speeds [rad/s], forth and back at each."""
     direction = _direction(model, joints)
 
-    def build(chain: Chain, scale: float) -> None:
+    def build(chain: MotionChain, scale: float) -> None:
         for speed in speeds:
             distance = scale * float(np.clip(8.0 * speed, 0.05, 0.6))
             for to in (start + distance * direction, start):
@@ -80,7 +80,7 @@ def nested_reversals(
     """
     direction = _direction(model, joints)
 
-    def build(chain: Chain, scale: float) -> None:
+    def build(chain: MotionChain, scale: float) -> None:
         for speed in speeds:
             reach = scale * amplitude
             while abs(reach) > 1e-3:  # noqa: PLR2004  # [rad]
@@ -109,7 +109,7 @@ def rest_holds(
     """
     direction = _direction(model, joints)
 
-    def build(chain: Chain, scale: float) -> None:
+    def build(chain: MotionChain, scale: float) -> None:
         stairs = np.linspace(0.0, scale * span, 7)
         beyond = stairs[-1] + scale * span / 6
         for step in (*stairs, beyond, *stairs[::-1]):
@@ -175,7 +175,7 @@ def two_frequencies(
     """Swing one joint after the other at a low and at a high frequency [Hz]."""
     _check(model, joints)
 
-    def build(chain: Chain, scale: float) -> None:
+    def build(chain: MotionChain, scale: float) -> None:
         for joint in joints[:AT_ONCE]:
             for frequency in frequencies:
                 amplitude = np.zeros(model.n)
@@ -201,7 +201,7 @@ def apart(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Trajec
     """
     first, second = _pair(model, joints)
 
-    def build(chain: Chain, scale: float) -> None:
+    def build(chain: MotionChain, scale: float) -> None:
         for speed in (0.06, 0.2):
             for ways in ((1.0, -1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):
                 step = np.zeros(model.n)
@@ -218,7 +218,7 @@ def revisit(
     direction = _direction(model, joints)
     fast = 0.7 * _slowest(model, joints)
 
-    def build(chain: Chain, scale: float) -> None:
+    def build(chain: MotionChain, scale: float) -> None:
         far = start + 0.8 * scale * direction
         lap = 2 * float(np.abs(far - start).max()) / fast + 1.0  # [s], about
         laps = max(1, round(60 * minutes / lap))
@@ -230,21 +230,21 @@ def revisit(
 
 
 def _scaled(
-    model: RobotModel, start: FloatArray, build: Callable[[Chain, float], None]
+    model: RobotModel, start: FloatArray, build: Callable[[MotionChain, float], None]
 ) -> Trajectory:
     """Return the motion of the first scale that is feasible."""
 
     def attempt(scale: float) -> Trajectory:
-        chain = Chain(model, start)
+        chain = MotionChain(model, start)
         build(chain, scale)
         return chain.trajectory()
 
     return first_feasible(attempt, SCALES)
 
 
-def _chain(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> Chain:
+def _chain(model: RobotModel, start: FloatArray, joints: Sequence[int]) -> MotionChain:
     _check(model, joints)
-    return Chain(model, start)
+    return MotionChain(model, start)
 
 
 def _check(model: RobotModel, joints: Sequence[int]) -> None:

@@ -19,8 +19,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from backends.can.config import ArmConfig
-from backends.can.simulator.scenario import Scenario as DriveScenario
-from backends.fri.simulator.scenario import Scenario
+from backends.can.simulator.scenario import BusScenario
+from backends.fri.simulator.scenario import ControllerScenario
 from limo_driver.physics import Simulation
 
 ROOT = Path(__file__).parents[2]
@@ -113,9 +113,9 @@ def test_yaml_is_what_its_reader_reads(block, tmp_path):
     path.write_text(block.text, encoding="utf-8")
     if block.document == "can.md":
         arm = ArmConfig.load(ROOT / "examples" / "can_cia402.yaml")
-        assert DriveScenario.load(path, arm.joints)
+        assert BusScenario.load(path, arm.joints)
     elif block.document == "fri_controller.md":
-        assert Scenario.load(path)
+        assert ControllerScenario.load(path)
     else:
         assert Simulation.load(path).effects
 

@@ -34,7 +34,7 @@ MOST_PER_MILLE: Final = 32767.0
 MOST_COUNTS: Final = 2.0**31 - 1.0
 
 
-class Mode(IntEnum):
+class OperatingMode(IntEnum):
     """Modes of operation, objects 6060 and 6061."""
 
     POSITION = 8  # cyclic synchronous position, CSP
@@ -44,7 +44,7 @@ class Mode(IntEnum):
 
 def mode_words(mode: int) -> str:
     """Return a mode of operation in words."""
-    return Mode(mode).name.lower() if mode in set(Mode) else f"mode {mode}"
+    return OperatingMode(mode).name.lower() if mode in set(OperatingMode) else f"mode {mode}"
 
 
 class State(Enum):
@@ -135,7 +135,7 @@ class Codec:
             TARGETS.pack(word, count, 0) for word, count in zip(controlwords, counts, strict=True)
         ]
 
-    def torques(self, torque: FloatArray, mode: Mode) -> list[bytes]:
+    def torques(self, torque: FloatArray, mode: OperatingMode) -> list[bytes]:
         """Return the RPDO2 of each drive for torques (n,) [N m]."""
         exact = np.clip(torque / self._signed_step, -MOST_PER_MILLE, MOST_PER_MILLE)
         return [TORQUE.pack(value, mode) for value in np.rint(exact).astype(np.int64).tolist()]

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from backends.can.cia402.codec import Mode, State, state_of
+from backends.can.cia402.codec import OperatingMode, State, state_of
 from backends.can.cia402.emergency import describe
 from backends.can.errors import DriveError, SdoAbortError
 from backends.can.frames import RPDO1, RPDO2, SYNC, TPDO1, TPDO2, TPDO3
@@ -35,7 +35,7 @@ SPARE: Final = (0x1402, 0x1403, 0x1802, 0x1803)  # PDOs that drives may have swi
 
 
 @dataclass(frozen=True)
-class Pdo:
+class PdoSpecification:
     """A PDO: its id without the node, where it is configured, and what is in it."""
 
     id: int
@@ -101,7 +101,7 @@ class Commissioning:
         self._set_if_there(0x1006, 0, period_us, 4)
         self._set_interpolation(period_us)
         self._set_watchdogs()
-        self.sdo.write(0x6060, 0, Mode.POSITION, 1, signed=True)
+        self.sdo.write(0x6060, 0, OperatingMode.POSITION, 1, signed=True)
         self.drive.mode = None  # until it says so
 
     def start_values(self, *, reset: bool) -> None:
@@ -135,25 +135,31 @@ class Commissioning:
         """Let the drive not miss this program's heartbeat."""
         self.sdo.write(0x1016, 1, 0, 4)
 
-    def _pdos(self) -> list[Pdo]:
+    def _pdos(self) -> list[PdoSpecification]:
         slowly = self.config.status_every
         pdos = [
-            Pdo(
+            PdoSpecification(
                 RPDO1,
                 0x1400,
                 0x1600,
                 ((0x6040, 0, 16), (0x607A, 0, 32), (0x60B2, 0, 16)),
                 event_timer=self._watchdog,
             ),
-            Pdo(RPDO2, 0x1401, 0x1601, ((0x6071, 0, 16), (0x6060, 0, 8))),
-            Pdo(TPDO1, 0x1800, 0x1A00, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))),
-            Pdo(TPDO2, 0x1801, 0x1A01, ((0x606C, 0, 32), (0x603F, 0, 16), (0x6061, 0, 8)), slowly),
+            PdoSpecification(RPDO2, 0x1401, 0x1601, ((0x6071, 0, 16), (0x6060, 0, 8))),
+            PdoSpecification(
+                TPDO1, 0x1800, 0x1A00, ((0x6041, 0, 16), (0x6064, 0, 32), (0x6077, 0, 16))
+            ),
+            PdoSpecification(
+                TPDO2, 0x1801, 0x1A01, ((0x606C, 0, 32), (0x603F, 0, 16), (0x6061, 0, 8)), slowly
+            ),
         ]
         if (heat := self.config.temperature) is not None:
-            pdos.append(Pdo(TPDO3, 0x1802, 0x1A02, ((heat.object, heat.subindex, 16),), slowly))
+            pdos.append(
+                PdoSpecification(TPDO3, 0x1802, 0x1A02, ((heat.object, heat.subindex, 16),), slowly)
+            )
         return pdos
 
-    def _map(self, pdo: Pdo) -> None:
+    def _map(self, pdo: PdoSpecification) -> None:
         """Configure a PDO in the order that CiA 301 asks for."""
         write, known_as = self.sdo.write, pdo.id + self.drive.node
         write(pdo.communication, 1, INVALID | known_as, 4)

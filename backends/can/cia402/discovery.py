@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from backends.can.cia402.sdo import SdoClient
     from backends.can.config import ArmConfig
-    from backends.can.port import Port
+    from backends.can.port import BusPort
 
 QUIET: Final = 0.02  # [s] at least, in which nobody else may command this bus
 SEARCH_TIME: Final = 0.2  # [s] in which every node that is there answers
@@ -22,7 +22,7 @@ NODES: Final = range(1, 128)
 DEVICE_TYPE: Final = 0x1000  # object that every node has
 
 
-def require_quiet(port: Port, config: ArmConfig) -> None:
+def require_quiet(port: BusPort, config: ArmConfig) -> None:
     """Refuse a bus on which another program commands drives.
 
     Raises:
@@ -69,7 +69,7 @@ def require_answer(sdo: SdoClient, known: Sequence[int]) -> None:
         ) from error
 
 
-def _present(port: Port) -> list[int]:
+def _present(port: BusPort) -> list[int]:
     """Return the nodes that answer at all."""
     for node in NODES:
         port.send(SDO_REQUEST + node, FRAME.pack(READ, DEVICE_TYPE, 0, b""))

@@ -17,7 +17,7 @@ from backends.can.cia402.codec import (
 )
 from backends.can.cia402.emergency import LAYOUT as EMERGENCY
 from backends.can.cia402.emergency import describe
-from backends.can.link import DriveState, status_line
+from backends.can.link import DriveStatus, status_line
 
 BOOTED: Final = 0x00
 STOPPED: Final = 0x04
@@ -134,7 +134,7 @@ class Drive:
         count, at = self.before
         return (self.count - count) / max(self.heard_at - at, period)
 
-    def told(self, position: float, velocity: float, torque: float, degree: float) -> DriveState:
+    def told(self, position: float, velocity: float, torque: float, degree: float) -> DriveStatus:
         """Return what is known of it.
 
         Args:
@@ -143,7 +143,7 @@ class Drive:
             torque: [N m].
             degree: One count of its temperature [°C]; NaN if it sends none.
         """
-        return DriveState(
+        return DriveStatus(
             node=self.node,
             status=self.state.words,
             enabled=self.state is State.ENABLED,

@@ -13,7 +13,7 @@ import numpy as np
 
 from backends.can.cia402.bridge import Bridge
 from backends.can.cia402.bus_load import HEARTBEATS_PER_WATCHDOG, bus_load
-from backends.can.cia402.codec import Codec, Controlword, Mode, State, towards_enabled
+from backends.can.cia402.codec import Codec, Controlword, OperatingMode, State, towards_enabled
 from backends.can.cia402.commissioning import Commissioning
 from backends.can.cia402.discovery import QUIET, require_answer, require_quiet
 from backends.can.cia402.drive import OPERATIONAL, Drive
@@ -31,7 +31,7 @@ from backends.can.frames import (
     TPDO2,
     TPDO3,
 )
-from backends.can.link import Link, Sample
+from backends.can.link import DriveSample, Link
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.robot.safety import VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand, TorqueCommand
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from backends.can.config import ArmConfig, Cia402Joint
-    from backends.can.link import DriveState
-    from backends.can.port import Frame, Port
+    from backends.can.link import DriveStatus
+    from backends.can.port import BusPort, Frame
     from limo_driver.types import FloatArray, JointCommand
 
 START, PRE_OPERATIONAL = 0x01, 0x80  # NMT commands
@@ -63,7 +63,7 @@ class Cia402Link(Link):
         ConfigError: The bus cannot carry the rate; shows the arithmetic.
     """
 
-    def __init__(self, config: ArmConfig, port: Port, *, reset: bool = False) -> None:
+    def __init__(self, config: ArmConfig, port: BusPort, *, reset: bool = False) -> None:
         bus_load(config).require(config.rate)
         super().__init__(port, 1.0 / config.rate)
         self.config, self._reset = config, reset
@@ -79,7 +79,7 @@ class Cia402Link(Link):
         self._torque = np.zeros(n)  # [N m]
         self._pinned = np.ones(n, dtype=bool)  # joints that keep the pose they have
         self._bridge = Bridge(config.model.limits, self._period)
-        self._mode, self._mode_cycles = Mode.POSITION, 0
+        self._mode, self._mode_cycles = OperatingMode.POSITION, 0
         self._commanded = self._powered = False
         self._heartbeat_due = 0.0
 
@@ -110,7 +110,7 @@ class Cia402Link(Link):
         reset = reset or self._reset
         self._catch_up()
         until = self.port.now() + self.config.answer_timeout
-        self._mode, self._commanded = Mode.POSITION, False
+        self._mode, self._commanded = OperatingMode.POSITION, False
         self.port.bus_off = False
         for drive in self._drives:
             if self._has_forgotten(drive):
@@ -134,7 +134,7 @@ class Cia402Link(Link):
     def disable(self) -> None:
         """Switch the drives off, one after the other, the last joint first."""
         if self._powered:
-            if self._mode is Mode.TORQUE:
+            if self._mode is OperatingMode.TORQUE:
                 self._keep_pose()  # while one after the other is switched off
             for drive in reversed(self._drives):
                 self._switch_off(drive)
@@ -168,13 +168,13 @@ class Cia402Link(Link):
         """Take the set-points of the coming cycle."""
         self._commanded = True
         if isinstance(command, TorqueCommand):
-            self._set_mode(Mode.TORQUE)
+            self._set_mode(OperatingMode.TORQUE)
             self._bridge.clear()
             most = self.config.model.limits.torque
             gravity = self.config.model.gravity_torque(self._position())[0]
             self._torque = np.clip(command.torque + gravity, -most, most)
         elif isinstance(command, PositionCommand):
-            self._set_mode(Mode.POSITION)
+            self._set_mode(OperatingMode.POSITION)
             # With the bridge a set-point could be beyond the range, by what the arm lags behind.
             limits, held = self.config.model.limits, self._target
             lower = np.minimum(limits.position_min, held)
@@ -196,13 +196,15 @@ class Cia402Link(Link):
             drive.controlword = Controlword.QUICK_STOP  # until it is reset
             self._pinned[drive.joint - 1] = True
         self._follow(fallen)
-        if not self._commanded and self._mode is Mode.TORQUE:  # at rest: nobody wants torque
+        if (
+            not self._commanded and self._mode is OperatingMode.TORQUE
+        ):  # at rest: nobody wants torque
             self._keep_pose()
         self._commanded = False
         self._bridge.advance()
         self._put()
 
-    def measure(self, until: float) -> Sample | None:
+    def measure(self, until: float) -> DriveSample | None:
         """Start a cycle and return what all drives measured; None if one was not heard in time."""
         if not self._sync(until):
             return None
@@ -211,7 +213,7 @@ class Cia402Link(Link):
             speeds: list[float] = [drive.speed or 0 for drive in drives]
         else:
             speeds = [drive.velocity(self._period) for drive in drives]
-        return Sample(
+        return DriveSample(
             position=self._position(),
             velocity=self._codec.velocities(speeds),
             torque=self._codec.measured_torques([drive.per_mille for drive in drives]),
@@ -229,7 +231,7 @@ class Cia402Link(Link):
                 return f"joint {drive.joint} (node {drive.node}) stays in mode {drive.mode}"
         return ""
 
-    def drives(self) -> tuple[DriveState, ...]:
+    def drives(self) -> tuple[DriveStatus, ...]:
         """Return what is known of every drive."""
         position = self._position()
         velocity = self._codec.velocities(
@@ -299,7 +301,7 @@ class Cia402Link(Link):
         for drive, data in zip(self._drives, frames, strict=True):
             self.port.send(RPDO1 + drive.node, data)
         others = [d for d in self._drives if d.mode not in {None, self._mode}]
-        changing = self._drives if self._mode is Mode.TORQUE else others
+        changing = self._drives if self._mode is OperatingMode.TORQUE else others
         if changing or not self._mode_cycles:
             torques = self._codec.torques(self._torque, self._mode)
             for drive in changing or self._drives:
@@ -318,7 +320,7 @@ class Cia402Link(Link):
 
     def _keep_pose(self) -> None:
         """Let all joints stay where they are, instead of following torques."""
-        self._set_mode(Mode.POSITION)
+        self._set_mode(OperatingMode.POSITION)
         self._pinned[:] = True
         self._follow(self._drives)
 
@@ -332,10 +334,10 @@ class Cia402Link(Link):
     def _position(self) -> FloatArray:
         return self._codec.positions([drive.count for drive in self._drives])
 
-    def _set_mode(self, mode: Mode) -> None:
+    def _set_mode(self, mode: OperatingMode) -> None:
         if mode is not self._mode:
             self._mode, self._mode_cycles = mode, 0
-        if mode is Mode.TORQUE:
+        if mode is OperatingMode.TORQUE:
             self._target = self._position()  # to be there when positions are followed again
 
     @property

@@ -19,7 +19,7 @@ from backends.can.frames import SDO_REPLY, SDO_REQUEST
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from backends.can.port import Frame, Port
+    from backends.can.port import BusPort, Frame
 
 FRAME: Final = struct.Struct("<BHB4s")
 READ, WRITE = 0x40, 0x20
@@ -41,7 +41,7 @@ class SdoClient:
         others: Told every frame that is no answer.
     """
 
-    port: Port
+    port: BusPort
     joint: int
     node: int
     timeout: float

@@ -16,13 +16,13 @@ from backends.can.damiao.codec import MOST_DAMPING, STIFFEST, MitCommand, status
 from backends.can.damiao.motor import Motor
 from backends.can.damiao.setup import Setup, check_ids
 from backends.can.frames import BusLoad, Traffic
-from backends.can.link import DriveState, Link, Sample
+from backends.can.link import DriveSample, DriveStatus, Link
 from limo_driver.errors import BackendError, JointLimitError
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
     from backends.can.config import ArmConfig, DamiaoJoint
-    from backends.can.port import Frame, Port
+    from backends.can.port import BusPort, Frame
     from limo_driver.types import FloatArray, JointCommand
 
 
@@ -38,7 +38,7 @@ class DamiaoLink(Link):
         ConfigError: The bus cannot carry the rate, or ids that collide.
     """
 
-    def __init__(self, config: ArmConfig, port: Port, *, reset: bool = False) -> None:
+    def __init__(self, config: ArmConfig, port: BusPort, *, reset: bool = False) -> None:
         bus_load(config).require(config.rate)
         super().__init__(port, 1.0 / config.rate)
         self.config, self._reset = config, reset
@@ -115,7 +115,7 @@ class DamiaoLink(Link):
     def send(self) -> None:
         """Wait: a motor acts on its command as it arrives, which is when the cycle is due."""
 
-    def measure(self, until: float) -> Sample | None:
+    def measure(self, until: float) -> DriveSample | None:
         """Command all motors and return what they answer; None if one was not heard in time."""
         self._exchange(until)
         self._velocity = np.zeros(len(self._motors))  # a set-point that is repeated stands
@@ -132,11 +132,11 @@ class DamiaoLink(Link):
                 return f"joint {motor.number} (node {motor.joint.node}) {text}"
         return ""
 
-    def drives(self) -> tuple[DriveState, ...]:
+    def drives(self) -> tuple[DriveStatus, ...]:
         """Return what is known of every motor."""
         sample = self._sample()
         return tuple(
-            DriveState(
+            DriveStatus(
                 node=motor.joint.node,
                 status=status_words(motor.known.status),
                 enabled=motor.enabled,
@@ -220,10 +220,10 @@ class DamiaoLink(Link):
         rows = (motor_position, self._sign * self._velocity, stiffness, damping, torque)
         return [MitCommand(*map(float, row)) for row in zip(*rows, strict=True)]
 
-    def _sample(self) -> Sample:
+    def _sample(self) -> DriveSample:
         replies = [motor.known for motor in self._motors]
         position = np.array([reply.position for reply in replies])
-        return Sample(
+        return DriveSample(
             position=self._sign * (position - self._offset),
             velocity=self._sign * np.array([reply.velocity for reply in replies]),
             torque=self._sign * np.array([reply.torque for reply in replies]),

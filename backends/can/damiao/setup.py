@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from backends.can.config import ArmConfig
     from backends.can.damiao.motor import Motor
-    from backends.can.port import Port
+    from backends.can.port import BusPort
 
 ATTEMPTS: Final = 3  # to ask a motor, within the time for an answer
 SEARCH_TIME: Final = 0.1  # [s] in which motors with other ids answer
@@ -48,7 +48,7 @@ class Setup:
     """
 
     config: ArmConfig
-    port: Port
+    port: BusPort
     motors: Sequence[Motor]
 
     def run(self) -> None:

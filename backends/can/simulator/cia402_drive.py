@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from backends.can import frames
-from backends.can.simulator.drive import Drive
-from backends.can.simulator.drive_state import FAULTY, POWERED, DriveState, commanded, enables
+from backends.can.simulator.drive import SimulatedDrive
+from backends.can.simulator.drive_state import FAULTY, POWERED, StatuswordState, commanded, enables
 from backends.can.simulator.joint import Actuation, JointPort
 from backends.can.simulator.node import (
     BUS_OFF_RECOVERED,
@@ -33,7 +33,7 @@ from backends.can.simulator.objects import (
     SdoAbort,
     Variable,
 )
-from backends.can.simulator.pdo import Pdo
+from backends.can.simulator.pdo import SimulatedPdo
 from backends.can.simulator.setpoints import SetpointStream
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Scale:
         return self.joint.direction * per_mille * 1e-3 * self.joint.rated_torque
 
 
-class Cia402Drive(CanopenNode, Drive):
+class Cia402Drive(CanopenNode, SimulatedDrive):
     """One drive.
 
     Args:
@@ -111,7 +111,7 @@ class Cia402Drive(CanopenNode, Drive):
         name = f"limo simulated drive, joint {number}"
         super().__init__(joint.node, send, name, SERVO_DRIVE, (vendor, PRODUCT, 1, serial))
         self._port, self._scale = port, Scale(joint)
-        self._drive_state = DriveState.SWITCH_ON_DISABLED
+        self._drive_state = StatuswordState.SWITCH_ON_DISABLED
         self._controlword_before = 0
         self._mode_before = CSP
         self._stream = SetpointStream()
@@ -129,16 +129,16 @@ class Cia402Drive(CanopenNode, Drive):
     @property
     def enabled(self) -> bool:
         """Whether it follows set-points."""
-        return self._drive_state is DriveState.ENABLED
+        return self._drive_state is StatuswordState.ENABLED
 
     @property
-    def drive_state(self) -> DriveState:
+    def drive_state(self) -> StatuswordState:
         """Where the drive stands."""
         return self._drive_state
 
     def reset_application(self) -> None:
         """Go back to what the drive is when it is switched on."""
-        self._enter(DriveState.SWITCH_ON_DISABLED)
+        self._enter(StatuswordState.SWITCH_ON_DISABLED)
         self._controlword_before = 0
         for variable in (self._controlword, self._offset, self._target_torque, self._error):
             variable.value = 0
@@ -157,7 +157,7 @@ class Cia402Drive(CanopenNode, Drive):
         powered = self._drive_state in POWERED
         self.emergency(code)
         stops = powered and self.objects.number(0x605E) != 0
-        self._enter(DriveState.FAULT_REACTION if stops else DriveState.FAULT)
+        self._enter(StatuswordState.FAULT_REACTION if stops else StatuswordState.FAULT)
 
     def recover(self) -> None:
         """Be back on the bus after it was off."""
@@ -170,19 +170,19 @@ class Cia402Drive(CanopenNode, Drive):
 
     def left_operational(self) -> None:
         """React as object 6007 says; the master meant it, so that it is no error."""
-        if self._drive_state is DriveState.ENABLED:
+        if self._drive_state is StatuswordState.ENABLED:
             self._react(0)
 
     def demand(self, period: float) -> None:
         """Tell the joint what to do in the coming period [s]."""
         port = self._port
-        if self._drive_state is DriveState.ENABLED:
+        if self._drive_state is StatuswordState.ENABLED:
             if self._mode.value == CST:
                 port.actuation = Actuation.TORQUE
                 port.torque = self._wanted_torque(int(self._target_torque.value))
             else:
                 self._follow(period)
-        elif self._drive_state in {DriveState.QUICK_STOP, DriveState.FAULT_REACTION}:
+        elif self._drive_state in {StatuswordState.QUICK_STOP, StatuswordState.FAULT_REACTION}:
             self._slow_down(period)
         else:
             port.actuation, port.torque = Actuation.BRAKE, 0.0
@@ -239,10 +239,10 @@ class Cia402Drive(CanopenNode, Drive):
         port.position = stream.position
         if not at_rest:
             return
-        if self._drive_state is DriveState.FAULT_REACTION:
-            self._enter(DriveState.FAULT)
+        if self._drive_state is StatuswordState.FAULT_REACTION:
+            self._enter(StatuswordState.FAULT)
         elif not self._stays:
-            self._enter(DriveState.SWITCH_ON_DISABLED)
+            self._enter(StatuswordState.SWITCH_ON_DISABLED)
 
     @property
     def _steepest(self) -> float:
@@ -251,32 +251,32 @@ class Cia402Drive(CanopenNode, Drive):
 
     def _react(self, code: int) -> None:
         option = int(self._abort_option.value)
-        if self._drive_state is not DriveState.ENABLED or option == NO_ACTION:
+        if self._drive_state is not StatuswordState.ENABLED or option == NO_ACTION:
             return
         if option == FAULT_SIGNAL:
             self._error.value = code
-            self._enter(DriveState.FAULT_REACTION)
+            self._enter(StatuswordState.FAULT_REACTION)
         elif option == DISABLE_VOLTAGE:
-            self._enter(DriveState.SWITCH_ON_DISABLED)
+            self._enter(StatuswordState.SWITCH_ON_DISABLED)
         else:
-            self._enter(DriveState.QUICK_STOP)
+            self._enter(StatuswordState.QUICK_STOP)
 
     def _control(self, controlword: int) -> None:
         """Obey a controlword."""
         before, self._controlword_before = self._controlword_before, controlword
         state = commanded(self._drive_state, controlword, before)
-        if self._drive_state is DriveState.QUICK_STOP and self._stays and enables(controlword):
-            state = DriveState.ENABLED
+        if self._drive_state is StatuswordState.QUICK_STOP and self._stays and enables(controlword):
+            state = StatuswordState.ENABLED
         if state is not self._drive_state:
-            if self._drive_state is DriveState.FAULT:
+            if self._drive_state is StatuswordState.FAULT:
                 self._error.value = 0
             self._enter(state)
-            if self._register.value and state is not DriveState.QUICK_STOP:
+            if self._register.value and state is not StatuswordState.QUICK_STOP:
                 self.emergency(SOFT_RESET)
 
-    def _enter(self, state: DriveState) -> None:
+    def _enter(self, state: StatuswordState) -> None:
         port = self._port
-        if state is DriveState.ENABLED:
+        if state is StatuswordState.ENABLED:
             # Whatever was written before, a drive starts where the joint is.
             self._target.value = self._scale.count(port.measured_position)
             self._target_torque.value = 0
@@ -294,11 +294,11 @@ class Cia402Drive(CanopenNode, Drive):
 
     def _statusword(self) -> int:
         word = int(self._drive_state) | REMOTE
-        if self._drive_state not in {DriveState.SWITCH_ON_DISABLED, DriveState.FAULT}:
+        if self._drive_state not in {StatuswordState.SWITCH_ON_DISABLED, StatuswordState.FAULT}:
             word |= VOLTAGE_ENABLED
         if self._register.value:
             word |= WARNING
-        if self._drive_state is DriveState.ENABLED:
+        if self._drive_state is StatuswordState.ENABLED:
             word |= FOLLOWS | (LIMIT_ACTIVE if self._limited else 0)
         return word
 
@@ -368,8 +368,10 @@ class Cia402Drive(CanopenNode, Drive):
             rpdo, tpdo = frames.RPDO1 + 0x100 * k, frames.TPDO1 + 0x100 * k
             on = k == 0
             self.rpdos.append(
-                Pdo(self.objects, 0x1400 + k, 0x1600 + k, rpdo + self.node, received[k], on=on)
+                SimulatedPdo(
+                    self.objects, 0x1400 + k, 0x1600 + k, rpdo + self.node, received[k], on=on
+                )
             )
             self.tpdos.append(
-                Pdo(self.objects, 0x1800 + k, 0x1A00 + k, tpdo + self.node, sent[k], on=on)
+                SimulatedPdo(self.objects, 0x1800 + k, 0x1A00 + k, tpdo + self.node, sent[k], on=on)
             )

@@ -19,7 +19,7 @@ from backends.can.damiao.codec import (
     Reply,
     Status,
 )
-from backends.can.simulator.drive import Drive
+from backends.can.simulator.drive import SimulatedDrive
 from backends.can.simulator.joint import Actuation
 from limo_driver.errors import WireFormatError
 
@@ -35,7 +35,7 @@ TORQUE_MARGIN: Final = 1.25  # full scale of the torque, over what the joint may
 WRITABLE: Final = {Register.TIMEOUT, Register.MODE}
 
 
-class DamiaoDrive(Drive):
+class DamiaoDrive(SimulatedDrive):
     """One motor.
 
     Args:

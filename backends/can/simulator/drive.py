@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 
-class Drive(ABC):
+class SimulatedDrive(ABC):
     """One drive on the bus, built into one joint."""
 
     node: int  # id under which it is spoken to

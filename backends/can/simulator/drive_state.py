@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import Final
 
 
-class DriveState(IntEnum):
+class StatuswordState(IntEnum):
     """States; each value is the statusword's bits that say so."""
 
     SWITCH_ON_DISABLED = 0x40
@@ -21,8 +21,12 @@ class DriveState(IntEnum):
     FAULT = 0x08
 
 
-POWERED: Final = {DriveState.ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION}
-FAULTY: Final = {DriveState.FAULT_REACTION, DriveState.FAULT}
+POWERED: Final = {
+    StatuswordState.ENABLED,
+    StatuswordState.QUICK_STOP,
+    StatuswordState.FAULT_REACTION,
+}
+FAULTY: Final = {StatuswordState.FAULT_REACTION, StatuswordState.FAULT}
 FAULT_RESET: Final = 0x80
 
 # Bits of the controlword: switch on, enable voltage, quick stop (active low), enable operation.
@@ -32,12 +36,12 @@ _SHUTDOWN = (0x07, 0x06)
 _SWITCH_ON = (0x0F, 0x07)
 _ENABLE = (0x0F, 0x0F)
 
-_S = DriveState
+_S = StatuswordState
 _OFF = {
     _S.READY: _S.SWITCH_ON_DISABLED,
     _S.SWITCHED_ON: _S.SWITCH_ON_DISABLED,
 }
-_TRANSITIONS: Final[dict[tuple[int, int], dict[DriveState, DriveState]]] = {
+_TRANSITIONS: Final[dict[tuple[int, int], dict[StatuswordState, StatuswordState]]] = {
     _DISABLE_VOLTAGE: {
         **_OFF,
         _S.ENABLED: _S.SWITCH_ON_DISABLED,
@@ -55,7 +59,7 @@ _TRANSITIONS: Final[dict[tuple[int, int], dict[DriveState, DriveState]]] = {
 }
 
 
-def commanded(state: DriveState, controlword: int, before: int) -> DriveState:
+def commanded(state: StatuswordState, controlword: int, before: int) -> StatuswordState:
     """Return the state that a controlword leads to.
 
     Args:
@@ -63,9 +67,9 @@ def commanded(state: DriveState, controlword: int, before: int) -> DriveState:
         controlword: Object 6040 as written now.
         before: The controlword before it: a fault is reset by the rise of bit 7 alone.
     """
-    if state is DriveState.FAULT:
+    if state is StatuswordState.FAULT:
         rises = controlword & FAULT_RESET and not before & FAULT_RESET
-        return DriveState.SWITCH_ON_DISABLED if rises else state
+        return StatuswordState.SWITCH_ON_DISABLED if rises else state
     if controlword & FAULT_RESET:
         return state  # the other bits mean nothing then
     for (mask, value), moves in _TRANSITIONS.items():

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from backends.can.config import Joint
-    from backends.can.simulator.drive import Drive
+    from backends.can.simulator.drive import SimulatedDrive
 
 TO_DRIVES, FROM_DRIVES, BOTH = "to_drives", "from_drives", "both"
 MOST_BABBLE: Final = 100  # frames at once
@@ -54,10 +54,10 @@ class Fault(Declared, ABC):
         """Say whether a frame to or from the drive of a joint (from 1) is lost."""
         return False
 
-    def begin(self, drives: Sequence[Drive]) -> None:
+    def begin(self, drives: Sequence[SimulatedDrive]) -> None:
         """Go wrong."""
 
-    def end(self, drives: Sequence[Drive]) -> None:
+    def end(self, drives: Sequence[SimulatedDrive]) -> None:
         """Be over."""
 
     def disturb(self, elapsed: float, send: Callable[[int, bytes], None]) -> None:
@@ -90,7 +90,7 @@ class BusOff(Fault):
         """Say whether a frame to or from the drive of a joint (from 1) is lost."""
         return joint == self.joint
 
-    def end(self, drives: Sequence[Drive]) -> None:
+    def end(self, drives: Sequence[SimulatedDrive]) -> None:
         """Be back on the bus."""
         drives[self.joint - 1].recover()
 
@@ -128,7 +128,7 @@ class DriveFault(Fault):
     joint: int = parameter(JOINT)
     code: int = parameter(default=0x4310, lower=1, upper=0xFFFF)  # 4310: the drive is too hot
 
-    def begin(self, drives: Sequence[Drive]) -> None:
+    def begin(self, drives: Sequence[SimulatedDrive]) -> None:
         """Have the fault."""
         drives[self.joint - 1].fail(self.code)
 

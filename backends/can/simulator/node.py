@@ -16,7 +16,7 @@ from backends.can.simulator.sdo_server import SdoServer
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from backends.can.simulator.pdo import Pdo
+    from backends.can.simulator.pdo import SimulatedPdo
 
 
 REMEMBERED: Final = 8  # errors in 1003
@@ -78,8 +78,8 @@ class CanopenNode:
         objects.array(0x1016, self._guarded)
         self._heartbeat = objects.add(0x1017, 0, Variable(U16, writable=True))
         objects.array(0x1018, *(Variable(U32, number) for number in identity))
-        self.rpdos: list[Pdo] = []
-        self.tpdos: list[Pdo] = []
+        self.rpdos: list[SimulatedPdo] = []
+        self.tpdos: list[SimulatedPdo] = []
         self._now = 0.0
         self._beat_at = 0.0  # [s] last heartbeat sent
         self._heard: float | None = None  # [s] last heartbeat of the guarded node
@@ -176,7 +176,7 @@ class CanopenNode:
     def reset_application(self) -> None:
         """Go back to what the device is when it is switched on."""
 
-    def _receive(self, pdo: Pdo, data: bytes) -> None:
+    def _receive(self, pdo: SimulatedPdo, data: bytes) -> None:
         if len(data) < pdo.length:
             self.emergency(PDO_TOO_SHORT, COMMUNICATION)
         elif pdo.synchronous:
@@ -184,7 +184,7 @@ class CanopenNode:
         else:
             self._put_in_force(pdo, data)
 
-    def _put_in_force(self, pdo: Pdo, data: bytes) -> None:
+    def _put_in_force(self, pdo: SimulatedPdo, data: bytes) -> None:
         pdo.unpack(data)
         # The deadline is of set-points in force: of a synchronous RPDO, SYNC keeps it too.
         self._fed[self.rpdos.index(pdo)] = self._now

@@ -36,7 +36,7 @@ EVENT_DRIVEN: Final = (254, 255)
 _RESERVED = (*range(0x081), *range(0x101, 0x181), *range(0x581, 0x5FF + 1), *range(0x601, 0x680))
 
 
-class Pdo:
+class SimulatedPdo:
     """One PDO and its four groups of entries in the dictionary.
 
     Args:

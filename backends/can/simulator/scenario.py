@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Scenario(Declared):
+class BusScenario(Declared):
     """Faults, and the seed of their chances."""
 
     faults: tuple[Fault, ...] = ()
     seed: int = parameter("", "of chances", lower=0, default=0)
 
     @classmethod
-    def load(cls, path: Path | str, joints: Sequence[Joint]) -> Scenario:
+    def load(cls, path: Path | str, joints: Sequence[Joint]) -> BusScenario:
         """Read a scenario for an arm.
 
         Raises:

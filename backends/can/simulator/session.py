@@ -13,7 +13,7 @@ from backends.can.cia402.discovery import DEVICE_TYPE
 from backends.can.config import Cia402Joint
 from backends.can.damiao import codec as damiao
 from backends.can.frames import SDO_REPLY, SDO_REQUEST
-from backends.can.port import Port
+from backends.can.port import BusPort
 from backends.can.simulator.station import Station
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.robot.interrupts import interrupts
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from backends.can.config import ArmConfig, Joint
-    from backends.can.simulator.scenario import Scenario
+    from backends.can.simulator.scenario import BusScenario
     from backends.can.simulator.station import StationCounts
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
@@ -40,7 +40,7 @@ def run_drives(
     fifo: bool = False,
     position: Sequence[float] | FloatArray | None = None,
     seed: int = 0,
-    scenario: Scenario | None = None,
+    scenario: BusScenario | None = None,
     duration: float | None = None,
 ) -> StationCounts:
     """Be on the bus until SIGINT, SIGTERM or the end of `duration` [s].
@@ -71,7 +71,7 @@ def run_drives(
     interrupted = threading.Event()
     with (
         interrupts(interrupted.set),
-        Port(config.bus) as port,
+        BusPort(config.bus) as port,
         Station(config, port, simulation, position, seed, scenario) as station,
         ExitStack() as open_,
     ):
@@ -86,7 +86,7 @@ def run_drives(
     return station.counts
 
 
-def _require_alone(config: ArmConfig, port: Port) -> None:
+def _require_alone(config: ArmConfig, port: BusPort) -> None:
     """Refuse a bus on which these drives are already: every question would have two answers."""
     for joint in config.joints:
         if isinstance(joint, Cia402Joint):

@@ -14,15 +14,15 @@ from backends.can.simulator.arm import SimulatedArm
 from backends.can.simulator.cia402_drive import Cia402Drive
 from backends.can.simulator.damiao_drive import DamiaoDrive
 from backends.can.simulator.faults import FROM_DRIVES, TO_DRIVES, rewired
-from backends.can.simulator.scenario import Scenario
+from backends.can.simulator.scenario import BusScenario
 from limo_driver.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from backends.can.config import ArmConfig, Joint
-    from backends.can.port import Port
-    from backends.can.simulator.drive import Drive
+    from backends.can.port import BusPort
+    from backends.can.simulator.drive import SimulatedDrive
     from backends.can.simulator.faults import Fault
     from backends.can.simulator.joint import JointPort
     from limo_driver.physics import Simulation
@@ -63,15 +63,15 @@ class Station(Closing):
     def __init__(
         self,
         config: ArmConfig,
-        port: Port,
+        port: BusPort,
         simulation: Simulation,
         position: Sequence[float] | FloatArray | None = None,
         seed: int = 0,
-        scenario: Scenario | None = None,
+        scenario: BusScenario | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._config, self._port, self._clock = config, port, clock
-        self._scenario = scenario or Scenario()
+        self._scenario = scenario or BusScenario()
         self.counts = StationCounts()
         self.arm = SimulatedArm(simulation, position, seed)
         self._random = np.random.default_rng(self._scenario.seed)
@@ -79,7 +79,7 @@ class Station(Closing):
         self._active: list[Fault] = []
         self._began: float | None = None  # when a drive was first enabled [s]
         self._ticked = 0.0
-        self.drives: tuple[Drive, ...] = tuple(
+        self.drives: tuple[SimulatedDrive, ...] = tuple(
             self._drive(number, joint, port)
             for number, (joint, port) in enumerate(
                 zip(rewired(config.joints, self._scenario.faults), self.arm.joints, strict=True),
@@ -192,7 +192,7 @@ class Station(Closing):
         self.counts.babbled += 1
         self._port.send(frame_id, data)
 
-    def _drive(self, number: int, joint: Joint, port: JointPort) -> Drive:
+    def _drive(self, number: int, joint: Joint, port: JointPort) -> SimulatedDrive:
         send = self._sender(number)
         if isinstance(joint, Cia402Joint):
             return Cia402Drive(number, joint, port, send, self._config.temperature)

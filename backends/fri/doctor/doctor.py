@@ -31,7 +31,7 @@ MOST_POOR: Final = 0.1  # of the packets below GOOD, once one was better
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """One thing that was found out."""
 
     code: str  # a word for programs
@@ -43,7 +43,7 @@ class Finding:
 class Examination:
     """All that was found out about a link."""
 
-    findings: list[Finding] = field(default_factory=list[Finding])
+    findings: list[CheckResult] = field(default_factory=list[CheckResult])
     figures: dict[str, Any] = field(default_factory=dict[str, Any])
 
     @property
@@ -53,7 +53,7 @@ class Examination:
 
     def add(self, code: str, text: str, *, problem: bool = True) -> None:
         """Add a finding."""
-        self.findings.append(Finding(code, text, problem))
+        self.findings.append(CheckResult(code, text, problem))
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values."""

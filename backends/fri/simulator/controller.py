@@ -9,17 +9,17 @@ from backends.fri.codec.messages import SafetyState, SessionState
 from backends.fri.simulator.link import Channel
 from backends.fri.simulator.listener import Listener
 from backends.fri.simulator.monitoring import MonitoringWriter, Standing
-from backends.fri.simulator.motion import Motion
-from backends.fri.simulator.port import Port
+from backends.fri.simulator.motion import CommandedArm
+from backends.fri.simulator.port import UdpPort
 from backends.fri.simulator.quality import ConnectionQuality
-from backends.fri.simulator.report import ControllerReport, Findings
-from backends.fri.simulator.scenario import Now, Scenario, ScenarioClock
-from backends.fri.simulator.session import Circumstances, Session
+from backends.fri.simulator.report import ClientObservations, ControllerReport
+from backends.fri.simulator.scenario import ControllerScenario, Now, ScenarioClock
+from backends.fri.simulator.session import Circumstances, ControllerSession
 from limo_driver.closing import Closing
 from limo_driver.robot.realtime import Pace, Realtime, sleeper
 
 if TYPE_CHECKING:
-    from backends.fri.simulator.session import Visit
+    from backends.fri.simulator.session import ControllerVisit
     from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
 
@@ -44,19 +44,19 @@ class SimulatedController(Closing):
         self,
         settings: ControllerSettings,
         simulation: Simulation | None = None,
-        scenario: Scenario | None = None,
+        scenario: ControllerScenario | None = None,
     ) -> None:
-        scenario = Scenario() if scenario is None else scenario
+        scenario = ControllerScenario() if scenario is None else scenario
         self.settings = settings
         self.client = settings.client.resolved()
-        self.findings = Findings()
-        self._motion = Motion(settings, simulation)
+        self.findings = ClientObservations()
+        self._motion = CommandedArm(settings, simulation)
         self._listener = Listener(settings, self.client, scenario.seed, self.findings, self._motion)
         self._ledger = self._listener.ledger
         self._network = Channel("to_client", scenario.seed)
         self._quality = ConnectionQuality(settings.quality, 1e-3 * settings.interval_ms)
         self._level = self._quality.level  # as it is shown
-        self._session = Session(settings.times)
+        self._session = ControllerSession(settings.times)
         self._writer = MonitoringWriter(
             settings.version,
             settings.mode,
@@ -73,7 +73,7 @@ class SimulatedController(Closing):
         self._ends = float("inf") if settings.duration is None else settings.duration
         self._farewells = 0
         self._packet()  # what is compiled and learned at first is not at the client's cost
-        self._port = Port(settings.bind)
+        self._port = UdpPort(settings.bind)
 
     @property
     def address(self) -> str:
@@ -81,7 +81,7 @@ class SimulatedController(Closing):
         return str(self._port.address)
 
     @property
-    def visits(self) -> tuple[Visit, ...]:
+    def visits(self) -> tuple[ControllerVisit, ...]:
         """The session states so far, when each was entered, and why where that was a loss."""
         return tuple(self._session.visits)
 

@@ -19,7 +19,7 @@ class Direction(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Event(Declared):
+class ControllerEvent(Declared):
     """Something that begins at a time and lasts for another."""
 
     name: ClassVar[str]
@@ -33,7 +33,7 @@ class Event(Declared):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loss(Event):
+class Loss(ControllerEvent):
     """Datagrams are lost."""
 
     name: ClassVar[str] = "loss"
@@ -42,7 +42,7 @@ class Loss(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Delay(Event):
+class Delay(ControllerEvent):
     """Datagrams come later, by a constant and an evenly distributed part."""
 
     name: ClassVar[str] = "delay"
@@ -52,7 +52,7 @@ class Delay(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reorder(Event):
+class Reorder(ControllerEvent):
     """Datagrams are overtaken by the next one."""
 
     name: ClassVar[str] = "reorder"
@@ -61,7 +61,7 @@ class Reorder(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Duplicate(Event):
+class Duplicate(ControllerEvent):
     """Datagrams come twice."""
 
     name: ClassVar[str] = "duplicate"
@@ -70,7 +70,7 @@ class Duplicate(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class QualityDrop(Event):
+class QualityDrop(ControllerEvent):
     """The quality is at most this, whatever the client does."""
 
     name: ClassVar[str] = "quality"
@@ -78,7 +78,7 @@ class QualityDrop(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SafetyStop(Event):
+class SafetyStop(ControllerEvent):
     """The safety controller stops the arm."""
 
     name: ClassVar[str] = "safety_stop"
@@ -86,7 +86,7 @@ class SafetyStop(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SessionCap(Event):
+class SessionCap(ControllerEvent):
     """The session goes no higher than this state; `idle` closes it."""
 
     name: ClassVar[str] = "session"
@@ -94,7 +94,7 @@ class SessionCap(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Push(Event):
+class SimulatedPush(ControllerEvent):
     """Somebody leans on a joint."""
 
     name: ClassVar[str] = "push"
@@ -103,14 +103,14 @@ class Push(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Silence(Event):
+class Silence(ControllerEvent):
     """The controller sends nothing, and goes on."""
 
     name: ClassVar[str] = "silence"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProgramMotion(Event):
+class ProgramMotion(ControllerEvent):
     """The robot's own program moves a joint there and back, smoothly: the ipo position."""
 
     name: ClassVar[str] = "motion"
@@ -118,7 +118,7 @@ class ProgramMotion(Event):
     amplitude: float = parameter("rad", lower=-3.0, upper=3.0)
 
 
-EVENTS: dict[str, type[Event]] = {
+EVENTS: dict[str, type[ControllerEvent]] = {
     kind.name: kind
     for kind in (
         Loss,
@@ -128,7 +128,7 @@ EVENTS: dict[str, type[Event]] = {
         QualityDrop,
         SafetyStop,
         SessionCap,
-        Push,
+        SimulatedPush,
         Silence,
         ProgramMotion,
     )

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from backends.fri.codec.messages import Command
     from backends.fri.simulator.judge import Wanted
     from backends.fri.simulator.link import Disturbance
-    from backends.fri.simulator.motion import Motion
-    from backends.fri.simulator.port import Address, Port
-    from backends.fri.simulator.report import Findings
-    from backends.fri.simulator.session import Session
+    from backends.fri.simulator.motion import CommandedArm
+    from backends.fri.simulator.port import Address, UdpPort
+    from backends.fri.simulator.report import ClientObservations
+    from backends.fri.simulator.session import ControllerSession
     from backends.fri.simulator.settings import ControllerSettings
 
 _COUNTERS: Final = 1 << 32
@@ -44,8 +44,8 @@ class Listener:
         settings: ControllerSettings,
         client: Address,
         seed: int,
-        findings: Findings,
-        motion: Motion,
+        findings: ClientObservations,
+        motion: CommandedArm,
     ) -> None:
         self._settings, self._client = settings, client
         self._findings, self._motion = findings, motion
@@ -66,7 +66,9 @@ class Listener:
         """Expect commands in answer to all packets from the next on."""
         self.confirmed, self._asked_from = 0, self.ledger.next_sequence
 
-    def listen(self, port: Port, now: float, network: Disturbance, session: Session) -> None:
+    def listen(
+        self, port: UdpPort, now: float, network: Disturbance, session: ControllerSession
+    ) -> None:
         """Take the answers that have come.
 
         Args:
@@ -107,7 +109,7 @@ class Listener:
         self._intervals = 1  # that a command has had since
         self._followed = False  # one, in this interval
 
-    def _receive(self, data: bytes, at_ns: int, now: float, session: Session) -> None:
+    def _receive(self, data: bytes, at_ns: int, now: float, session: ControllerSession) -> None:
         try:
             command = self._commands.decode(data)
         except WireFormatError as error:

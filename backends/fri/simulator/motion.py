@@ -21,7 +21,7 @@ TRACKING: Final = 0.05  # [rad] off the set-point at which the tracking performa
 _MOST_STEPS: Final = 200  # [ms] that are simulated at once after a pause of the whole process
 
 
-class Motion:
+class CommandedArm:
     """The arm, its set-point, and who moves it.
 
     Args:

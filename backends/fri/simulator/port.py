@@ -57,7 +57,7 @@ class Address(NamedTuple):
             raise ConfigError(f"host {self.host!r} is not known: {_said(error)}") from None
 
 
-class Datagram(NamedTuple):
+class ClientDatagram(NamedTuple):
     """What came, and when."""
 
     data: bytes
@@ -65,7 +65,7 @@ class Datagram(NamedTuple):
     sender: Address
 
 
-class Port(Closing):
+class UdpPort(Closing):
     """An open UDP port.
 
     Args:
@@ -105,7 +105,7 @@ class Port(Closing):
             return
         self._sent_once = True
 
-    def received(self) -> Iterator[Datagram]:
+    def received(self) -> Iterator[ClientDatagram]:
         """Return what came by now, at most 64 datagrams."""
         since_boot = time.time_ns() - time.monotonic_ns()
         for _ in range(MOST_AT_ONCE):
@@ -121,7 +121,7 @@ class Port(Closing):
                 if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS:
                     seconds, nanoseconds = _TIMESPEC.unpack(stamp[: _TIMESPEC.size])
                     at = min(seconds * _NANO + nanoseconds - since_boot, at)
-            yield Datagram(data, at, Address(*sender))
+            yield ClientDatagram(data, at, Address(*sender))
 
     def close(self) -> None:
         """Close the port."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from backends.fri.simulator.judge import Wanted
     from backends.fri.simulator.ledger import Ledger
     from backends.fri.simulator.link import Fates
-    from backends.fri.simulator.session import Visit
+    from backends.fri.simulator.session import ControllerVisit
     from limo_driver.types import FloatArray
 
 MOST_COMPLAINTS: Final = 50  # kinds that are told apart
@@ -32,7 +32,7 @@ class Complaint:
 
 
 @dataclass
-class Findings:
+class ClientObservations:
     """What is noted about the client while the controller runs; bounded, however long that is."""
 
     complaints: dict[str, Complaint] = field(default_factory=dict)
@@ -88,9 +88,9 @@ class ControllerReport:
     multiplier: int
     duration: float  # [s]
     ledger: Ledger
-    visits: tuple[Visit, ...]
+    visits: tuple[ControllerVisit, ...]
     quality: Quality  # at the end of the session
-    findings: Findings
+    findings: ClientObservations
     fates: dict[str, Fates]  # of datagrams in each direction
     loop: dict[str, Any]  # lateness of the controller's own loop
     loop_text: str

@@ -23,18 +23,18 @@ from typing import TYPE_CHECKING, Final
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
 from backends.fri.simulator.events import (
     EVENTS,
+    ControllerEvent,
     Delay,
     Direction,
     Duplicate,
-    Event,
     Loss,
     ProgramMotion,
-    Push,
     QualityDrop,
     Reorder,
     SafetyStop,
     SessionCap,
     Silence,
+    SimulatedPush,
 )
 from backends.fri.simulator.link import UNDISTURBED, Disturbance
 from limo_driver.declarations import read_yaml
@@ -55,7 +55,7 @@ class Origin(Enum):
 
 
 @dataclass(frozen=True)
-class Scenario(Declared):
+class ControllerScenario(Declared):
     """Events in order of time.
 
     Args:
@@ -64,12 +64,12 @@ class Scenario(Declared):
         origin: From when their times count.
     """
 
-    events: tuple[Event, ...] = ()
+    events: tuple[ControllerEvent, ...] = ()
     seed: int = parameter(default=0)
     origin: Origin = parameter(of=Origin, default=Origin.START, key="from")
 
     @classmethod
-    def load(cls, path: Path) -> Scenario:
+    def load(cls, path: Path) -> ControllerScenario:
         """Read a scenario file.
 
         Raises:
@@ -92,7 +92,7 @@ class Now:
     safety: SafetyState = SafetyState.NORMAL
     session: SessionState = SessionState.COMMANDING_ACTIVE  # at most
     silent: bool = False
-    pushes: tuple[Push, ...] = ()
+    pushes: tuple[SimulatedPush, ...] = ()
     motions: tuple[ProgramMotion, ...] = ()
 
 
@@ -103,9 +103,9 @@ class ScenarioClock:
         scenario: The events.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: ControllerScenario) -> None:
         self._coming = sorted(scenario.events, key=lambda event: event.at, reverse=True)
-        self._active: list[Event] = []
+        self._active: list[ControllerEvent] = []
         self._next_change = 0.0  # [s]
         self._now = Now()
         self._origin = 0.0 if scenario.origin is Origin.START else math.inf  # [s]
@@ -134,7 +134,7 @@ class ScenarioClock:
         return self._now
 
 
-def together(events: Iterable[Event]) -> Now:
+def together(events: Iterable[ControllerEvent]) -> Now:
     """Return what events ask for at once: of two of a kind, the worse."""
     now = Now()
     for event in events:
@@ -150,7 +150,7 @@ def together(events: Iterable[Event]) -> Now:
                 now = replace(now, session=min(now.session, event.state))
             case Silence():
                 now = replace(now, silent=True)
-            case Push():
+            case SimulatedPush():
                 now = replace(now, pushes=(*now.pushes, event))
             case ProgramMotion():
                 now = replace(now, motions=(*now.motions, event))

@@ -40,7 +40,7 @@ class SessionTimes(Declared):
 
 
 @dataclass(frozen=True)
-class Visit:
+class ControllerVisit:
     """A session state, and when it was entered."""
 
     state: SessionState
@@ -59,7 +59,7 @@ class Circumstances:
     stop: str = ""  # why the arm has to stop; empty if it need not
 
 
-class Session:
+class ControllerSession:
     """Where the session stands.
 
     Args:
@@ -69,7 +69,7 @@ class Session:
     def __init__(self, times: SessionTimes) -> None:
         self.times = times
         self.state = SessionState.IDLE
-        self.visits = [Visit(SessionState.IDLE, 0.0, "")]
+        self.visits = [ControllerVisit(SessionState.IDLE, 0.0, "")]
         self.forgotten = 0  # visits beyond the most
         self._entered = 0.0
         self._commanding_from = 0.0  # before which no overlay is asked for
@@ -125,6 +125,6 @@ class Session:
     def _enter(self, state: SessionState, now: float, reason: str) -> None:
         self.state, self._entered = state, now
         if len(self.visits) < MOST_VISITS:
-            self.visits.append(Visit(state, now, reason))
+            self.visits.append(ControllerVisit(state, now, reason))
         else:
             self.forgotten += 1

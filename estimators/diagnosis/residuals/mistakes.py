@@ -32,7 +32,7 @@ _DEGREES = float(np.rad2deg(1.0))
 
 
 @dataclass(frozen=True)
-class Sample:
+class RowSample:
     """Some rows of all recordings, perhaps with a mistake undone: K rows of n joints."""
 
     body: RobotModel
@@ -42,7 +42,7 @@ class Sample:
     constant: tuple[int, ...] = ()  # joints (0-based) whose encoder gives one value throughout
 
     @classmethod
-    def of(cls, observed: Observations) -> Sample:
+    def of(cls, observed: Observations) -> RowSample:
         """Thin the slow rows."""
         rows = slice(None, None, max(1, len(observed.slow) // MISTAKES.rows))
         body = observed.simulation.body
@@ -98,18 +98,18 @@ class Sample:
             result[use, joint] = friction @ size
         return result
 
-    def thinned(self, most: int) -> Sample:
+    def thinned(self, most: int) -> RowSample:
         """Return at most so many of the rows."""
         rows = slice(None, None, -(-len(self.torque) // most))
         return replace(
             self, motion=self.motion[rows], torque=self.torque[rows], moving=self.moving[rows]
         )
 
-    def at(self, position: FloatArray) -> Sample:
+    def at(self, position: FloatArray) -> RowSample:
         """Return the sample at other positions (K, n) [rad], as fast as before."""
         return replace(self, motion=replace(self.motion, position=position))
 
-    def positions(self, matrix: FloatArray, turn: FloatArray | float = 0.0) -> Sample:
+    def positions(self, matrix: FloatArray, turn: FloatArray | float = 0.0) -> RowSample:
         """Return the sample with positions q → q Aᵀ + turn; A is (n, n), turn (n,) [rad]."""
         motion = self.motion
         moved = Motion(
@@ -121,7 +121,7 @@ class Sample:
         moving = (self.moving.astype(float) @ np.abs(np.sign(matrix)).T) > 0
         return replace(self, motion=moved, moving=moving)
 
-    def torques(self, matrix: FloatArray) -> Sample:
+    def torques(self, matrix: FloatArray) -> RowSample:
         """Return the sample with torques τ → τ Aᵀ; A is (n, n)."""
         return replace(self, torque=self.torque @ matrix.T)
 
@@ -137,7 +137,7 @@ def dry_and_viscous(v: FloatArray) -> FloatArray:
     return np.stack([np.sign(v), v / max(float(np.abs(v).max()), MISTAKES.tiny)], axis=1)
 
 
-Undo: TypeAlias = Callable[[Sample], Sample]
+Undo: TypeAlias = Callable[[RowSample], RowSample]
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ def _of_joint(j: int, n: int) -> Iterator[Mistake]:
         )
 
 
-def stuck(sample: Sample) -> Iterator[Mistake]:
+def stuck(sample: RowSample) -> Iterator[Mistake]:
     """Yield encoders that may be stuck: those that give one value throughout.
 
     A joint that stands still may do so, too; but then the torques fit as they are.
@@ -217,7 +217,7 @@ def stuck(sample: Sample) -> Iterator[Mistake]:
         )
 
 
-def _turning(j: int, sample: Sample) -> Sample:
+def _turning(j: int, sample: RowSample) -> RowSample:
     """Turn a joint in each row to where the torques of all others fit best."""
     sample = sample.thinned(MISTAKES.rows_to_turn)
     own, n = sample.motion, sample.torque.shape[1]
@@ -244,7 +244,7 @@ def _positions(matrix: FloatArray, turn: FloatArray | float = 0.0) -> Undo:
     return lambda sample: sample.positions(matrix, turn)
 
 
-def _weighed(sample: Sample) -> Sample:
+def _weighed(sample: RowSample) -> RowSample:
     """Put gravity back, unless what was recorded is lost in it: then it fits all by itself."""
     still = np.zeros_like(sample.torque)
     gravity = sample.body.inverse_dynamics(sample.motion.position, still, still)
@@ -254,7 +254,7 @@ def _weighed(sample: Sample) -> Sample:
 
 
 def _gravity(direction: FloatArray) -> Undo:
-    def undo(sample: Sample) -> Sample:
+    def undo(sample: RowSample) -> RowSample:
         size = float(np.linalg.norm(sample.body.gravity))
         return replace(sample, body=sample.body.with_gravity((size * direction).tolist()))
 

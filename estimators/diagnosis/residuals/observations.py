@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
 from estimators.diagnosis.settings.residuals import ROWS
-from estimators.rigid_body.regressor import Chain
+from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.recordings.differentiation import smooth
@@ -132,9 +132,9 @@ class Observations:
         return self.motion.n
 
     @cached_property
-    def chain(self) -> Chain:
+    def chain(self) -> RegressorChain:
         """The arm for regressors."""
-        return Chain.of(self.simulation.model)
+        return RegressorChain.of(self.simulation.model)
 
     @cached_property
     def regressor(self) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.diagnosis.residuals.mistakes import (
     Mistake,
-    Sample,
+    RowSample,
     constant_joints,
     dry_and_viscous,
     mistakes,
@@ -22,7 +22,7 @@ from estimators.diagnosis.residuals.mistakes import (
 )
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
-from estimators.rigid_body.regressor import PER_LINK, Chain
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -46,13 +46,13 @@ def check_plausible(observed: Observations) -> None:
         for k in range(len(observed.recordings)):
             part = observed.part(k)
             if len(part.kept) >= ROWS.least and len(still(part)) < observed.n:
-                _check_columns(part, Sample.of(part))
-    sample = Sample.of(observed)
+                _check_columns(part, RowSample.of(part))
+    sample = RowSample.of(observed)
     if not _check_columns(observed, sample):
         _check_arm(observed, sample)  # of all together: a light joint may show little in one
 
 
-def _check_columns(observed: Observations, sample: Sample) -> bool:
+def _check_columns(observed: Observations, sample: RowSample) -> bool:
     """Refuse mistakes of columns; say whether something else, as a mounting, was found."""
     found = found_in(sample)
     wrong = [mistake.said for mistake in found if mistake.is_of_data]
@@ -191,7 +191,7 @@ def _torques(observed: Observations) -> tuple[FloatArray, FloatArray]:
     return observed.measured, observed.simulated
 
 
-def found_in(sample: Sample) -> list[Mistake]:
+def found_in(sample: RowSample) -> list[Mistake]:
     """Return the mistakes that together turn torques which do not fit into torques that do.
 
     Args:
@@ -209,12 +209,12 @@ def found_in(sample: Sample) -> list[Mistake]:
     return found
 
 
-def _size(sample: Sample) -> float:
+def _size(sample: RowSample) -> float:
     """Return the logarithm of the misfits' product; a misfit that cannot matter counts alike."""
     return float(np.log(np.maximum(sample.misfit, PLAUSIBILITY.negligible)).sum())
 
 
-def _explains(before: Sample, after: Sample) -> bool:
+def _explains(before: RowSample, after: RowSample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
     strange = before.misfit > PLAUSIBILITY.strange
     mended = (
@@ -225,7 +225,7 @@ def _explains(before: Sample, after: Sample) -> bool:
     return bool(mended.any()) and _size(after) < _size(before) - np.log(PLAUSIBILITY.better)
 
 
-def _check_arm(observed: Observations, sample: Sample) -> None:
+def _check_arm(observed: Observations, sample: RowSample) -> None:
     """Refuse torques that are not the load of this arm, with or without a payload."""
     expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
     foreign = np.flatnonzero((_usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign) & expected)
@@ -245,7 +245,7 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
     Those of any rigid body fit, and those of the given one do not, with or without a payload. One
     link that is wrong, a mounting or a sensor does not do this on so many joints.
     """
-    sample = Sample.of(observed)
+    sample = RowSample.of(observed)
     fit = _BodyFit.of(sample)
     given, free = _usual_misfit(fit), fit.misfit(slice(None))
     for link, name in enumerate(sample.body.link_names):
@@ -282,9 +282,9 @@ class _BodyFit:
     size: tuple[float, ...]  # median of the torque [N m]
 
     @classmethod
-    def of(cls, sample: Sample) -> _BodyFit:
+    def of(cls, sample: RowSample) -> _BodyFit:
         moves = np.flatnonzero(sample.moving.sum(axis=0) >= MISTAKES.least_moving).tolist()
-        Y = Chain.of(sample.body).regressor(sample.motion)
+        Y = RegressorChain.of(sample.body).regressor(sample.motion)
         return cls(
             sample.torque.shape[1],
             tuple(moves),
@@ -315,12 +315,12 @@ class _BodyFit:
         return result
 
 
-def _centred(sample: Sample, joint: int) -> FloatArray:
+def _centred(sample: RowSample, joint: int) -> FloatArray:
     torque = sample.torque[sample.moving[:, joint], joint]
     return torque - np.median(torque)
 
 
-def _beside_friction(sample: Sample, joint: int, columns: FloatArray) -> FloatArray:
+def _beside_friction(sample: RowSample, joint: int, columns: FloatArray) -> FloatArray:
     """Return what no friction of a joint explains of columns (K, p), on its moving rows."""
     use = sample.moving[:, joint]
     v = sample.motion.velocity[use, joint]

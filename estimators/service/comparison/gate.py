@@ -41,7 +41,7 @@ _MOST_SHARED: Final = 0.9  # correlation of blocks, beyond which they say next t
 
 
 @dataclass(frozen=True)
-class Interval:
+class ConfidenceInterval:
     """A value and the interval that holds it with `LEVEL`; each () or (n,)."""
 
     value: FloatArray
@@ -55,9 +55,9 @@ class Comparison:
 
     champion: FloatArray  # RMSE, (n,) [N m]
     challenger: FloatArray  # RMSE, (n,) [N m]
-    difference: Interval  # challenger - champion, (n,) [N m]
-    ratio: Interval  # of the mean squared errors, challenger / champion, (n,)
-    mean_ratio: Interval  # geometric mean of the joints, so that each counts the same, ()
+    difference: ConfidenceInterval  # challenger - champion, (n,) [N m]
+    ratio: ConfidenceInterval  # of the mean squared errors, challenger / champion, (n,)
+    mean_ratio: ConfidenceInterval  # geometric mean of the joints, so that each counts the same, ()
     surely_worse: tuple[int, ...]  # joints, 1-based, whatever was looked at how often
     blocks: int
     needed: int  # blocks after which the mean ratio, if it is as it looks, is told from 1
@@ -161,7 +161,7 @@ def compare(champion: FloatArray, challenger: FloatArray, block: int, looks: int
     )
 
 
-def accuracy(errors: FloatArray, block: int) -> Interval:
+def accuracy(errors: FloatArray, block: int) -> ConfidenceInterval:
     """Return the RMSE of each joint with its interval, (n,) [N m].
 
     Args:
@@ -201,29 +201,29 @@ def _block_means(errors: FloatArray, block: int) -> FloatArray:
     return np.mean(errors[: K * block].reshape(K, block, -1) ** 2, axis=1)
 
 
-def _interval(value: FloatArray, influence: FloatArray, level: float = LEVEL) -> Interval:
+def _interval(value: FloatArray, influence: FloatArray, level: float = LEVEL) -> ConfidenceInterval:
     """Return the interval of a mean from what each of K blocks adds to it, (K,) or (K, n)."""
     from scipy.special import stdtrit  # slow to import, and a service begins without it
 
     K = len(influence)
     if K < FEWEST_BLOCKS:
         infinite = np.full(np.shape(value), np.inf)
-        return Interval(np.asarray(value), -infinite, infinite)
+        return ConfidenceInterval(np.asarray(value), -infinite, infinite)
     centred = influence - influence.mean(axis=0)
     variance = np.sum(centred**2, axis=0) / (K - 1)
     shared = np.sum(centred[1:] * centred[:-1], axis=0) / np.maximum(variance * (K - 1), 1e-300)
     shared = np.clip(shared, 0.0, _MOST_SHARED)
     width = np.sqrt(variance / K * (1 + shared) / (1 - shared))
     width = width * float(stdtrit(K - 1, (1 + level) / 2))  # Student's t
-    return Interval(np.asarray(value), value - width, value + width)
+    return ConfidenceInterval(np.asarray(value), value - width, value + width)
 
 
-def _exponential(interval: Interval) -> Interval:
+def _exponential(interval: ConfidenceInterval) -> ConfidenceInterval:
     with np.errstate(over="ignore"):
-        return Interval(*(np.exp(value) for value in vars(interval).values()))
+        return ConfidenceInterval(*(np.exp(value) for value in vars(interval).values()))
 
 
-def _needed(mean: Interval, blocks: int) -> int:
+def _needed(mean: ConfidenceInterval, blocks: int) -> int:
     """Return how many blocks tell the mean from zero, where the width falls with their root."""
     if blocks < FEWEST_BLOCKS:
         return FEWEST_BLOCKS

@@ -42,7 +42,7 @@ class FollowedSource:
         )
 
 
-class Silence:
+class StateSilence:
     """Time since joint states came."""
 
     def __init__(self) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.residual_model import ResidualModel
-    from estimators.service.store.golden_motion import Golden, Replay
+    from estimators.service.store.golden_motion import Golden, StreamReplay
 
 _NAME: Final = re.compile(r"\w[\w.+-]*")
 
@@ -67,7 +67,7 @@ def recorded(
     path: Path,
     model: ResidualModel[Any],
     golden: Golden,
-    replay: Replay,
+    replay: StreamReplay,
     record: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return what version.json says, but for the number and the parent."""

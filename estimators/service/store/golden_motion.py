@@ -31,7 +31,7 @@ _DIMENSIONS: Final = {"time": 1, "position": 2, "torque": 2, "rate": 0, "delay":
 
 
 @dataclass(frozen=True)
-class Replay:
+class StreamReplay:
     """What a stream answered, step by step, and what each step cost."""
 
     torque: FloatArray  # (T, n) [N m]
@@ -52,7 +52,7 @@ class Replay:
         return {"p50": float(p50), "p99": float(p99), "steps": int(timed.size)}
 
 
-def replay(stream: Stream, time: FloatArray, position: FloatArray) -> Replay:
+def replay(stream: Stream, time: FloatArray, position: FloatArray) -> StreamReplay:
     """Step a stream through T positions.
 
     Args:
@@ -68,7 +68,7 @@ def replay(stream: Stream, time: FloatArray, position: FloatArray) -> Replay:
         estimate, state = stream.step(state, float(time[t]), position[t], measured)
         cost[t] = 1e-9 * (thread_time_ns() - start)
         torque[t] = estimate.torque
-    return Replay(torque, cost)
+    return StreamReplay(torque, cost)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,9 @@ class Golden:
     delay: float  # of the stream [s]
 
     @classmethod
-    def of(cls, model: LiveEstimator, recording: Recording, delay: float) -> tuple[Golden, Replay]:
+    def of(
+        cls, model: LiveEstimator, recording: Recording, delay: float
+    ) -> tuple[Golden, StreamReplay]:
         """Replay the liveliest seconds of a recording.
 
         Raises:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from limo_driver.cli.models.options import (
     JsonOption,
-    Place,
+    VersionSource,
     WhichArgument,
     print_found,
     with_place,
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @with_place
 def list_versions(
-    place: Place,
+    place: VersionSource,
     as_json: JsonOption = False,
 ) -> None:
     """List the versions of a store, and which of them is the champion.
@@ -43,7 +43,7 @@ def list_versions(
 
 @with_place
 def show(
-    place: Place,
+    place: VersionSource,
     which: WhichArgument = "champion",
     as_json: JsonOption = False,
 ) -> None:

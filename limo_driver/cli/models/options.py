@@ -53,7 +53,7 @@ def opened(store: Path, robot: str | None, trust: list[Path] | None = None) -> M
 
 
 @dataclass(frozen=True)
-class Place:
+class VersionSource:
     """Where versions are: in a store, or with the running service of an arm."""
 
     store: StoreOption = MODELS
@@ -113,12 +113,12 @@ class Place:
 
 
 def with_place(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of a `Place`, which it takes as its first argument.
+    """Give a command the options of a `VersionSource`, which it takes as its first argument.
 
     Typer reads options from a signature, so that this has all of them: the command's own, those of
     the place, and `as_json` at the end.
     """
-    hints = get_type_hints(Place, include_extras=True)
+    hints = get_type_hints(VersionSource, include_extras=True)
     _, *own = inspect.signature(command, eval_str=True).parameters.values()
     added = [
         inspect.Parameter(
@@ -127,14 +127,14 @@ def with_place(command: Callable[..., None]) -> Callable[..., None]:
             default=item.default,
             annotation=hints[item.name],
         )
-        for item in fields(Place)
+        for item in fields(VersionSource)
     ]
     own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
     every = [*own[:-1], *added, own[-1]]
 
     @wraps(command)
     def with_options(**given: object) -> None:
-        place = Place(**{item.name: given.pop(item.name) for item in fields(Place)})  # type: ignore[arg-type]
+        place = VersionSource(**{item.name: given.pop(item.name) for item in fields(VersionSource)})  # type: ignore[arg-type]
         command(place, **given)
 
     with_options.__dict__["__signature__"] = inspect.Signature(every)

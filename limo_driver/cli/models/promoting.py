@@ -8,8 +8,8 @@ import typer
 
 from limo_driver.cli.models.options import (
     JsonOption,
-    Place,
     ReasonOption,
+    VersionSource,
     WhichArgument,
     asked,
     print_found,
@@ -45,7 +45,7 @@ def load(
 
 @with_place
 def promote(
-    place: Place,
+    place: VersionSource,
     which: WhichArgument,
     reason: ReasonOption = "by hand",
     as_json: JsonOption = False,
@@ -64,7 +64,7 @@ def promote(
 
 @with_place
 def rollback(
-    place: Place,
+    place: VersionSource,
     reason: ReasonOption = "by hand",
     as_json: JsonOption = False,
 ) -> None:

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.cli.models.options import JsonOption, Place, ReasonOption, print_found, with_place
+from limo_driver.cli.models.options import (
+    JsonOption,
+    ReasonOption,
+    VersionSource,
+    print_found,
+    with_place,
+)
 
 if TYPE_CHECKING:
     from estimators.service.store.store import ModelStore
@@ -18,7 +24,7 @@ _NAME = re.compile(r"(.+)_\d{8}T\d{6}\.\d{6}Z")
 
 @with_place
 def retrain(
-    place: Place,
+    place: VersionSource,
     reason: ReasonOption = "by hand",
     log: Annotated[
         Path | None, typer.Option(help="Folder of a service's logs to learn from, without --arm.")

@@ -172,14 +172,16 @@ def _run(
 ) -> int:
     """Run what is not finished yet, update the files after each, and return the exit status."""
     from estimators.reproduction.workers import Advanced, Failed, Finished, run_trials
-    from limo_driver.cli.reproduce.watch import Watch
+    from limo_driver.cli.reproduce.watch import TrialProgress
 
     finished = {trial.file_name: store.load(trial) for trial in trials}
     waiting = [trial for trial in trials if finished[trial.file_name] is None]
     if not waiting:
         return 0
     failed: list[Failed] = []
-    with Watch(notes, trials, [r for r in finished.values() if r is not None], processes) as watch:
+    with TrialProgress(
+        notes, trials, [r for r in finished.values() if r is not None], processes
+    ) as watch:
         try:
             for event in run_trials(job, waiting, processes):
                 match event:

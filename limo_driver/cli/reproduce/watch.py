@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _HOUR, _MINUTE = 3600, 60  # [s]
 
 
-class Watch:
+class TrialProgress:
     """Progress bars on a terminal, else one line for each trial.
 
     Args:

@@ -12,7 +12,7 @@ from sync_bus import SyncBus
 
 from backends.can import CanRobot
 from backends.can.cia402.bus_load import bus_load
-from backends.can.cia402.codec import MEASURED, STATUS, TEMPERATURE, Mode
+from backends.can.cia402.codec import MEASURED, STATUS, TEMPERATURE, OperatingMode
 from backends.can.cia402.drive import Drive
 from backends.can.frames import BusLoad, Traffic, classic_bits, fd_bits
 from backends.can.link import Link
@@ -136,7 +136,7 @@ class TestDrive:
         assert (told.mode, told.error, told.silent, told.stale) == ("", "", 0, False)
         assert math.isnan(told.temperature)
         drive.take_temperature(TEMPERATURE.pack(61))
-        drive.take_status(STATUS.pack(0, 0, Mode.TORQUE))
+        drive.take_status(STATUS.pack(0, 0, OperatingMode.TORQUE))
         told = drive.told(0.1, 0.2, 0.3, 0.5)
         assert (told.temperature, told.mode) == (30.5, "torque")
         assert not heard(status=0x08).told(0.1, 0.2, 0.3, 0.5).enabled

@@ -8,7 +8,7 @@ import pytest
 from ports import free_port
 
 from backends.can.config import Bus
-from backends.can.port import Port
+from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConnectionLostError
 
 GROUP = "239.74.164.9"
@@ -23,7 +23,7 @@ def address():
 def port(address):
     group, number = address
     bus = Bus(interface="udp_multicast", channel=group, options={"port": number})
-    with Port(bus) as opened:
+    with BusPort(bus) as opened:
         yield opened
 
 
@@ -78,10 +78,10 @@ class FullBus(can.BusABC):
 
 
 def test_what_waits_behind_other_frames_is_taken_when_no_time_is_left():
-    with Port(Bus(interface="virtual", channel="full"), FullBus(20)) as port:
+    with BusPort(Bus(interface="virtual", channel="full"), FullBus(20)) as port:
         assert port.receive(port.now() - 1.0) == (0x18B, b"x")
         assert port.receive(port.now() - 1.0) is None
-    with Port(Bus(interface="virtual", channel="full"), FullBus(10_000)) as port:
+    with BusPort(Bus(interface="virtual", channel="full"), FullBus(10_000)) as port:
         assert port.receive(port.now() - 1.0) is None  # not for ever
 
 
@@ -102,7 +102,7 @@ def test_waiting_ends_also_when_the_clock_on_the_wall_is_set_back(port, monkeypa
 
 def test_closed_bus_is_lost(address):
     bus = Bus(interface="virtual", channel=f"closed-{address[1]}")
-    port = Port(bus)
+    port = BusPort(bus)
     port.close()
     with pytest.raises(ConnectionLostError, match="is gone"):
         port.receive(port.now() + 0.1)
@@ -120,4 +120,4 @@ def test_closed_bus_is_lost(address):
 )
 def test_absent_bus_is_named(bus, message):
     with pytest.raises(BackendError, match=message):
-        Port(bus)
+        BusPort(bus)

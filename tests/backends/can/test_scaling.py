@@ -10,7 +10,7 @@ import pytest
 from arms import arm_config
 
 from backends.can.cia402.bridge import Bridge
-from backends.can.cia402.codec import TARGETS, TORQUE, Codec, Mode
+from backends.can.cia402.codec import TARGETS, TORQUE, Codec, OperatingMode
 from backends.can.config import Bus, Cia402Joint, DamiaoJoint, Temperature
 from backends.can.damiao.codec import MitCommand, Ranges, decode_command, encode_command
 from limo_driver.errors import ConfigError
@@ -42,13 +42,13 @@ class TestScaling:
     @each_way
     def test_torques_are_cut_to_16_bits(self, sign):
         for torque, per_mille in ((0.032, 32_000), (0.0327668, 32767), (0.04, 32767)):
-            (_, data) = self.CODEC.torques(np.array([0.0, sign * torque]), Mode.TORQUE)
-            assert TORQUE.unpack(data) == (sign * per_mille, Mode.TORQUE)
+            (_, data) = self.CODEC.torques(np.array([0.0, sign * torque]), OperatingMode.TORQUE)
+            assert TORQUE.unpack(data) == (sign * per_mille, OperatingMode.TORQUE)
 
     def test_torque_is_a_thousandth_of_the_rating(self):
         """Object 6076 is 25 N m at the motor, which are 50 at the joint."""
         assert self.CODEC.torque_resolution == pytest.approx([0.05, 1e-6], rel=1e-12)
-        (data, _) = self.CODEC.torques(np.array([10.0, 0.0]), Mode.TORQUE)
+        (data, _) = self.CODEC.torques(np.array([10.0, 0.0]), OperatingMode.TORQUE)
         assert TORQUE.unpack(data)[0] == -200
         assert self.CODEC.measured_torques([-200, 0])[0] == pytest.approx(10.0)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backends.fri.codec import messages
-from backends.fri.session import Order, Session
+from backends.fri.session import Order, RobotSession
 
 some = settings(max_examples=50)
 MODULUS = 2**32
@@ -29,7 +29,7 @@ def packet(sequence, stamp=None, reflected=0, state=messages.SessionState.MONITO
 
 
 def begun(sequence, stamp=None, period=0.01):
-    session = Session(period)
+    session = RobotSession(period)
     assert session.take(packet(sequence, stamp)) is Order.NEXT
     return session
 
@@ -143,7 +143,7 @@ class TestRobotTime:
 
 class TestAnswers:
     def answered(self, count, period=0.01):
-        session = Session(period)
+        session = RobotSession(period)
         session.take(packet(0))
         for k in range(count):
             assert session.next_sequence() == k
@@ -160,7 +160,7 @@ class TestAnswers:
             assert session.figures.answered == 5
 
     def test_one_by_one_are_neither_late_nor_lost(self):
-        session = Session(0.01)
+        session = RobotSession(0.01)
         for k in range(10):
             session.take(packet(k, reflected=max(k - 1, 0)))
             session.note_answer()
@@ -178,7 +178,7 @@ class TestAnswers:
         assert session.unconfirmed == 0
 
     def test_are_counted_in_32_bits(self):
-        session = Session(0.01)
+        session = RobotSession(0.01)
         session._sequence = MODULUS - 1
         session.take(packet(0))
         session.note_answer()
@@ -207,7 +207,7 @@ def test_a_state_is_visited_when_it_is_entered_and_said():
 
 
 def test_figures_begin_at_zero():
-    session = Session(0.01)
+    session = RobotSession(0.01)
     assert set(session.figures.as_json().values()) == {0}
     assert (session.packets, session.unconfirmed, session.next_sequence()) == (0, 0, 0)
     assert (session.time, session.state) == (0.0, None)

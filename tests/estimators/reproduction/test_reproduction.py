@@ -14,7 +14,7 @@ import pytest
 from table_data import RATE, robot, write_data
 
 from estimators.reproduction import rows as r
-from estimators.reproduction.bench import Bench, Motion
+from estimators.reproduction.bench import Bench, ScoringMotion
 from estimators.reproduction.data import RECORDINGS, TableData
 from estimators.reproduction.rigid_body import physics_digest, rigid_body
 from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, Row, paper_table
@@ -227,7 +227,7 @@ class Counting:
 def test_every_subsequence_starts_from_zero_memory_and_all_samples_count() -> None:
     scored = np.ones(23, bool)
     scored[[0, 1, -1]] = False  # edges
-    motion = Motion(
+    motion = ScoringMotion(
         np.zeros((23, 3)), np.zeros((23, 2)), scored, (slice(0, 12), slice(12, 23)), np.zeros(2)
     )
     errors = motion.squared_errors(Counting(), 4)  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.consistent import inertial_of, pseudo_inertia, thickened
 from estimators.rigid_body.newton_euler import inverse_dynamics, link_parameters
 from estimators.rigid_body.normal_equations import accumulate
-from estimators.rigid_body.regressor import Chain, parameters_of
+from estimators.rigid_body.regressor import RegressorChain, parameters_of
 from limo_driver.errors import ConfigError, NotFittedError, RecordingError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.physics import (
@@ -96,7 +96,7 @@ def test_regressor_agrees_with_pinocchio(robot, request):
     model = request.getfixturevalue(robot)
     random = np.random.default_rng(0)
     q, dq, ddq = random.uniform(-3, 3, (3, 50, model.n))
-    Y = Chain.of(model).regressor(Motion(np.arange(50.0), q, dq, ddq))
+    Y = RegressorChain.of(model).regressor(Motion(np.arange(50.0), q, dq, ddq))
     data = model.pin_model.createData()
     for t in range(50):
         expected = pin.computeJointTorqueRegressor(model.pin_model, data, q[t], dq[t], ddq[t])
@@ -106,7 +106,7 @@ def test_regressor_agrees_with_pinocchio(robot, request):
 def test_regressor_times_parameters_is_the_torque(iiwa):
     motion = sinusoids(7, 40, 1)
     pi = np.concatenate([parameters_of(iiwa.inertials[link]) for link in iiwa.link_names])
-    torque = (Chain.of(iiwa).regressor(motion) @ pi).T
+    torque = (RegressorChain.of(iiwa).regressor(motion) @ pi).T
     expected = iiwa.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
     np.testing.assert_allclose(torque, expected, atol=1e-10)
 
@@ -123,7 +123,7 @@ def test_base_parameters_predict_what_full_parameters_do(iiwa):
     random = np.random.default_rng(4)
     full = random.standard_normal(70 + 14)
     difference = full - base.expand(base.reduce(full))
-    Y = Chain.of(iiwa).regressor(sinusoids(7, 30, 2))
+    Y = RegressorChain.of(iiwa).regressor(sinusoids(7, 30, 2))
     assert np.abs(Y @ difference[:70]).max() < 1e-9 * np.abs(Y).max()
     np.testing.assert_allclose(difference[70:], 0, atol=1e-9)
 
@@ -397,7 +397,7 @@ def test_bad_requests_are_refused(iiwa):
 
 
 def test_newton_and_euler_agree_with_pinocchio(iiwa: RobotModel) -> None:
-    random, chain = np.random.default_rng(5), Chain.of(iiwa)
+    random, chain = np.random.default_rng(5), RegressorChain.of(iiwa)
     parameters, torque = link_parameters(iiwa), np.empty(7)
     arm = (chain.rotation, chain.translation, chain.axis, chain.gravity, parameters)
     for _ in range(20):

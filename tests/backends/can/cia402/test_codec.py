@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backends.can.cia402.bus_load import bus_load
-from backends.can.cia402.codec import Codec, Mode, State, state_of, towards_enabled
+from backends.can.cia402.codec import Codec, OperatingMode, State, state_of, towards_enabled
 from backends.can.cia402.emergency import describe
 from backends.can.frames import BusLoad, Traffic, classic_bits, fd_bits
 from limo_driver.errors import ConfigError
@@ -65,7 +65,7 @@ def test_direction_and_offset():
 def test_torque_goes_in_steps_of_the_rating():
     codec = Codec(CONFIG.joints, [320_000] * 7)
     assert codec.torque_resolution == pytest.approx([0.32] * 7)
-    sent = codec.torques(np.full(7, 1.0), Mode.TORQUE)
+    sent = codec.torques(np.full(7, 1.0), OperatingMode.TORQUE)
     assert [struct.unpack("<hb", data) for data in sent[:2]] == [(3, 10), (-3, 10)]
     assert codec.measured_torques([3, -3, 0, 0, 0, 0, 0])[:2] == pytest.approx([0.96, 0.96])
 
@@ -74,7 +74,7 @@ def test_torque_goes_in_steps_of_the_rating():
 def test_numbers_do_not_wrap(value):
     data = CODEC.targets(np.full(7, value), [0x0F] * 7)[0]
     assert abs(struct.unpack("<Hih", data)[1]) == 2**31 - 1
-    torque = CODEC.torques(np.full(7, value), Mode.TORQUE)[0]
+    torque = CODEC.torques(np.full(7, value), OperatingMode.TORQUE)[0]
     assert abs(struct.unpack("<hb", torque)[0]) == 32767
 
 

@@ -6,8 +6,8 @@ from bus_master import GROUP, Master
 from ports import free_port
 
 from backends.can.config import ArmConfig
-from backends.can.port import Port
-from backends.can.simulator.scenario import Scenario
+from backends.can.port import BusPort
+from backends.can.simulator.scenario import BusScenario
 
 JOINTS = """
   - {node: 11, counts_per_turn: 65536, gear: 160, rated_torque: 50, serial: 7001}
@@ -55,7 +55,7 @@ def master(arm_yaml, tmp_path):
         if faults:
             path = tmp_path / "scenario.yaml"
             path.write_text(faults)
-            scenario = Scenario.load(path, config.joints)
+            scenario = BusScenario.load(path, config.joints)
         opened.append(Master(config, scenario, position))
         return opened[-1]
 
@@ -67,5 +67,5 @@ def master(arm_yaml, tmp_path):
 @pytest.fixture
 def port(arm_yaml):
     """The bus of the arm, as the backend opens it."""
-    with Port(ArmConfig.load(arm_yaml()).bus) as port:
+    with BusPort(ArmConfig.load(arm_yaml()).bus) as port:
         yield port

@@ -5,7 +5,7 @@ import struct
 import pytest
 from bus_master import enable, words
 
-from backends.can.simulator.drive_state import DriveState, commanded
+from backends.can.simulator.drive_state import StatuswordState, commanded
 
 NODE, OTHER = 11, 12
 COUNTS = 65536 * 160 / 6.283185307179586  # per rad, of node 11
@@ -34,11 +34,11 @@ COUNTS = 65536 * 160 / 6.283185307179586  # per rad, of node 11
     ],
 )
 def test_a_controlword_does_what_the_standard_says(state, controlword, expected):
-    assert commanded(DriveState[state], controlword, 0) is DriveState[expected]
+    assert commanded(StatuswordState[state], controlword, 0) is StatuswordState[expected]
 
 
 def test_a_fault_is_reset_by_a_rising_bit_alone():
-    assert commanded(DriveState.FAULT, 0x80, 0x80) is DriveState.FAULT
+    assert commanded(StatuswordState.FAULT, 0x80, 0x80) is StatuswordState.FAULT
 
 
 def test_booting_says_so_and_enables_nothing(master):

@@ -16,7 +16,7 @@ from ports import free_port
 
 from backends.can import ArmConfig, CanRobot
 from backends.can.simulator import SimulatedDrives
-from backends.can.simulator.scenario import Scenario
+from backends.can.simulator.scenario import BusScenario
 from limo_driver.errors import BackendError, CycleTimeoutError, HoldingError
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
@@ -75,7 +75,7 @@ def scenario(tmp_path):
 def driven(path, faults, **changes):
     """Open a driver on a bus within this process, with drives that have faults."""
     config = replace(ArmConfig.load(path), **changes)
-    bus = DrivesBus(config, scenario=Scenario.load(faults, config.joints))
+    bus = DrivesBus(config, scenario=BusScenario.load(faults, config.joints))
     with CanRobot(config, bus=bus, clock=bus.now) as robot:
         yield robot
 

@@ -6,7 +6,7 @@ import pytest
 from bus_master import enable
 
 from backends.can.config import ArmConfig
-from backends.can.simulator.scenario import Scenario
+from backends.can.simulator.scenario import BusScenario
 from limo_driver.errors import ConfigError
 
 NODE, OTHER = 11, 12
@@ -66,7 +66,7 @@ def test_a_mistake_is_reported_at_its_line(arm_yaml, tmp_path, text, message):
     path = tmp_path / "scenario.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError) as refused:
-        Scenario.load(path, joints)
+        BusScenario.load(path, joints)
     assert str(path) in str(refused.value)
     assert message in str(refused.value)
 

@@ -12,11 +12,11 @@ from backends.fri.codec.messages import Command, CommandData, CommandMode, Heade
 from backends.fri.simulator.judge import Wanted
 from backends.fri.simulator.link import UNDISTURBED
 from backends.fri.simulator.listener import Listener
-from backends.fri.simulator.motion import Motion
-from backends.fri.simulator.port import Address, Datagram
-from backends.fri.simulator.report import Findings
+from backends.fri.simulator.motion import CommandedArm
+from backends.fri.simulator.port import Address, ClientDatagram
+from backends.fri.simulator.report import ClientObservations
 from backends.fri.simulator.scenario import Now
-from backends.fri.simulator.session import Session, SessionTimes
+from backends.fri.simulator.session import ControllerSession, SessionTimes
 from backends.fri.simulator.settings import POSE, ControllerSettings
 
 if TYPE_CHECKING:
@@ -32,9 +32,9 @@ class Mailbox:
     def __init__(self, *answers: bytes) -> None:
         self.answers = answers
 
-    def received(self) -> Iterator[Datagram]:
+    def received(self) -> Iterator[ClientDatagram]:
         for data in self.answers:
-            yield Datagram(data, 0, CLIENT)
+            yield ClientDatagram(data, 0, CLIENT)
 
 
 class Bench:
@@ -42,10 +42,10 @@ class Bench:
 
     def __init__(self) -> None:
         self.settings = ControllerSettings(CLIENT, period_ms=1)
-        self.motion = Motion(self.settings, None)
-        self.findings = Findings()
+        self.motion = CommandedArm(self.settings, None)
+        self.findings = ClientObservations()
         self.listener = Listener(self.settings, CLIENT, 0, self.findings, self.motion)
-        self.session = Session(SessionTimes())
+        self.session = ControllerSession(SessionTimes())
         self.session.state = SessionState.COMMANDING_ACTIVE
         self.motion.begin()
         self.listener.begin()
@@ -95,7 +95,7 @@ def test_two_answers_in_one_interval_have_the_time_of_one(bench: Bench) -> None:
 
 def test_waiting_again_ends_the_commands_and_tells_where_the_arm_brakes() -> None:
     settings = ControllerSettings(CLIENT, mode=CommandMode.TORQUE, period_ms=5)
-    motion = Motion(settings, None)
+    motion = CommandedArm(settings, None)
     motion.ask()
     motion.begin()
     for k in range(40):

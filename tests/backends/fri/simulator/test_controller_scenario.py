@@ -12,15 +12,15 @@ from backends.fri.simulator.events import (
     Duplicate,
     Loss,
     ProgramMotion,
-    Push,
     QualityDrop,
     Reorder,
     SafetyStop,
     SessionCap,
     Silence,
+    SimulatedPush,
 )
 from backends.fri.simulator.port import Address
-from backends.fri.simulator.scenario import Scenario
+from backends.fri.simulator.scenario import ControllerScenario
 from backends.fri.simulator.settings import ControllerSettings
 
 
@@ -30,7 +30,7 @@ def played(*events, duration, **options):
         settings = ControllerSettings(
             Address("127.0.0.1", port), period_ms=4, duration=duration, **PATIENT, **options
         )
-        with SimulatedController(settings, scenario=Scenario(events, seed=3)) as robot:
+        with SimulatedController(settings, scenario=ControllerScenario(events, seed=3)) as robot:
             report = robot.run().as_json()
         told = last_line(client)
     return report, told, client.returncode
@@ -45,7 +45,7 @@ def test_stops_drops_and_pushes_are_felt_by_the_client():
         QualityDrop(at=1.0, duration=0.1, quality=Quality.FAIR),
         SafetyStop(at=1.5, duration=0.2, state=SafetyState.STOP2),
         SessionCap(at=2.2, duration=0.1, state=SessionState.MONITORING_READY),
-        Push(at=0.0, duration=9.0, joint=2, torque=10.0),
+        SimulatedPush(at=0.0, duration=9.0, joint=2, torque=10.0),
         duration=2.6,
     )
     assert status == 0

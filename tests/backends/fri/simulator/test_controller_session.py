@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
-from backends.fri.simulator.events import Delay, Direction, Loss, Push
+from backends.fri.simulator.events import Delay, Direction, Loss, SimulatedPush
 from backends.fri.simulator.link import UNDISTURBED, Channel, Disturbance
 from backends.fri.simulator.quality import ConnectionQuality, QualityModel
-from backends.fri.simulator.scenario import Scenario, ScenarioClock
-from backends.fri.simulator.session import Circumstances, Session, SessionTimes
+from backends.fri.simulator.scenario import ControllerScenario, ScenarioClock
+from backends.fri.simulator.session import Circumstances, ControllerSession, SessionTimes
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ GOOD = Circumstances(Quality.GOOD, confirmed=99)
 
 
 def test_a_session_goes_up_one_state_at_a_time() -> None:
-    session = Session(SessionTimes(monitor=0.05))
+    session = ControllerSession(SessionTimes(monitor=0.05))
     for cycle in range(100):
         session.update(1e-3 * cycle, GOOD)
     assert [visit.state for visit in session.visits] == [IDLE, WAIT, READY, ASKED, ACTIVE]
@@ -40,7 +40,7 @@ def test_a_session_goes_up_one_state_at_a_time() -> None:
     ],
 )
 def test_what_leads_down_and_how_far(given: Circumstances, state: SessionState) -> None:
-    session = Session(SessionTimes(monitor=0.0))
+    session = ControllerSession(SessionTimes(monitor=0.0))
     for cycle in range(10):
         session.update(1e-3 * cycle, GOOD)
     assert session.active
@@ -48,7 +48,7 @@ def test_what_leads_down_and_how_far(given: Circumstances, state: SessionState) 
 
 
 def test_after_a_stop_the_application_asks_again_only_later() -> None:
-    session = Session(SessionTimes(monitor=0.01, restart=0.2))
+    session = ControllerSession(SessionTimes(monitor=0.01, restart=0.2))
     times = {}
     for cycle in range(400):
         now = 1e-3 * cycle
@@ -60,7 +60,7 @@ def test_after_a_stop_the_application_asks_again_only_later() -> None:
 
 
 def test_without_confirmation_the_overlay_does_not_begin() -> None:
-    session = Session(SessionTimes(monitor=0.0))
+    session = ControllerSession(SessionTimes(monitor=0.0))
     for cycle in range(1000):
         session.update(1e-3 * cycle, Circumstances(Quality.EXCELLENT, confirmed=9))
     assert session.state is ASKED
@@ -141,7 +141,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_a_scenario_is_read_with_all_its_events(tmp_path: Path) -> None:
-    scenario = Scenario.load(
+    scenario = ControllerScenario.load(
         write(
             tmp_path,
             """
@@ -161,7 +161,7 @@ events:
         )
     )
     assert scenario.seed == 7
-    assert scenario.events[0] == Push(at=3.0, duration=1.0, joint=2, torque=-10.0)
+    assert scenario.events[0] == SimulatedPush(at=3.0, duration=1.0, joint=2, torque=-10.0)
     assert scenario.events[1] == Loss(
         at=1.0, duration=1.0, fraction=0.5, direction=Direction.TO_ROBOT
     )
@@ -179,7 +179,7 @@ events:
     assert clock.at(7.0).silent
     assert clock.at(8.5).to_client == Disturbance(reorder=1.0, duplicate=1.0)
     assert clock.at(9.5).motions[0].amplitude == 0.1
-    assert clock.at(99.0) == ScenarioClock(Scenario()).at(0.0)
+    assert clock.at(99.0) == ScenarioClock(ControllerScenario()).at(0.0)
 
 
 @pytest.mark.parametrize(
@@ -209,20 +209,20 @@ def test_a_mistake_is_told_with_its_line(
 ) -> None:
     path = write(tmp_path, text)
     with pytest.raises(ConfigError, match=r"scenario\.yaml") as caught:
-        Scenario.load(path)
+        ControllerScenario.load(path)
     assert message in str(caught.value)
     assert caught.value.line == line or message == "is no YAML"
 
 
 def test_a_scenario_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"none\.yaml: cannot be read"):
-        Scenario.load(tmp_path / "none.yaml")
+        ControllerScenario.load(tmp_path / "none.yaml")
 
 
 def test_times_of_a_scenario_can_count_from_commanding(tmp_path) -> None:
     path = tmp_path / "scenario.yaml"
     path.write_text("from: commanding\nevents:\n  - {event: silence, at: 1, for: 1}\n")
-    clock = ScenarioClock(Scenario.load(path))
+    clock = ScenarioClock(ControllerScenario.load(path))
     assert not clock.at(1.5).silent
     clock.begin_commanding(10.0)
     clock.begin_commanding(11.0)  # it was lost, and came again

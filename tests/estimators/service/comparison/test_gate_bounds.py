@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from estimators.service.comparison.gate import Comparison, Interval, accuracy, compare, plain
+from estimators.service.comparison.gate import (
+    Comparison,
+    ConfidenceInterval,
+    accuracy,
+    compare,
+    plain,
+)
 from estimators.service.comparison.shadow import Shadow
 from limo_driver.errors import DivergedError, ShapeError
 
@@ -179,8 +185,8 @@ class TestNeeded:
 def judged(*, ratio=(0.5, 0.5), mean=(0.4, 0.8), surely=(), blocks=10):
     """Return a comparison of two joints whose ratios begin at `ratio`."""
     ones = np.ones(2)
-    of_joints = Interval(ones, np.array(ratio), ones + 9.0)
-    of_all = Interval(*map(np.array, (0.6, *mean)))
+    of_joints = ConfidenceInterval(ones, np.array(ratio), ones + 9.0)
+    of_all = ConfidenceInterval(*map(np.array, (0.6, *mean)))
     return Comparison(ones, ones, of_joints, of_joints, of_all, surely, blocks, 17)
 
 
