@@ -11,7 +11,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model import Inertial
 from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import BodyEffect, Hypothesis
+from limo_driver.physics.effect import MOST_INERTIA, BodyEffect, Hypothesis
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,7 +50,7 @@ class Payload(BodyEffect):
         ),
         part_of="link_inertia",
     )
-    mass: float = parameter("kg", "mass", lower=0.0, upper=1e3)
+    mass: float = parameter("kg", "mass", lower=0.0, upper=1e5)
     com: tuple[float, float, float] = parameter(
         "m",
         "centre of mass in the frame of the last link",
@@ -62,8 +62,8 @@ class Payload(BodyEffect):
     inertia: tuple[float, float, float, float, float, float] = parameter(
         "kg m^2",
         "at the centre of mass: xx xy xz yy yz zz",
-        lower=-1e3,
-        upper=1e3,
+        lower=-MOST_INERTIA,
+        upper=MOST_INERTIA,
         length=6,
         default=(0.0,) * 6,
         deviation=0.02,

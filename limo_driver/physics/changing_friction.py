@@ -13,7 +13,14 @@ from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
 from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import Friction, Hypothesis, JointMotion, State
+from limo_driver.physics.effect import (
+    FARTHEST,
+    MOST_TORQUE,
+    Friction,
+    Hypothesis,
+    JointMotion,
+    State,
+)
 from limo_driver.physics.friction import CREEP_SPEEDS, CoulombFriction, sign_width, sign_width_at
 
 if TYPE_CHECKING:
@@ -152,10 +159,14 @@ class PositionDependentFriction(DryFriction):
         ),
     )
     positions: tuple[float, ...] = parameter(
-        "rad", "positions", lower=-20.0, upper=20.0, chosen=True
+        "rad", "positions", lower=-FARTHEST, upper=FARTHEST, chosen=True
     )
     excess: tuple[float, ...] = parameter(
-        "N m", "added friction at each position", lower=-1e3, upper=1e3, deviation="largest"
+        "N m",
+        "added friction at each position",
+        lower=-MOST_TORQUE,
+        upper=MOST_TORQUE,
+        deviation="largest",
     )
     v_eps: float = sign_width()
 
@@ -213,7 +224,7 @@ class TemperatureDependentFriction(DryFriction):
         ),
     )
     excess: float | None = parameter(
-        "N m", "added friction when cold", lower=-1e3, upper=1e3, default=None
+        "N m", "added friction when cold", lower=-MOST_TORQUE, upper=MOST_TORQUE, default=None
     )
     time_constant: float | None = parameter(
         "s", "time in which motion takes it to 1/e", lower=1e-2, upper=1e6, default=None

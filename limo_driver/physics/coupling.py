@@ -9,7 +9,14 @@ import numpy as np
 
 from limo_driver.parameters import JOINT, parameter
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import ArmEffect, Hypothesis, State
+from limo_driver.physics.effect import (
+    MOST_INERTIA,
+    MOST_SLOPE,
+    MOST_TORQUE,
+    ArmEffect,
+    Hypothesis,
+    State,
+)
 from limo_driver.physics.friction import sign_width
 
 if TYPE_CHECKING:
@@ -48,9 +55,11 @@ class JointCoupling(ArmEffect):
     )
     joint: int = parameter(JOINT, "the joint that feels the torque")
     other: int = parameter(JOINT, "the other joint", lower=1, upper=64)
-    f_v: float = parameter("N m s/rad", "viscous friction", lower=0.0, upper=1e4, default=0.0)
-    tau_c: float = parameter("N m", "Coulomb friction", lower=0.0, upper=1e3, default=0.0)
-    inertia: float = parameter("kg m^2", "inertia", lower=0.0, upper=1e3, default=0.0)
+    f_v: float = parameter(
+        "N m s/rad", "viscous friction", lower=0.0, upper=MOST_SLOPE, default=0.0
+    )
+    tau_c: float = parameter("N m", "Coulomb friction", lower=0.0, upper=MOST_TORQUE, default=0.0)
+    inertia: float = parameter("kg m^2", "inertia", lower=0.0, upper=MOST_INERTIA, default=0.0)
     ratio: float = parameter("1", "1 or -1", lower=-1.0, upper=1.0, default=1.0, chosen=True)
     v_eps: float = sign_width()
 

@@ -21,7 +21,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, TypeAlias
 
 import numpy as np
 
@@ -32,6 +32,14 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
+
+# Bounds of what a file may say, far beyond the smallest servo and the largest arm: they catch a
+# wrong unit or a slip of the pen, and are no opinion of what is likely.
+MOST_TORQUE: Final = 1e6  # [N m]
+MOST_SLOPE: Final = 1e7  # of friction over speed [N m s/rad], [N m s²/rad²]
+MOST_STIFFNESS: Final = 1e10  # [N m/rad], [N m/rad³]
+MOST_INERTIA: Final = 1e6  # [kg m²]
+FARTHEST: Final = 1e4  # [rad]
 
 State: TypeAlias = "FloatArray"
 STATELESS: FloatArray = np.zeros(0)

@@ -11,7 +11,7 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import ArmEffect, Hypothesis, State, TorqueEffect
+from limo_driver.physics.effect import MOST_STIFFNESS, ArmEffect, Hypothesis, State, TorqueEffect
 from limo_driver.physics.sensing import TorqueOffset
 
 if TYPE_CHECKING:
@@ -49,9 +49,13 @@ class SpringLoad(TorqueEffect):
             ),
         ),
     )
-    stiffness: float = parameter("N m/rad", "stiffness", lower=-1e5, upper=1e5)
+    stiffness: float = parameter(
+        "N m/rad", "stiffness", lower=-MOST_STIFFNESS, upper=MOST_STIFFNESS
+    )
     rest: float = parameter("rad", "position without pull", lower=-1e4, upper=1e4, deviation=1.0)
-    cubic: float = parameter("N m/rad^3", "stiffening", lower=-1e5, upper=1e5, default=0.0)
+    cubic: float = parameter(
+        "N m/rad^3", "stiffening", lower=-MOST_STIFFNESS, upper=MOST_STIFFNESS, default=0.0
+    )
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return stiffness (q - rest) + cubic (q - rest)³ [N m], (T,)."""

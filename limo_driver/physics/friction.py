@@ -13,7 +13,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.parameters import parameter
 from limo_driver.physics import friction_laws
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import Friction, Hypothesis, State
+from limo_driver.physics.effect import MOST_SLOPE, MOST_TORQUE, Friction, Hypothesis, State
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -144,7 +144,7 @@ class CoulombFriction(VelocityFriction):
     )
     friction_law: ClassVar[int] = friction_laws.COULOMB
     tau_c: float = parameter(
-        "N m", "friction torque while sliding", lower=0.0, upper=1e3, adds=True
+        "N m", "friction torque while sliding", lower=0.0, upper=MOST_TORQUE, adds=True
     )
     v_eps: float = sign_width()
 
@@ -201,8 +201,8 @@ class AsymmetricFriction(VelocityFriction):
         part_of="coulomb_friction",
     )
     friction_law: ClassVar[int] = friction_laws.ASYMMETRIC
-    tau_plus: float = parameter("N m", "friction moving positive", lower=0.0, upper=1e3)
-    tau_minus: float = parameter("N m", "friction moving negative", lower=0.0, upper=1e3)
+    tau_plus: float = parameter("N m", "friction moving positive", lower=0.0, upper=MOST_TORQUE)
+    tau_minus: float = parameter("N m", "friction moving negative", lower=0.0, upper=MOST_TORQUE)
     v_eps: float = sign_width()
 
     @property
@@ -262,13 +262,13 @@ class ViscousFriction(VelocityFriction):
     )
     friction_law: ClassVar[int] = friction_laws.VISCOUS
     f_v: float | None = parameter(
-        "N m s/rad", "slope", lower=0.0, upper=1e4, default=None, adds=True
+        "N m s/rad", "slope", lower=0.0, upper=MOST_SLOPE, default=None, adds=True
     )
     f_v_plus: float | None = parameter(
-        "N m s/rad", "slope moving positive", lower=0.0, upper=1e4, default=None
+        "N m s/rad", "slope moving positive", lower=0.0, upper=MOST_SLOPE, default=None
     )
     f_v_minus: float | None = parameter(
-        "N m s/rad", "slope moving negative", lower=0.0, upper=1e4, default=None
+        "N m s/rad", "slope moving negative", lower=0.0, upper=MOST_SLOPE, default=None
     )
 
     def __post_init__(self) -> None:
@@ -317,7 +317,9 @@ class QuadraticDrag(VelocityFriction):
         ),
     )
     friction_law: ClassVar[int] = friction_laws.DRAG
-    coefficient: float = parameter("N m s^2/rad^2", "coefficient", lower=0.0, upper=1e4, adds=True)
+    coefficient: float = parameter(
+        "N m s^2/rad^2", "coefficient", lower=0.0, upper=MOST_SLOPE, adds=True
+    )
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -353,7 +355,7 @@ class StribeckFriction(VelocityFriction):
         ),
     )
     friction_law: ClassVar[int] = friction_laws.STRIBECK
-    tau_s: float = parameter("N m", "excess over Coulomb at rest", lower=0.0, upper=1e3)
+    tau_s: float = parameter("N m", "excess over Coulomb at rest", lower=0.0, upper=MOST_TORQUE)
     v_s: float = parameter("rad/s", "Stribeck velocity", lower=1e-5, upper=10.0)
     delta: float = parameter("1", "shape exponent", lower=0.5, upper=4.0, default=2.0)
     v_eps: float = sign_width()

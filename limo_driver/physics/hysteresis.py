@@ -13,7 +13,15 @@ from limo_driver.errors import ConfigError
 from limo_driver.parameters import parameter
 from limo_driver.physics import hysteresis_laws
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import Hypothesis, State, TorqueEffect
+from limo_driver.physics.effect import (
+    FARTHEST,
+    MOST_SLOPE,
+    MOST_STIFFNESS,
+    MOST_TORQUE,
+    Hypothesis,
+    State,
+    TorqueEffect,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -108,18 +116,22 @@ class PreslidingHysteresis(TorqueEffect):
     )
     rubs: ClassVar[bool] = True
     law: str = parameter("text", "what remembers", of=LAWS, default="maxwell_slip")
-    stiffness: tuple[float, ...] = _list("N m/rad", "stiffness of each element", 0.0, 1e7)
+    stiffness: tuple[float, ...] = _list(
+        "N m/rad", "stiffness of each element", 0.0, MOST_STIFFNESS
+    )
     width: tuple[float, ...] = _list("rad", "deflection at which each element slips", 1e-7, 1.0)
-    sigma_0: float | None = _value("N m/rad", "stiffness at small motion", 1e-3, 1e8)
-    sigma_1: float | None = _value("N m s/rad", "damping of the bristles", 0.0, 1e5)
-    tau_c: float | None = _value("N m", "sliding friction", 1e-6, 1e3)
-    tau_s: float | None = _value("N m", "excess of the breakaway torque", 0.0, 1e3)
+    sigma_0: float | None = _value("N m/rad", "stiffness at small motion", 1e-3, MOST_STIFFNESS)
+    sigma_1: float | None = _value("N m s/rad", "damping of the bristles", 0.0, MOST_SLOPE)
+    tau_c: float | None = _value("N m", "sliding friction", 1e-6, MOST_TORQUE)
+    tau_s: float | None = _value("N m", "excess of the breakaway torque", 0.0, MOST_TORQUE)
     v_s: float | None = _value("rad/s", "Stribeck velocity", 1e-5, 10.0)
     exponent: float | None = _value("1", "sharpness of the knee", 0.1, 20.0)
     beta_ratio: float | None = _value("1", "beta / (beta + gamma)", 0.5, 10.0)
-    up: tuple[float, ...] = _list("rad", "position above which a relay is on", -100.0, 100.0)
-    down: tuple[float, ...] = _list("rad", "position below which a relay is off", -100.0, 100.0)
-    weight: tuple[float, ...] = _list("N m", "torque of each relay", 0.0, 1e3)
+    up: tuple[float, ...] = _list("rad", "position above which a relay is on", -FARTHEST, FARTHEST)
+    down: tuple[float, ...] = _list(
+        "rad", "position below which a relay is off", -FARTHEST, FARTHEST
+    )
+    weight: tuple[float, ...] = _list("N m", "torque of each relay", 0.0, MOST_TORQUE)
 
     def __post_init__(self) -> None:
         super().__post_init__()

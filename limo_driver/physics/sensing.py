@@ -11,6 +11,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.parameters import JOINT, Declared, parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
+    MOST_TORQUE,
     Hypothesis,
     MotionEffect,
     SensorEffect,
@@ -46,7 +47,7 @@ class TorqueOffset(TorqueEffect):
     description: ClassVar[Description] = Description(
         signature="a constant, also at rest", shown_by="rest_holds"
     )
-    offset: float = parameter("N m", "offset", lower=-1e3, upper=1e3, adds=True)
+    offset: float = parameter("N m", "offset", lower=-MOST_TORQUE, upper=MOST_TORQUE, adds=True)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the offset [N m], (T,)."""
@@ -85,7 +86,7 @@ class TorqueDrift(TorqueEffect):
     )
     times: tuple[float, ...] = parameter("s", "times", lower=-1e12, upper=1e12, chosen=True)
     offset: tuple[float, ...] = parameter(
-        "N m", "offset at each time", lower=-1e3, upper=1e3, deviation="largest"
+        "N m", "offset at each time", lower=-MOST_TORQUE, upper=MOST_TORQUE, deviation="largest"
     )
 
     def __post_init__(self) -> None:

@@ -12,7 +12,15 @@ import numpy as np
 from limo_driver.compiled import compiled
 from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import Hypothesis, MotionEffect, State, TorqueEffect
+from limo_driver.physics.effect import (
+    MOST_INERTIA,
+    MOST_STIFFNESS,
+    MOST_TORQUE,
+    Hypothesis,
+    MotionEffect,
+    State,
+    TorqueEffect,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,7 +66,9 @@ class JointElasticity(MotionEffect):
         ),
     )
     agility: ClassVar[float] = 0.7  # a spring never winds up faster than its load changes
-    stiffness: float = parameter("N m/rad", "stiffness", lower=10.0, upper=1e8, inverse=True)
+    stiffness: float = parameter(
+        "N m/rad", "stiffness", lower=1e-3, upper=MOST_STIFFNESS, inverse=True
+    )
     cubic: float = parameter(
         "rad/(N m)^3", "cubic compliance", lower=-1e-3, upper=1e-3, default=0.0
     )
@@ -237,7 +247,9 @@ class Armature(TorqueEffect):
             ),
         ),
     )
-    inertia: float = parameter("kg m^2", "reflected inertia", lower=0.0, upper=1e3, adds=True)
+    inertia: float = parameter(
+        "kg m^2", "reflected inertia", lower=0.0, upper=MOST_INERTIA, adds=True
+    )
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return inertia ddq [N m], (T,)."""
@@ -274,7 +286,7 @@ class TorqueRipple(TorqueEffect):
         "1/rev", "cycles in a revolution of the joint", lower=1e-3, upper=1e6
     )
     amplitude: tuple[float, ...] = parameter(
-        "N m", "amplitude", lower=0.0, upper=1e3, deviation="largest"
+        "N m", "amplitude", lower=0.0, upper=MOST_TORQUE, deviation="largest"
     )
     phase: tuple[float, ...] = parameter("rad", "phase", lower=-1e3, upper=1e3, deviation=1.0)
 

@@ -30,7 +30,9 @@ SHORTEST_PIECE = 0.2  # [s] between two gaps, in which a low-pass of 2.5 Hz can 
 FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiated
 SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
 _BACKWARDS = 0.5  # share of steps back in time above which the rows are in reverse order
-_IMPOSSIBLE = {"position": 50.0, "velocity": 1e3, "torque": 1e3}  # rad, rad/s, N m
+# rad (a hundred turns are 628), rad/s, N m: what no arm does. What this arm cannot do is seen once
+# the arm is known, by `Recording.check_robot`.
+_IMPOSSIBLE = {"position": 1e3, "velocity": 1e3, "torque": 1e6}
 _IMPOSSIBLE_TIME = 10.0  # of the recording's length, from its middle
 _IMPOSSIBLE_EXTRA = 1e6  # of any other quantity
 _UNIT_HINT = {

@@ -326,6 +326,21 @@ class Recording(Displayed):
                 f"{model.limits.position_max[j]:.3g} rad; is it in degrees, or another robot?",
                 path=self.source or None,
             )
+        self._check_torque_scale(model)
+
+    def _check_torque_scale(self, model: RobotModel) -> None:
+        """Refuse torques that the drives cannot make, and not by a little: another unit."""
+        usual, most = np.median(np.abs(self.torque), axis=0), model.limits.torque
+        stated = np.isfinite(most) & (most > 0)  # a description may leave them out
+        factor = np.where(stated, usual / np.where(stated, most, 1.0), 0.0)
+        j = int(factor.argmax())
+        if factor[j] > BEYOND_EFFORT:
+            raise RecordingError(
+                f"torque_{j + 1} is {usual[j]:.3g} N m in the median, {factor[j]:.3g} times what "
+                f"joint {j + 1} of {model.name} can do ({most[j]:.3g} N m); expected N m; is it in "
+                "N mm or mA?",
+                path=self.source or None,
+            )
 
 
 def _numbers(name: str, values: ArrayLike) -> FloatArray:
@@ -353,4 +368,5 @@ def _check_shapes(
         raise ShapeError("time", np.shape(time), f"({shape[0]},)")
 
 
+BEYOND_EFFORT = 10.0  # times the limit; limits of a URDF are often some factor from the drive's
 BEYOND_LIMIT = 0.5  # [rad]; limits in a URDF are often a little narrower than the arm's
