@@ -180,6 +180,12 @@ class RobotModel(Displayed):
         """Number of joints."""
         return int(self.pin_model.nv)
 
+    @property
+    def length(self) -> float:
+        """Distance from axis to axis, summed from the base to the last joint [m]."""
+        placements = list(self.pin_model.jointPlacements)[1:]
+        return float(sum(np.linalg.norm(np.array(item.translation)) for item in placements))
+
     def headline(self) -> str:
         """Say its name, joints and mass."""
         mass = sum(body.mass for body in self.inertials.values())

@@ -19,6 +19,7 @@ import numpy as np
 from estimators.diagnosis.fitting.entries import entries_of, found_in, possible, sides
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.hypotheses.responses import difference, stacked
+from estimators.diagnosis.residuals.held_out import block_of
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
@@ -201,6 +202,6 @@ def _entered(effect: Effect, observed: Observations, columns: ColumnTable) -> Pr
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:
     """Number the block of time of each row, (K,)."""
-    of_time = np.floor(observed.slow.time / NEWTON.block).astype(np.int64)
+    of_time = np.floor(observed.slow.time / block_of(observed, NEWTON.block)).astype(np.int64)
     both = np.stack([observed.segment, of_time], axis=1)
     return np.unique(both, axis=0, return_inverse=True)[1].ravel()

@@ -17,7 +17,7 @@ from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
 from estimators.regression.evidence import Evidence, Posterior
-from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -138,20 +138,26 @@ def search_on(problem: RegressionProblem, noise: Noise, *, everything: bool = Fa
 
 
 def improve(problem: RegressionProblem, solution: Solution) -> Simulation:
-    """Write nuisance shifts and findings into the simulation."""
+    """Write nuisance shifts and findings into the simulation, but for `impossible` members."""
+    return _entered(problem, solution)[0]
+
+
+def impossible(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
+    """Return the members whose fitted values no such effect can have, as a gain below -1."""
+    return _entered(problem, solution)[1]
+
+
+def _entered(problem: RegressionProblem, solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
     improvement = Improvement(problem.observed.simulation)
-    count = problem.nuisance.prior.index.size
-    problem.nuisance.enter(improvement, solution.fitted.mean[:count])
-    at = count
+    at = problem.nuisance.prior.index.size
+    problem.nuisance.enter(improvement, solution.fitted.mean[:at])
+    refused: list[int] = []
     for i in solution.members:
         candidate = problem.candidates[i]
         size = candidate.prior.index.size
         try:
             candidate.enter(improvement, solution.fitted.mean[at : at + size])
-        except ConfigError as error:  # a value that no such part has
-            raise RecordingError(
-                f"the best explanation is out of range: {error}; is it another robot, or are the "
-                "torques of another motion?"
-            ) from None
+        except ConfigError:
+            refused.append(i)
         at += size
-    return improvement.simulation()
+    return improvement.simulation(), tuple(refused)

@@ -14,6 +14,7 @@ from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
     Solution,
     fitted,
+    impossible,
     improve,
     search_on,
 )
@@ -104,18 +105,26 @@ def _noise_of_everything(problem: RegressionProblem) -> Noise:
 
 
 def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
-    """Take out members that matter little or harm: precise, perhaps, but not physics to name."""
+    """Take out members that matter little or harm: precise, perhaps, but not physics to name.
+
+    First those that cannot be as they are fitted: a competitor out of range ends no diagnosis.
+    """
+    while refused := impossible(problem, solution):
+        solution = _less(solution, refused)
     while solution.members:
         size = {member: material(problem, solution, member) for member in solution.members}
         least = min(size, key=lambda member: size[member])
         if size[least] >= CONTRIBUTION.material:
             break
-        rest = tuple(member for member in solution.members if member != least)
-        posterior = solution.search.evidence.posterior(solution.search.prior(rest))
-        solution = replace(
-            solution, members=rest, fitted=posterior, gain=solution.search.gain(rest)
-        )
+        solution = _less(solution, (least,))
     return solution
+
+
+def _less(solution: Solution, some: Collection[int]) -> Solution:
+    """Return a solution without some of its members, fitted again."""
+    rest = tuple(member for member in solution.members if member not in some)
+    posterior = solution.search.evidence.posterior(solution.search.prior(rest))
+    return replace(solution, members=rest, fitted=posterior, gain=solution.search.gain(rest))
 
 
 def refined(problem: RegressionProblem, solution: Solution, progress: Progress) -> Solution:

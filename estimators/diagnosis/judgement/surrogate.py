@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.hypotheses.responses import over_joint
+from estimators.diagnosis.residuals.held_out import block_of
 from estimators.diagnosis.settings.judgement import BLACK_BOX
 from limo_driver.physics import PreslidingHysteresis
 
@@ -55,8 +56,9 @@ def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatA
 
 
 def _folds(observed: Observations) -> NDArray[np.int64]:
-    """Cut every recording into blocks of 3 s and deal them out, (K,)."""
-    block = np.floor((observed.slow.time - observed.slow.time[0]) / 3.0).astype(np.int64)
+    """Cut every recording into blocks of time and deal them out, (K,)."""
+    since = observed.slow.time - observed.slow.time[0]
+    block = np.floor(since / block_of(observed, BLACK_BOX.block)).astype(np.int64)
     return (block + 2 * observed.recording) % BLACK_BOX.folds
 
 

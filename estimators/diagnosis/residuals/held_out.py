@@ -34,12 +34,34 @@ class Split:
                 continue
             time = observed.slow.time[rows]
             edges = np.linspace(time[0], time[-1], HELD_OUT.blocks + 1)
+            guard = guard_of(float(edges[-1] - edges[0]), observed.bandwidth)
             for block in HELD_OUT.which:
                 low, high = edges[block], edges[block + 1]
                 held_out[rows] |= (time >= low) & (time < high)
-                near[rows] |= (time >= low - HELD_OUT.guard) & (time < high + HELD_OUT.guard)
+                near[rows] |= (time >= low - guard) & (time < high + guard)
         moving = observed.moving
         return cls(~near[:, None] & moving, held_out[:, None] & moving)
+
+
+def guard_of(duration: float, bandwidth: float) -> float:
+    """Return how far apart rows fitted and rows held out are [s].
+
+    Args:
+        duration: Of the recording [s]; a short one cannot spare as much as a long one.
+        bandwidth: Of the filter, which must not reach across [Hz].
+    """
+    return max(min(HELD_OUT.guard, HELD_OUT.guard_part * duration), HELD_OUT.reach / bandwidth)
+
+
+def block_of(observed: Observations, longest: float) -> FloatArray:
+    """Return the length of the blocks of time that are taken as a whole, of each row (K,) [s].
+
+    Args:
+        observed: Where time comes from.
+        longest: Of a block [s]; those of a recording too short for many are shorter.
+    """
+    duration = np.array([recording.duration for recording in observed.recordings])
+    return np.minimum(longest, duration / HELD_OUT.fewest)[observed.recording]
 
 
 def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
@@ -74,7 +96,8 @@ def bootstrap(
 
     Source: Künsch, "The jackknife and the bootstrap for general stationary observations", 1989.
     """
-    block = np.floor(observed.slow.time / HELD_OUT.block) + 1e6 * observed.recording
+    length = block_of(observed, HELD_OUT.block)
+    block = np.floor(observed.slow.time / length) + 1e6 * observed.recording
     _, of_row = np.unique(block, return_inverse=True)
     sums = np.zeros((3, int(of_row.max(initial=-1)) + 1, before.shape[1]))
     np.add.at(sums[0], of_row, np.where(rows, before, 0.0) ** 2)

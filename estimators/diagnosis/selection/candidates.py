@@ -17,6 +17,7 @@ from estimators.diagnosis.hypotheses.revision import (
     relative_inertia,
     reviser,
 )
+from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
@@ -29,10 +30,9 @@ if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses.responses import Response
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.selection.columns import ColumnTable
+    from limo_driver.model import RobotModel
     from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
-
-_PAYLOAD = np.repeat(CANDIDATES.payload, (1, 3, 6))  # [kg, kg m, kg m²], 1 sigma
 
 
 @dataclass(frozen=True)
@@ -190,11 +190,20 @@ def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]
         "missing",
         Prior(
             columns.add(range(n), np.ascontiguousarray(last)),
-            _PAYLOAD,
+            _payload_prior(model),
             np.arange(PER_LINK) == 0,
         ),
         _loader,
     )
+
+
+def _payload_prior(model: RobotModel) -> FloatArray:
+    """Return 1 sigma of (m, m c, I) of a payload in the frame of the last link, (10,)."""
+    bodies = [model.inertials[name] for name in model.link_names]
+    farthest = float(np.linalg.norm(bodies[-1].com))  # all that a single joint has of length
+    mass = CANDIDATES.payload * sum(body.mass for body in bodies)
+    lever = max(CANDIDATES.payload_lever * (model.length + farthest), REVISION.least_lever)
+    return np.repeat([mass, mass * lever, mass * lever**2], (1, 3, 6))
 
 
 def _loader(improvement: Improvement, c: FloatArray) -> None:

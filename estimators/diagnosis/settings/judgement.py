@@ -46,6 +46,8 @@ class BlackBoxSettings:
         "as above")
     ridges: tuple[float, ...] = setting((1e-3, 1e-2, 1e-1, 1.0), "of the mean energy of a feature",
         "of which the best is taken", "only bounds: the rows left out choose")
+    block: float = setting(3.0, "s", "of a stretch that is left out whole, at most",
+        "longer leaves few; shorter lets errors that are alike predict one another")
     folds: int = setting(5, "", "of time, each left out once",
         "more cost time; fewer train on less")
     waves: int = setting(3, "per revolution", "of its dependence on position, at most",

@@ -22,8 +22,9 @@ class RowSettings:
         "samples kept of fast recordings",
         "more cost time and say nothing that passes the filters; fewer blur what is sharp before "
         "it is filtered")
-    least: int = setting(200, "rows", "of all recordings together, on the slow grid",
-        "more refuse short recordings; fewer judge by little")
+    least: int = setting(60, "rows", "of all recordings together, on the slow grid",
+        "more refuse short recordings; fewer judge by little",
+        chosen="what a joint's friction and load need by themselves; 200 refused logs of 6 s")
     rest: float = setting(0.0015, "rad/s", "speed below which a joint is at rest",
         "higher leaves out slow motion; lower fits friction that holds anything",
         chosen=("by judgement, changed once while developing on concealed cases: 1.5 sign widths "
@@ -82,8 +83,15 @@ class HeldOutSettings:
     nothing: float = setting(0.05, "of the noise's energy",
         "reducible error below which no part of it is stated",
         "larger states less; smaller states parts of noise")
-    guard: float = setting(1.0, "s", "between rows fitted and rows held out",
+    guard: float = setting(1.0, "s", "between rows fitted and rows held out, at most",
+        "longer leaves less; shorter proves what is remembered, not what is predicted")
+    guard_part: float = setting(0.03, "of a recording", "that such a guard takes, at most",
+        "more leaves a short recording little to fit to; less brings its blocks close",
+        chosen="so that four guards take an eighth of a recording; 1 s left 18 % of 6 s to fit to")
+    reach: float = setting(2.0, "1/bandwidth", "that the guard is, at least",
         "longer leaves less; shorter lets the filter reach across")
+    fewest: float = setting(16.0, "", "blocks that are taken whole, in a recording too short for "
+        "long ones", "more take errors for independent; fewer are a rough interval")
 
 
 HELD_OUT = HeldOutSettings()

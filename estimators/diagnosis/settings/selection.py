@@ -41,9 +41,12 @@ class CandidateSettings:
     tiny: float = setting(1e-12, "", "strength below which a column is zero", "numerical")
     together: int = setting(20, "hypotheses", "that pass the filter in one go",
         "more need memory; fewer cost time")
-    payload: tuple[float, float, float] = setting((2.0, 0.2, 0.02), "kg, kg m, kg m²",
-        "1 sigma of mass, moment and inertia of a payload",
-        "larger costs small payloads evidence; smaller large ones")
+    payload: float = setting(0.08, "of the mass that moves", "1 sigma of the mass of a payload",
+        "larger costs small payloads evidence; smaller large ones",
+        chosen="2 kg on the iiwa 14; arms carry about as much in proportion, whatever their size")
+    payload_lever: float = setting(0.08, "of the arm's length",
+        "1 sigma of how far its centre of mass is from the flange", "as above",
+        chosen="0.1 m on the iiwa 14")
 
 
 CANDIDATES = CandidateSettings()
