@@ -16,6 +16,7 @@ from estimators.diagnosis.selection.candidates import Candidate, candidates_of, 
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
+from estimators.diagnosis.settings.fitting import SOLVING
 from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.errors import ConfigError
 
@@ -72,6 +73,32 @@ class RegressionProblem:
     def left(self, fitted: Posterior) -> FloatArray:
         """Return what a fit leaves, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
+
+    def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:
+        """Return how much larger errors are than what a fit leaves of them, (n,).
+
+        A fit of as many coefficients as rows leaves next to nothing, whatever the errors. What it
+        leaves of the mean square of K errors is (K - dof) / K, with the trace of the matrix that
+        takes errors to their fit as its degrees of freedom.
+
+        Args:
+            fitted: The coefficients and their covariance.
+            noise: Under which they were fitted to the rows meant for it.
+
+        Source: Hastie, Tibshirani and Friedman, "The Elements of Statistical Learning", 2009, 7.6.
+        """
+        place = np.full(self.columns.count, -1)
+        place[fitted.index[::-1]] = np.arange(fitted.index.size)[::-1]
+        factor = np.ones(self.columns.joints)
+        for joint in range(self.columns.joints):
+            values, at = self.columns.of_joint(joint)
+            used, rows = place[at] >= 0, self.split.fitted[:, joint]
+            own = place[at[used]]
+            A = noise.whiten(values[:, used], joint, rows)
+            freedom = float(np.sum((A @ fitted.covariance[np.ix_(own, own)]) * A))
+            left = 1.0 - freedom / max(len(A), 1)
+            factor[joint] = 1.0 / np.sqrt(max(left, SOLVING.least_left))
+        return factor
 
     def products(self, noise: Noise, *, everything: bool) -> NormalEquations:
         """Return sums over the rows meant for fits, or over all; what was summed once is kept."""

@@ -100,8 +100,9 @@ def _noise_of_everything(problem: RegressionProblem) -> Noise:
     evidence = search_on(problem, white).evidence
     everything = joined(*(candidate.prior for candidate in problem.candidates))
     free = Prior.free(everything.index, everything.deviation)
-    left = problem.left(evidence.posterior(free))
-    return Noise.of(left, problem.split.fitted, problem.observed.segment)
+    fit = evidence.posterior(free)
+    noise = Noise.of(problem.left(fit), problem.split.fitted, problem.observed.segment)
+    return noise.larger(problem.inflation(fit, white))
 
 
 def pruned(problem: RegressionProblem, solution: Solution) -> Solution:

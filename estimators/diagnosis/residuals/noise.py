@@ -40,6 +40,10 @@ class Noise:
             weight[j], white[j] = _levinson(_covariance(residual[:, j], use[:, j], known[:, j]))
         return cls(weight, np.maximum(white, NOISE.least), known)
 
+    def larger(self, factor: FloatArray) -> Noise:
+        """Return errors that are alike in time, and larger by a factor of each joint (n,)."""
+        return replace(self, white=self.white * factor[:, None])
+
     def over(self, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
         """Return errors that look the same on other rows, (K, n), within segments (K,)."""
         return replace(self, known=_known(use, segment))

@@ -20,6 +20,7 @@ from estimators.diagnosis.settings.residuals import ROWS
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics.effect import ArmMotion, MotionEffect
+from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.types import Motion
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_OF_MOTION = ("chain", "regressor", "recording", "segment", "since_reversal")
+_OF_MOTION = ("chain", "regressor", "recording", "segment", "since_reversal", "sign_width")
 _OF_REFERENCE = ("load", "predicted", "stiffness", "inertia")
 
 
@@ -238,12 +239,25 @@ class Observations:
         """
         return self.faster(ROWS.rest)
 
-    def faster(self, speed: float) -> NDArray[np.bool_]:
-        """Mark the rows, (K, n), on which a joint does not get slower than a speed [rad/s].
+    @cached_property
+    def sign_width(self) -> FloatArray:
+        """Speed over which each joint's friction changes its sign in the simulation, (n,) [rad/s].
+
+        The widest of those stated: within it, the simulation does not claim to know friction.
+        """
+        width = np.full(self.n, SIGN_WIDTH)
+        for effect in self.simulation.effects:
+            widths = [getattr(effect, known.name) for known in effect.parameters() if known.smooths]
+            for joint in effect.joints if widths else ():
+                width[joint - 1] = max(width[joint - 1], *widths)
+        return width
+
+    def faster(self, widths: float) -> NDArray[np.bool_]:
+        """Mark the rows, (K, n), on which a joint does not get slower than some sign widths.
 
         Nor does it within the reach of the filter, and nothing pushes.
         """
-        still = np.abs(self.motion.velocity) < speed
+        still = np.abs(self.motion.velocity) < widths * self.sign_width
         near = np.zeros_like(still)
         for rows in self.segments:
             period = float(np.median(np.diff(self.motion.time[rows])))

@@ -67,8 +67,8 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
     if min(rows.size, others.size) < REPEATS.fewest:
         return None
     slow = observed.slow
-    moves = np.sqrt(np.mean(slow.velocity[rows] ** 2, axis=0)) > ROWS.rest
-    moves |= np.sqrt(np.mean(slow.velocity[others] ** 2, axis=0)) > ROWS.rest
+    moves = np.sqrt(np.mean(slow.velocity[rows] ** 2, axis=0)) > ROWS.repeated
+    moves |= np.sqrt(np.mean(slow.velocity[others] ** 2, axis=0)) > ROWS.repeated
     position, velocity, residual = (
         CubicSpline(slow.time[others], values[others])
         for values in (slow.position, slow.velocity, left)
@@ -91,7 +91,7 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
     own, there = rows[known], slow.time[rows[known]] + delay
     off = np.sqrt(np.mean((velocity(there) - slow.velocity[own]) ** 2, axis=0))
     speed = np.sqrt(np.mean(slow.velocity[own] ** 2, axis=0))
-    if (off > np.maximum(REPEATS.alike * speed, ROWS.rest))[moves].any():
+    if (off > np.maximum(REPEATS.alike * speed, ROWS.repeated))[moves].any():
         return None
     near = np.clip(np.searchsorted(slow.time[others], there), 0, others.size - 1)
     moving = observed.moving[own] & observed.moving[others[near]]
@@ -119,7 +119,7 @@ def _delay(observed: Observations, rows: NDArray[np.int64], others: NDArray[np.i
         grid = np.arange(float(time[own[0]]), float(time[own[-1]]), period)
         parts.append(np.stack([np.interp(grid, time[own], x) for x in speed[own].T], axis=1))
     first, second = parts
-    scale = np.maximum(np.sqrt(np.mean(first**2, axis=0)), ROWS.rest)
+    scale = np.maximum(np.sqrt(np.mean(first**2, axis=0)), ROWS.repeated)
     alike = sum(
         np.asarray(correlate(second[:, j] / scale[j], first[:, j] / scale[j], method="fft"))
         for j in range(observed.n)

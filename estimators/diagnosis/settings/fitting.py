@@ -14,6 +14,9 @@ from estimators.diagnosis.settings.setting import setting
 class SolvingSettings:
     """Noise and search in turn (fitting.solving)."""
 
+    least_left: float = setting(0.05, "of the errors' mean square",
+        "that a fit of everything is taken to leave, at least",
+        "higher underrates the errors of short recordings; lower divides by nearly nothing")
     rounds: int = setting(2, "", "of noise and search in turn",
         "more cost time; fewer search under a noise that has physics in it")
     curved: float = setting(0.4, "of the rest", "by which a simulation may be off its linear fit",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimators.diagnosis.settings.setting import setting
-from limo_driver.physics.friction import SIGN_WIDTH
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
@@ -25,14 +24,17 @@ class RowSettings:
     least: int = setting(60, "rows", "of all recordings together, on the slow grid",
         "more refuse short recordings; fewer judge by little",
         chosen="what a joint's friction and load need by themselves; 200 refused logs of 6 s")
-    rest: float = setting(0.0015, "rad/s", "speed below which a joint is at rest",
+    rest: float = setting(0.75, "widths of the stated friction's sign",
+        "speed below which a joint is at rest",
         "higher leaves out slow motion; lower fits friction that holds anything",
         chosen=("by judgement, changed once while developing on concealed cases: 1.5 sign widths "
                 "were tried and taken back, since they left creep out of fits too"))
-    creep: float = setting(1.5 * SIGN_WIDTH, "rad/s",
+    creep: float = setting(1.5, "widths of the stated friction's sign",
         "speed below which nothing is judged unknown",
         "higher overlooks unknown friction; lower takes the smoothing of a sign for physics",
         chosen="from the width of the smoothed sign, within which it is no sign")
+    repeated: float = setting(0.0015, "rad/s", "RMS speed below which a motion is no repeat",
+        "higher misses slow repeats; lower pairs joints at rest")
     near_rest: float = setting(1.0, "1/bandwidth", "left out before and after a rest",
         "more leaves out motion; less leaves in what the filter spreads of rest",
         chosen="about what the filter reaches; before, 0.1 s, which is the same at 10 Hz")

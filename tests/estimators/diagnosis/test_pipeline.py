@@ -23,6 +23,7 @@ from limo_driver.physics import (
     TorqueGain,
     ViscousFriction,
 )
+from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
@@ -77,7 +78,7 @@ def error(simulation, truth, seed=77):
     """Return the worst joint's RMS error on another motion of the arm, while it moves [N m]."""
     recording = record(truth, seed)
     difference = truth.predict(recording) - simulation.predict(recording)
-    moves = np.abs(recording.sharp_motion(10.0).velocity) > ROWS.rest
+    moves = np.abs(recording.sharp_motion(10.0).velocity) > ROWS.rest * SIGN_WIDTH
     return float(np.sqrt(np.mean(difference**2, axis=0, where=moves)).max())
 
 

@@ -22,6 +22,7 @@ from estimators.diagnosis.verdict import (
 )
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
+from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
@@ -72,7 +73,7 @@ def _made_up(given, recordings, bandwidth, equivalent, after, separates):
     traces = Traces(
         motion.time, np.zeros(len(motion), dtype=int), motion.position, motion.velocity, load,
         np.abs(motion.position - START), measured, before, before, simulated, motion.time > 15.0,
-        np.abs(motion.velocity) > ROWS.rest,
+        np.abs(motion.velocity) > ROWS.rest * SIGN_WIDTH,
     )  # fmt: skip
     rmse = [tuple(np.sqrt(np.mean((measured - x) ** 2, axis=0))) for x in (before, simulated)]
     finding = Finding(

@@ -12,6 +12,7 @@ from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.settings.residuals import ROWS
 from limo_driver.errors import RecordingError
 from limo_driver.physics import CoulombFriction, TorqueOffset
+from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.recording import Recording
 
 BANDWIDTH = 10.0  # [Hz]
@@ -79,8 +80,8 @@ def test_rows_as_near_to_rest_as_the_filter_reaches_are_not_moving(
     moves = observed.moving[:, 0]
     for row, moving in zip(kept[::7], moves[::7], strict=True):
         away = np.abs(time - time[row])
-        assert speed[away <= 1.2 * reach + 0.01, 0].min() < ROWS.rest or moving
-        assert speed[away <= 0.8 * reach, 0].min() >= ROWS.rest or not moving
+        assert speed[away <= 1.2 * reach + 0.01, 0].min() < ROWS.rest * SIGN_WIDTH or moving
+        assert speed[away <= 0.8 * reach, 0].min() >= ROWS.rest * SIGN_WIDTH or not moving
     assert 0.2 < moves.mean() < 0.99
 
 
