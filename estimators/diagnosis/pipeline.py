@@ -26,7 +26,9 @@ from estimators.diagnosis.judgement.findings import left_by_tolerances
 from estimators.diagnosis.judgement.judgement import (
     Leftover,
     abstained,
+    gains,
     harms,
+    least_harmful,
     leftover,
     remarks,
     worse,
@@ -38,6 +40,7 @@ from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.result import Diagnosis, Traces
 from estimators.diagnosis.settings.pushes import ROUNDS
 from limo_driver.errors import RecordingError
+from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -137,6 +140,7 @@ def diagnose(
         shifts,
         members=problem.beyond_base(solution.members),
         harmful=harmful,
+        passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
         doubted=len(pushed) if strange else 0,
     )
     verdict = replace(
@@ -148,7 +152,7 @@ def diagnose(
     return Diagnosis(
         verdict=verdict,
         before=simulation,
-        after=improved.simulation,
+        after=_lasting(improved.simulation, simulation),
         recordings=tuple(recordings),
         traces=_traces(problem, tolerances, improved.simulated),
         explanations=explanations_of(problem, solution, rest.floor),
@@ -156,6 +160,16 @@ def diagnose(
         shifts=shifts,
         bandwidth=bandwidth,
     )
+
+
+def _lasting(improved: Simulation, given: Simulation) -> Simulation:
+    """Return the improved simulation without what was found and no other recording has."""
+    kept = [item for item in improved.effects if item.lasts or item.place in _places(given)]
+    return replace(improved, effects=tuple(kept))
+
+
+def _places(simulation: Simulation) -> set[str]:
+    return {effect.place for effect in simulation.effects}
 
 
 def _without_pushes(
@@ -263,25 +277,29 @@ class _Judged:
         """Prove and judge a set."""
         proven = _proven(problem, solution)
         rest = leftover(problem.observed, proven)
-        return cls(problem, solution, proven, rest, *abstained(problem, solution, rest))
+        named, unknown = abstained(problem, solution, rest)
+        return cls(
+            problem, solution, proven, rest, named if gains(problem, proven, rest) else (), unknown
+        )
 
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
         """Return effect and joints (0-based) of some candidates."""
         return {self.problem.candidates[member].place for member in members}
 
     def harmless(self) -> tuple[_Judged, bool]:
-        """Return this if it does not harm, or without what only stands in, or without anything.
+        """Return this without what makes motion held out worse: stand-ins first, then one by one.
 
         Returns:
             What is left, and whether that is nothing since all of it harms.
         """
         problem, judged = self.problem, self
+        while harms(problem, judged.proven, judged.rest) and judged.solution.members:
+            fewer = judged.named
+            if fewer == judged.solution.members:
+                fewer = least_harmful(problem, judged.solution)
+            judged = _Judged.of(problem, fitted(problem, fewer, judged.solution.noise))
         if not harms(problem, judged.proven, judged.rest):
             return judged, False
-        if judged.named != judged.solution.members:
-            judged = _Judged.of(problem, fitted(problem, judged.named, judged.solution.noise))
-            if not harms(problem, judged.proven, judged.rest):
-                return judged, False
         given, nothing = problem.observed.residual, fitted(problem, (), judged.solution.noise)
         rest = leftover(problem.observed, given)
         return _Judged(problem, nothing, given, rest, *abstained(problem, nothing, rest)), True

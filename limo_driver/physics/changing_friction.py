@@ -288,7 +288,7 @@ class TemperatureDependentFriction(DryFriction):
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
         """Yield what fades at several rates, and what a temperature does where it was measured."""
         eps = sign_width_at(joint, recorded)
-        for part in WARMING_TIMES:
+        for part in WARMING_TIMES if recorded.shows_slow_change else ():
             yield cls.fading(joint, eps, part * recorded.longest)
         warmth = recorded.temperature
         if warmth is not None and np.isfinite(warmth[:, joint - 1]).all():

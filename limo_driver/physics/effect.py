@@ -40,6 +40,7 @@ MOST_SLOPE: Final = 1e7  # of friction over speed [N m s/rad], [N m s²/rad²]
 MOST_STIFFNESS: Final = 1e10  # [N m/rad], [N m/rad³]
 MOST_INERTIA: Final = 1e6  # [kg m²]
 FARTHEST: Final = 1e4  # [rad]
+SLOW_CHANGE: Final = 30.0  # [s] in which gears warm up or sensors drift by an amount that shows
 
 State: TypeAlias = "FloatArray"
 STATELESS: FloatArray = np.zeros(0)
@@ -96,6 +97,7 @@ class Effect(Declared, ABC):
     name: ClassVar[str]  # the identifier in sim.yaml and in a diagnosis
     description: ClassVar[Description] = Description()
     rubs: ClassVar[bool] = False  # whether it is friction, as every joint has some of
+    lasts: ClassVar[bool] = True  # whether another recording of the arm has it, too, as it is
 
     @classmethod
     @cache  # effects are made by the thousand while they are fitted
@@ -311,6 +313,11 @@ class Recorded:
     def n(self) -> int:
         """Number of joints."""
         return self.position.shape[1]
+
+    @property
+    def shows_slow_change(self) -> bool:
+        """Whether a recording lasts long enough to tell warming and drift from slow motion."""
+        return self.longest >= SLOW_CHANGE
 
 
 @dataclass(frozen=True)

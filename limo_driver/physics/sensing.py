@@ -84,6 +84,7 @@ class TorqueDrift(TorqueEffect):
             ),
         ),
     )
+    lasts: ClassVar[bool] = False
     times: tuple[float, ...] = parameter("s", "times", lower=-1e12, upper=1e12, chosen=True)
     offset: tuple[float, ...] = parameter(
         "N m", "offset at each time", lower=-MOST_TORQUE, upper=MOST_TORQUE, deviation="largest"
@@ -104,7 +105,9 @@ class TorqueDrift(TorqueEffect):
 
     @classmethod
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
-        """Yield it with knots from the first to the last sample."""
+        """Yield it with knots from the first to the last sample, if those are far apart."""
+        if not recorded.shows_slow_change:
+            return
         times = tuple(np.linspace(recorded.start, recorded.end, KNOTS).tolist())
         terms = tuple(cls(joint=joint, times=times, offset=tuple(hat)) for hat in np.eye(KNOTS))
         yield Hypothesis(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
 
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
+    Nothing, too, where other blocks of time could as well have shown no gain.
     """
     left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     moving, held_out = problem.observed.moving, problem.split.held_out
@@ -48,7 +49,12 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
         misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0
     )
     part = np.where(misses, part, proven / _square(left, held_out))
-    return float(np.sqrt(max(part.max(), 0.0)))
+    joint = int(np.argmax(part))
+    rows = moving if misses[joint] else held_out
+    gained_on = bare[:, [joint]] ** 2 - left[:, [joint]] ** 2
+    if not surely_positive(gained_on, problem.observed, rows[:, [joint]]):
+        return 0.0
+    return float(np.sqrt(max(part[joint], 0.0)))
 
 
 def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:

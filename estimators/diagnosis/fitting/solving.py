@@ -26,6 +26,7 @@ from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -87,7 +88,13 @@ def _sought(
 
 def _scan(problem: RegressionProblem, solution: Solution) -> None:
     """Add the candidates that have to be looked for in the residual."""
-    for hypothesis in ripples(problem.observed, problem.left(solution.fitted)):
+    chosen = [problem.candidates[member].hypothesis for member in solution.members]
+    known = {
+        item.joints[0]: item.settings
+        for item in chosen
+        if item is not None and item.effect == TorqueRipple.name
+    }
+    for hypothesis in ripples(problem.observed, problem.left(solution.fitted), known):
         candidate = entered(hypothesis, problem.observed, problem.columns, problem.level)
         if candidate is not None:
             problem.candidates.append(candidate)

@@ -17,6 +17,8 @@ from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
@@ -25,14 +27,15 @@ if TYPE_CHECKING:
 def ripples(
     observed: Observations,
     residual: FloatArray,
-    limit: int = 3,
+    known: Mapping[int, tuple[float, ...]] | None = None,
 ) -> list[Hypothesis]:
     """Look for lines over the joint angle.
 
     Args:
         observed: Recordings and simulation, K slow rows of n joints.
         residual: What the nuisance parameters leave, (K, n) [N m].
-        limit: Most lines at one joint.
+        known: Lines of each joint (0-based) that the residual is already without [1/rev]; those
+            found are hypotheses together with them.
 
     Returns:
         For each joint with lines one hypothesis of the strongest line, one of the two strongest,
@@ -45,13 +48,19 @@ def ripples(
     """
     found: list[Hypothesis] = []
     for joint in range(observed.n):
-        lines = _lines(_Angle.of(observed, residual, joint), limit, observed.n)
-        some = [lines[: k + 1] for k in range(len(lines))]
+        before = (known or {}).get(joint, ())
+        lines = _lines(_Angle.of(observed, residual, joint), RIPPLE.lines - len(before), observed.n)
+        lines = tuple(N for N in lines if not any(_is_same(N, other) for other in before))
+        some = [(*before, *lines[: k + 1]) for k in range(len(lines))]
         slow = _slow_line(_Angle.of(observed, residual, joint, RIPPLE.flat))
-        if slow and not any(abs(slow / N - 1.0) < RIPPLE.same for N in lines):
+        if slow and not any(_is_same(slow, N) for N in (*before, *lines)):
             some += [(slow, *more) for more in ((), *some)]
         found += [TorqueRipple.of_lines(joint + 1, cycles) for cycles in some]
     return found
+
+
+def _is_same(line: float, other: float) -> bool:
+    return abs(line / other - 1.0) < RIPPLE.same
 
 
 @dataclass(frozen=True)

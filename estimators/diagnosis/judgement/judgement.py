@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import contribution, taken_off
+from estimators.diagnosis.fitting.contribution import contribution, taken_off, without
 from estimators.diagnosis.judgement.surrogate import foretold
-from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import Shift
     from estimators.diagnosis.selection.candidates import Candidate
     from limo_driver.types import FloatArray
+
+
+_TINY = 1e-12  # [N m], that nothing is divided by less than
 
 
 @dataclass(frozen=True)
@@ -142,9 +145,28 @@ def abstained(
     return stay, tuple(int(j) for j in unknown)
 
 
+def gains(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> bool:
+    """Say whether held-out motion is surely predicted better than by the given simulation."""
+    given = problem.observed.residual
+    gained = (given**2 - proven**2) / np.maximum(rest.floor, _TINY) ** 2
+    return surely_positive(gained, problem.observed, problem.split.held_out)
+
+
 def harms(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> bool:
     """Say whether held-out motion of some joint is foretold clearly worse than before."""
     return worse(problem, proven, problem.observed.residual, rest)
+
+
+def least_harmful(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
+    """Return the members without the one whose loss leaves least on motion held out."""
+    rows, scale = problem.split.held_out, rmse(problem.observed.residual, problem.split.held_out)
+
+    def left(member: int) -> float:
+        error = rmse(problem.left(without(solution, member)), rows)
+        return float(np.sum((error / np.maximum(scale, _TINY)) ** 2))
+
+    worst = min(solution.members, key=left)
+    return tuple(member for member in solution.members if member != worst)
 
 
 def worse(
@@ -160,7 +182,9 @@ def _moved(shift: Shift) -> str:
     return f"{shift.name} by {shift.sigmas:+.1f} sigma{limit}"
 
 
-def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: int) -> Iterator[str]:
+def remarks(
+    shifts: Sequence[Shift], *, members: int, harmful: bool, passing: Sequence[str], doubted: int
+) -> Iterator[str]:
     """Yield what a reader should know of the fit, one sentence each."""
     moved = [shift for shift in shifts if abs(shift.sigmas) > JUDGEMENT.worth_a_word][:3]
     if moved and not harmful:
@@ -178,6 +202,11 @@ def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: in
         yield (
             "What was found foretells motion held out worse than the given simulation does, so "
             "the written simulation is the given one. Do the recordings belong together?"
+        )
+    if passing:
+        yield (
+            f"What passes is not written into the improved simulation ({', '.join(passing)}): "
+            "another recording has another."
         )
     if doubted:
         yield (

@@ -78,6 +78,35 @@ def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) 
     return float(np.clip(np.sum(gone) / reducible, -1.0, 1.0))
 
 
+def surely_positive(gained: FloatArray, observed: Observations, rows: NDArray[np.bool_]) -> bool:
+    """Say whether a sum over rows stays positive whichever blocks of time had been recorded.
+
+    Args:
+        gained: What each row of each joint adds to it, (K, n).
+        observed: Where time comes from.
+        rows: Those that count, (K, n).
+
+    Returns:
+        Whether the 2.5 % quantile over resampled blocks is above 0.
+    """
+    of_row = _blocks(observed)
+    sums = np.zeros((2, int(of_row.max(initial=-1)) + 1))
+    np.add.at(sums[0], of_row, np.where(rows, gained, 0.0).sum(axis=1))
+    np.add.at(sums[1], of_row, rows.any(axis=1).astype(float))
+    of_block = sums[0, sums[1] > 0]
+    if of_block.size < 2:  # noqa: PLR2004  # nothing to resample
+        return bool(of_block.sum() > 0)
+    drawn = np.random.default_rng(0).integers(0, of_block.size, (HELD_OUT.resamples, of_block.size))
+    return bool(np.quantile(of_block[drawn].sum(axis=1), 0.025) > 0)
+
+
+def _blocks(observed: Observations) -> NDArray[np.int64]:
+    """Number the block of time of each row, (K,)."""
+    length = block_of(observed, HELD_OUT.block)
+    block = np.floor(observed.slow.time / length) + 1e6 * observed.recording
+    return np.unique(block, return_inverse=True)[1].ravel()
+
+
 def bootstrap(
     before: FloatArray,
     after: FloatArray,
@@ -96,9 +125,7 @@ def bootstrap(
 
     Source: Künsch, "The jackknife and the bootstrap for general stationary observations", 1989.
     """
-    length = block_of(observed, HELD_OUT.block)
-    block = np.floor(observed.slow.time / length) + 1e6 * observed.recording
-    _, of_row = np.unique(block, return_inverse=True)
+    of_row = _blocks(observed)
     sums = np.zeros((3, int(of_row.max(initial=-1)) + 1, before.shape[1]))
     np.add.at(sums[0], of_row, np.where(rows, before, 0.0) ** 2)
     np.add.at(sums[1], of_row, np.where(rows, after, 0.0) ** 2)

@@ -14,6 +14,10 @@ from estimators.diagnosis.settings.setting import setting
 class RippleSettings:
     """Lines over the angle of a joint (hypotheses.ripple)."""
 
+    lines: int = setting(12, "", "at one joint, at most",
+        "more cost time; fewer leave the cogging of a motor in part",
+        chosen="a motor's pole pairs, slots and their multiples make eight and more; 3 left 40 % "
+               "of the error of one with six")
     most_cycles: float = setting(400.0, "1/rev", "of a line",
         "more cost time and find more by chance; fewer miss fast gears")
     least_periods: float = setting(3.0, "", "of a line over the joint's range",
