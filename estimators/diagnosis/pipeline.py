@@ -287,12 +287,19 @@ class _Judged:
         return {self.problem.candidates[member].place for member in members}
 
     def harmless(self) -> tuple[_Judged, bool]:
-        """Return this without what makes motion held out worse: stand-ins first, then one by one.
+        """Return this without what makes motion held out worse.
+
+        First the values that moved inside their tolerances, then stand-ins, then one by one.
 
         Returns:
             What is left, and whether that is nothing since all of it harms.
         """
         problem, judged = self.problem, self
+        if harms(problem, judged.proven, judged.rest):
+            # values moved inside their tolerances may be what harms: few rows outvote no statement
+            problem = problem.with_stated_values()
+            noise = judged.solution.noise
+            judged = _Judged.of(problem, fitted(problem, judged.solution.members, noise))
         while harms(problem, judged.proven, judged.rest) and judged.solution.members:
             fewer = judged.named
             if fewer == judged.solution.members:

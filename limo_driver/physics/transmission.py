@@ -283,7 +283,7 @@ class TorqueRipple(TorqueEffect):
         signature="a line at a fixed number of cycles in a revolution", shown_by="creep"
     )
     cycles_per_rev: tuple[float, ...] = parameter(
-        "1/rev", "cycles in a revolution of the joint", lower=1e-3, upper=1e6
+        "1/rev", "cycles in a revolution of the joint", lower=1e-3, upper=1e6, deviation=1.0
     )
     amplitude: tuple[float, ...] = parameter(
         "N m", "amplitude", lower=0.0, upper=MOST_TORQUE, deviation="largest"

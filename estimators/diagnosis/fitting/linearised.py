@@ -19,7 +19,7 @@ import numpy as np
 from estimators.diagnosis.fitting.entries import entries_of, found_in, possible, sides
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.hypotheses.responses import difference, stacked
-from estimators.diagnosis.residuals.held_out import block_of
+from estimators.diagnosis.residuals.held_out import block_of, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
@@ -92,13 +92,15 @@ class Linearised:
         products = normal_equations(self.columns, off, noise, split)
         mean = posterior(products, self.known, joined(*self.own)).mean
         mean[: start.size] -= start
-        before = _energy(residual, noise, split)
+        before, size = _energy(residual, noise, split), rmse(residual, split)
         for part in NEWTON.shorter:
             try:
                 trial = self.observed.beside(self._moved(part * mean))
             except ConfigError:  # a combination that no such part has
                 continue
-            if _energy(trial.residual, noise, split) < (1 - NEWTON.enough) * before:
+            likelier = _energy(trial.residual, noise, split) < (1 - NEWTON.enough) * before
+            # errors that are alike in time would let slow physics grow for a little less of noise
+            if likelier and (rmse(trial.residual, split) <= NEWTON.slack * size).all():
                 return trial
         return None
 

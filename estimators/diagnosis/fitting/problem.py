@@ -19,6 +19,7 @@ from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.fitting import SOLVING
 from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.errors import ConfigError
+from limo_driver.physics import Tolerances
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -120,6 +121,13 @@ class RegressionProblem:
         nuisance, candidates = self.nuisance.certain(some), list(self.candidates)
         first = self.first or self
         return replace(self, nuisance=nuisance, candidates=candidates, first=first, held=None)
+
+    def with_stated_values(self) -> RegressionProblem:
+        """Return the same, with bodies and effects of the simulation exactly as it states them."""
+        observed = self.observed
+        exact = replace(observed.simulation, tolerances=Tolerances(inertia=0.0, friction=0.0))
+        problem = self.as_stated(self.nuisance.entered)
+        return replace(problem, observed=observed.beside(exact, observed.around))
 
     def again(self, candidate: Candidate, place: int) -> int:
         """Enter a candidate that has a place on another problem; return its place on this one."""

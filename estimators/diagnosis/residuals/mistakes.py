@@ -37,7 +37,7 @@ class RowSample:
 
     body: RobotModel
     motion: Motion
-    torque: FloatArray  # (K, n) [N m]
+    torque: FloatArray  # (K, n) less springs, rotors and what else is known beside friction [N m]
     moving: NDArray[np.bool_]  # (K, n)
     constant: tuple[int, ...] = ()  # joints (0-based) whose encoder gives one value throughout
 
@@ -49,7 +49,7 @@ class RowSample:
         return cls(
             body,
             observed.slow[rows],
-            observed.measured[rows],
+            (observed.measured - observed.beyond_load)[rows],
             observed.moving[rows],
             constant_joints(observed),
         )

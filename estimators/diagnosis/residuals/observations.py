@@ -210,6 +210,22 @@ class Observations:
         return self.measured - self.simulated
 
     @cached_property
+    def beyond_load(self) -> FloatArray:
+        """What the given simulation adds to load and friction: rotors, springs, ..., (K, n) [N m].
+
+        Friction is left out, since it is known less well than all else.
+        """
+        simulation = self.simulation
+        others = tuple(effect for effect in simulation.effects if not effect.rubs)
+        if not others:
+            return np.zeros_like(self.measured)
+        motion = self.motion
+        load = simulation.body.inverse_dynamics(
+            motion.position, motion.velocity, motion.acceleration
+        )
+        return self.filter(self.predict(replace(simulation, effects=others)) - load)
+
+    @cached_property
     def stiffness(self) -> FloatArray:
         """Derivative of the rigid-body torque by each position, (n by, n of, K) [N m/rad]."""
         body, slow = self.reference.body, self.slow

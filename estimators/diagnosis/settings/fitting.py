@@ -35,6 +35,8 @@ class NewtonSettings:
     rounds: int = setting(5, "", "at most", "more cost time; fewer stop short")
     enough: float = setting(1e-3, "of the sum of squares", "that a round has to take off",
         "smaller costs time; larger stops short")
+    slack: float = setting(1.02, "times", "that a round may raise a joint's RMSE, at most",
+        "higher lets errors grow that are alike in time; lower stops at noise")
     shorter: tuple[float, ...] = setting((1.0, 0.5, 0.2), "of a step", "that are tried",
         "more cost time; fewer give up where a full step is too far")
     derivative: float = setting(1e-3, "prior deviations", "step of derivatives",

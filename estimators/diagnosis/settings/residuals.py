@@ -169,7 +169,7 @@ PLAUSIBILITY = PlausibilitySettings()
 class MistakeSettings:
     """Mistakes of a log that are tried (residuals.mistakes)."""
 
-    least_moving: int = setting(50, "rows", "on which a joint has to move to be judged",
+    least_moving: int = setting(20, "rows", "on which a joint has to move to be judged",
         "more judge seldom; fewer judge by little")
     rows: int = setting(1500, "", "that are enough to judge by", "more cost time")
     rows_to_turn: int = setting(400, "", "the same, where all angles of a joint are tried",
