@@ -112,7 +112,25 @@ class Exploring(Declared):
 
 @dataclass(frozen=True)
 class PlanRequest(Declared):
-    """What to plan."""
+    """What to plan.
+
+    Args:
+        scaffolds: Configurations to reach, and to explore around; 150 last about an hour.
+        rate: Of the trajectory's samples [Hz], 50 to 1e4.
+        workspace: Where the flange may be at a scaffold [m].
+        surroundings: Margins, clearance [m] and table that every configuration keeps away from.
+        reaching: Shares of each joint's limits at which scaffolds are approached.
+        exploring: Sinusoids around each scaffold: how many, how large [rad], how fast.
+        candidates: Random configurations tried in vain before giving up.
+        exploring_tries: Draws of one exploring phase before its scaffold is replaced.
+        repairs: Replaced or added scaffolds in a row before giving up.
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> plan("iiwa14", PlanRequest(scaffolds=4, rate=500.0))
+    """
 
     scaffolds: int = parameter("", lower=1, default=150)
     rate: float = parameter("Hz", "of the trajectory's samples", lower=50, upper=1e4, default=250.0)

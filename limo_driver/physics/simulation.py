@@ -57,6 +57,11 @@ class Simulation(Displayed):
 
     Raises:
         ConfigError: The robot, a link or a joint does not exist.
+
+    Example:
+        >>> from limo_driver.physics import ViscousFriction
+        >>> sim = Simulation("iiwa14", (ViscousFriction(joint=2, f_v=1.5),))
+        >>> sim.predict(Recording.load("run.parquet"))
     """
 
     robot: str
@@ -94,6 +99,9 @@ class Simulation(Displayed):
     def load(cls, path: Path | str) -> Simulation:
         """Read a `sim.yaml`.
 
+        Args:
+            path: Of the file.
+
         Raises:
             ConfigError: Names the line, what was given and what exists.
         """
@@ -101,7 +109,14 @@ class Simulation(Displayed):
         return Simulation(read.robot, read.effects, read.inertials, read.tolerances, read.sensors)
 
     def save(self, path: Path | str) -> None:
-        """Write a `sim.yaml` that `load` reads back to an equal simulation."""
+        """Write a `sim.yaml` that `load` reads back to an equal simulation.
+
+        Args:
+            path: To be written; a robot that is not built in is named relative to it.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
         robot = self.model.reference(Path(path).parent)  # relative to the file, if it is one
         content = SimulationFile(robot, self.effects, self.inertials, self.tolerances, self.sensors)
         save(content, Path(path))
@@ -145,6 +160,9 @@ class Simulation(Displayed):
         Args:
             recording: T samples of n joints of this robot.
             bandwidth: Of the filter on motion and torque [Hz].
+
+        Returns:
+            Errors of each joint, (n,) [N m], beside the torque that was measured.
 
         Raises:
             RecordingError: It is of another robot, too short, or the bandwidth is too high for the
@@ -221,6 +239,10 @@ class Simulation(Displayed):
         self, state: tuple[State, ...], motion: Motion
     ) -> tuple[FloatArray, tuple[State, ...]]:
         """Predict T samples that follow `state`: `predict` and `step` in one.
+
+        Args:
+            state: Memory after the sample before, from `init` at first.
+            motion: T samples of n joints.
 
         Returns:
             Joint torques (T, n) [N m] and the memory after the last sample.

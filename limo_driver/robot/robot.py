@@ -30,17 +30,19 @@ if TYPE_CHECKING:
 class Robot(Closing):
     """An arm that is read and commanded once every cycle.
 
-    ```python
-    with open_robot("mujoco") as robot:
-        state = robot.receive()
-        for position in positions_from(state.position):
-            robot.send(PositionCommand(position=position))
-            state = robot.receive()
-    ```
-
     Args:
         spec: The arm and its limits.
         start_tolerance: How far the first position may be from the measured pose [rad].
+
+    Raises:
+        BackendError: The constructor of a backend cannot open its arm.
+
+    Example:
+        >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
+        ...     state = robot.receive()
+        ...     for position in positions_from(state.position):
+        ...         robot.send(PositionCommand(position=position))
+        ...         state = robot.receive()
     """
 
     simulated: ClassVar[bool] = False  # it can start anywhere, and time is its own
@@ -61,6 +63,9 @@ class Robot(Closing):
         Args:
             timeout: Longest wait [s]; the backend's own if not given.
 
+        Returns:
+            What was measured of all joints, with the cycle's number.
+
         Raises:
             CycleTimeoutError: Nothing was ever measured, or not within `timeout`.
             ConnectionLostError: The robot is closed or gone.
@@ -80,6 +85,9 @@ class Robot(Closing):
 
     def send(self, command: JointCommand) -> JointCommand:
         """Answer the last state with a command; the last one of a cycle counts.
+
+        Args:
+            command: What all joints should do next.
 
         Returns:
             What was really sent: the command within the limits, with the limits that changed it.
@@ -155,7 +163,11 @@ class Robot(Closing):
         return playback.follow(self, motion, record, stiffness, progress)
 
     def hold(self, reason: str = "asked to hold") -> None:
-        """Slow down within the limits, then keep the pose; commands are refused until `resume`."""
+        """Slow down within the limits, then keep the pose; commands are refused until `resume`.
+
+        Args:
+            reason: What `HoldingError` will say.
+        """
         self._contract.hold(reason)
 
     def resume(self) -> None:

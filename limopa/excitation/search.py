@@ -56,7 +56,23 @@ _CHECKED = 1e-3  # [s], the control cycle
 
 @dataclass(frozen=True)
 class ExcitationRequest(Declared):
-    """What to find."""
+    """What to find.
+
+    Args:
+        duration: Of the motion, one period of the base frequency [s].
+        harmonics: Of each joint, 2 to 20; no two joints share any.
+        rate: Of the trajectory's samples [Hz], 50 to 1000.
+        surroundings: Margins, clearance [m] and table that every configuration keeps away from.
+        workspace: Where the flange may be, all the time [m].
+        starts: Random motions to begin with, of which the best are refined.
+        iterations: Of each of the last two refinements; 0 leaves a random motion.
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> excite("iiwa14", ExcitationRequest(duration=30.0, harmonics=4), seed=1)
+    """
 
     duration: float = parameter(
         "s",
