@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from limo_driver.workflow.diagnosing import diagnose
     from limo_driver.workflow.learning import evaluate, identify, load_model, predict, train
     from limo_driver.workflow.planning import excite, plan
-    from limo_driver.workflow.running import run
+    from limo_driver.workflow.running import Streaming, run
     from limopa import ExcitationRequest, PlanRequest
 
     __version__: str
@@ -53,6 +53,7 @@ _HOME = {
     "Robot": "limo_driver.robot.robot",
     "RobotModel": "limo_driver.model",
     "Simulation": "limo_driver.physics",
+    "Streaming": "limo_driver.workflow.running",
     "TorqueCommand": "limo_driver.types",
     "Trajectory": "limo_driver.trajectory",
     "WrenchCommand": "limo_driver.types",
@@ -80,6 +81,7 @@ __all__ = [
     "Robot",
     "RobotModel",
     "Simulation",
+    "Streaming",
     "TorqueCommand",
     "Trajectory",
     "WrenchCommand",

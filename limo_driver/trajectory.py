@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import perm
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -138,6 +138,30 @@ class Trajectory(Motion):
                 f"the trajectory moves {self.n} joints, but {name} has {n}",
                 path=self.source or None,
             )
+
+    def first(self, duration: float) -> Trajectory:
+        """Return the beginning of the trajectory.
+
+        Args:
+            duration: How much of it [s]; all of it where it is no longer.
+
+        Raises:
+            ConfigError: The duration holds fewer than two samples.
+        """
+        stop = int((self.time <= self.time[0] + duration).sum())
+        if stop < 2:  # noqa: PLR2004  # samples that make a motion
+            raise ConfigError(f"{duration:g} s is shorter than one sample of the trajectory")
+        return replace(
+            self,
+            time=self.time[:stop],
+            position=self.position[:stop],
+            velocity=self.velocity[:stop],
+            acceleration=self.acceleration[:stop],
+            temperature=None if self.temperature is None else self.temperature[:stop],
+            segments=tuple(
+                replace(s, stop=min(s.stop, stop)) for s in self.segments if s.start < stop
+            ),
+        )
 
     def resample(self, period: float) -> Motion:
         """Evaluate the trajectory every `period` seconds, its last sample included.
