@@ -11,7 +11,8 @@ found.save("diagnosis/")
 ```
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
-and commands. What to do with them: plan, excite, run, identify, predict, train, evaluate, diagnose.
+and commands. What to do with them: plan, excite, run, identify, predict, train, evaluate, diagnose,
+serve.
 
 The names are imported when they are first used, so that `import limo_driver` stays cheap.
 """
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from limo_driver.workflow.learning import evaluate, identify, load_model, predict, train
     from limo_driver.workflow.planning import excite, plan
     from limo_driver.workflow.running import Streaming, run
+    from limo_driver.workflow.serving import serve
     from limopa import ExcitationRequest, PlanRequest
 
     __version__: str
@@ -66,6 +68,7 @@ _HOME = {
     "plan": "limo_driver.workflow.planning",
     "predict": "limo_driver.workflow.learning",
     "run": "limo_driver.workflow.running",
+    "serve": "limo_driver.workflow.serving",
     "train": "limo_driver.workflow.learning",
 }
 
@@ -94,6 +97,7 @@ __all__ = [
     "plan",
     "predict",
     "run",
+    "serve",
     "train",
 ]
 

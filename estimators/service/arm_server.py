@@ -97,6 +97,11 @@ class ArmServer:
         return self.keys.arm
 
     @property
+    def phase(self) -> ServicePhase | None:
+        """How far its service is."""
+        return self._bulletin.phase
+
+    @property
     def answering(self) -> bool:
         """Whether joint states are answered, those of the rate that is served."""
         return self._bulletin.phase in _ANSWERING
