@@ -136,7 +136,10 @@ def interrupted(outcomes: Iterable[Outcome]) -> bool:
 
 
 def run(part: Part) -> Outcome:
-    """Run a part in a process of its own, as a shell would."""
+    """Run a part in a process of its own, as a shell would.
+
+    The demo shows a reader the commands, so it is these that have to run, and not what they call.
+    """
     print(f"\n# {part.purpose}\n$ {part.command}", flush=True)
     program, *words = shlex.split(part.command)
     main_of_limo = ["-c", "from limo_driver.cli import main; main()"]
