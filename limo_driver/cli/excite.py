@@ -108,14 +108,22 @@ def command(
         iterations=iterations,
     )
     model = RobotModel.load(robot)
-    found = _excite(model, request, seed, quiet=as_json)
+    conditioning = Conditioning(model)
+    found = _excite(model, conditioning, request, seed, quiet=as_json)
     found.trajectory.save(out)
     if picture is not None:
         draw(found, model, picture)
-    _report(found, Conditioning(model), model, as_json=as_json)
+    _report(found, conditioning, model, as_json=as_json)
 
 
-def _excite(model: RobotModel, request: ExcitationRequest, seed: int, *, quiet: bool) -> Excitation:
+def _excite(
+    model: RobotModel,
+    conditioning: Conditioning,
+    request: ExcitationRequest,
+    seed: int,
+    *,
+    quiet: bool,
+) -> Excitation:
     """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
     from rich.progress import (
         BarColumn,
@@ -140,7 +148,7 @@ def _excite(model: RobotModel, request: ExcitationRequest, seed: int, *, quiet: 
         def show(done: int, most: int, condition: float) -> None:
             bar.update(task, completed=done, total=most, condition=f"{condition:.1f}")
 
-        return excite(model, request, seed=seed, progress=show)
+        return excite(model, request, seed=seed, conditioning=conditioning, progress=show)
 
 
 def _report(
