@@ -14,7 +14,6 @@ from scipy.signal import welch
 from estimators.base import DEVIATIONS
 from estimators.model_folder import provenance
 from limo_driver.display import Displayed
-from limo_driver.errors import RecordingError
 from limo_driver.outputs import require_folder, whole
 from limo_driver.recordings.differentiation import ORDER
 
@@ -188,13 +187,7 @@ def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
     """
     bandwidth = model.bandwidth
     recording.check_robot(model.simulation.model)
-    scored = ~recording.edges(bandwidth)
-    if not scored.any():
-        raise RecordingError(
-            f"is too short to evaluate: the filter of {bandwidth:g} Hz needs more than "
-            f"{1 / bandwidth:.2g} s without a gap",
-            path=recording.source or None,
-        )
+    scored = recording.scored(bandwidth)
     motion, estimate = recording.motion(bandwidth), model.estimate(recording)
     return Evaluation(
         model.name,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.display import Displayed
-from limo_driver.errors import ConfigError, RecordingError, ShapeError
+from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.parameters import JOINT
 from limo_driver.physics.effect import (
@@ -29,7 +29,7 @@ from limo_driver.physics.score import Score
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save
 from limo_driver.physics.transmission import JointElasticity
-from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate
+from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -169,13 +169,7 @@ class Simulation(Displayed):
                 sampling rate.
         """
         recording.check_robot(self.model)
-        scored = ~recording.edges(bandwidth)
-        if not scored.any():
-            raise RecordingError(
-                f"is too short to score: the filter of {bandwidth:g} Hz needs more than "
-                f"{2 * EDGE / bandwidth:.2g} s without a gap",
-                path=recording.source or None,
-            )
+        scored = recording.scored(bandwidth)
         measured = recording.filtered_torque(bandwidth)
         predicted = recording.filtered(self.predict(recording, bandwidth), bandwidth)
         error, measured = (measured - predicted)[scored], measured[scored]

@@ -357,6 +357,27 @@ class Recording(Displayed):
             near[rows] = (time < time[0] + reach) | (time > time[-1] - reach)
         return near
 
+    def scored(self, bandwidth: float) -> NDArray[np.bool_]:
+        """Mark the samples whose torque can be compared with a prediction: all but `edges`.
+
+        Args:
+            bandwidth: Of the filter on both [Hz].
+
+        Returns:
+            True where they are, (T,).
+
+        Raises:
+            RecordingError: There is none.
+        """
+        scored = ~self.edges(bandwidth)
+        if not scored.any():
+            raise RecordingError(
+                f"is too short to score: the filter of {bandwidth:g} Hz needs more than "
+                f"{2 * EDGE / bandwidth:.2g} s without a gap",
+                path=self.source or None,
+            )
+        return scored
+
     def check_robot(self, model: RobotModel) -> None:
         """Check that the recording can be of this robot.
 
