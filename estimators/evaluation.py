@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -135,7 +134,8 @@ class Evaluation(Displayed):
         Raises:
             ConfigError: The folder cannot be written to.
         """
-        pictures = import_module("estimators.pictures")  # which stands on this
+        from estimators import pictures  # which stands on this, and takes long to import
+
         require_folder(Path(folder), "the evaluation")
         contents = (
             json.dumps(self.as_values(), indent=1).encode() + b"\n",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from limo_driver.display import Displayed
@@ -103,7 +102,9 @@ class Diagnosis(Displayed):
         Raises:
             ConfigError: The folder cannot be written to.
         """
-        import_module("estimators.diagnosis.saving").save(self, folder)  # which stands on this
+        from estimators.diagnosis.saving import save  # which stands on this
+
+        save(self, folder)
 
     def headline(self) -> str:
         """Say the verdict in one sentence."""

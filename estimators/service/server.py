@@ -14,6 +14,7 @@ from limo_driver.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping, Sequence
+    from types import FrameType
 
     from estimators.service.arm_server import ArmServer
     from limo_driver.logs.mcap_log import McapLog
@@ -86,7 +87,7 @@ class Service(Closing):
         """
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, lambda *_: self.stop())
+                signal.signal(number, self._take)
         longest = None if duration is None else min(duration, threading.TIMEOUT_MAX)
         with suppress(Empty):
             self._ended.get(timeout=longest)
@@ -102,6 +103,9 @@ class Service(Closing):
         self._stopped.set()
         self._due.put(None)
         self._thread.join()
+
+    def _take(self, _signal: int, _frame: FrameType | None) -> None:
+        self.stop()
 
     def _tell(self) -> None:
         try:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import replace
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
@@ -153,7 +152,8 @@ class Robot(Closing):
             >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
             ...     run = robot.follow(Trajectory.load("limo.traj.parquet"))
         """
-        playback = import_module("limo_driver.robot.playback")  # which stands on this
+        from limo_driver.robot import playback  # which stands on this
+
         motion = playback.trajectory_of(trajectory)
         motion.check_robot(self.spec.n, self.spec.name)
         start = motion.position[0]
