@@ -4,7 +4,7 @@ Pushes: short stretches of time in which something outside leans on the arm.
 
 A push shows on several joints at once, as one wrench at the flange would: -J(q)ᵀ w, for 0.3 to
 2 s. What one joint does alone, such as the transient of a friction at a reversal, is none. Pushes
-are events, not properties of the arm: they cannot be foretold, and nothing else should be fitted
+are events, not properties of the arm: they cannot be predicted, and nothing else should be fitted
 to the rows that they cover. The scan looks for the course of half a sine, that of a human push; one
 of constant strength is found as two, at its start and at its end.
 """
@@ -248,7 +248,7 @@ class _Scan:
     observed: Observations
     residual: FloatArray  # (K, n) whitened, zero near rest
     jacobian: FloatArray  # (K, 6, n)
-    memory: FloatArray  # (lags, K, n) what the rows before foretell of errors
+    memory: FloatArray  # (lags, K, n) weights that predict an error from the rows before it
     weight: FloatArray  # (K, n) 1 over the deviation of the rest, zero near rest [1/(N m)]
 
     @classmethod
@@ -289,7 +289,7 @@ class _Scan:
         return max(_evidence(A[:, :, j : j + 1], y[:, j : j + 1]) for j in range(self.observed.n))
 
     def strangeness(self, push: Push) -> float:
-        """Return how much likelier a push's rows would be if all their errors were foretold [nat].
+        """Return how much likelier a push's rows would be if all their errors were predicted [nat].
 
         Beyond what noise alone has of it.
         """

@@ -218,10 +218,10 @@ def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) ->
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
-    """Return what is found around a set, where that may differ and foretells no worse."""
+    """Return what is found around a set, where that may differ and predicts no worse."""
     problem, solution = judged.problem, judged.solution
     several = len(solution.members) >= ROUNDS.several
-    if not (several or judged.rest.foretellable.any()) or not curved(problem, solution):
+    if not (several or judged.rest.clearly_predictable.any()) or not curved(problem, solution):
         return judged
     again = _Judged.of(*settled_around(problem, solution, progress))
     return judged if worse(problem, again.proven, judged.proven, judged.rest) else again

@@ -163,10 +163,11 @@ def unknown_of(
     """
     if not joints:
         return ()
-    worst = max(joints, key=lambda j: rest.foretold[j] / rest.floor[j])
+    worst = max(joints, key=lambda j: rest.predictable[j] / rest.floor[j])
     text = (
-        f"At joint {worst + 1} a rest of {rest.foretold[worst]:.3f} N m RMS could be foretold from "
-        f"the motion (noise floor {rest.floor[worst]:.3f} N m), and no known effect foretells it."
+        f"At joint {worst + 1} a black box predicts {rest.predictable[worst]:.3f} N m RMS of the "
+        f"remaining residual from the motion (noise floor {rest.floor[worst]:.3f} N m), and no "
+        "effect of the catalogue explains it."
     )
     if stand_ins:
         names = (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import contribution, taken_off
-from estimators.diagnosis.judgement.surrogate import foretold
+from estimators.diagnosis.judgement.surrogate import predictable_part
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -35,28 +35,28 @@ if TYPE_CHECKING:
 class Leftover:
     """What the chosen set leaves on each joint."""
 
-    floor: FloatArray  # (n,) RMS of what no black box can foretell [N m]
-    foretold: FloatArray  # (n,) RMS of what one can [N m]
-    series: FloatArray  # (K, n) what one foretells; the whole rest where that is smooth [N m]
+    floor: FloatArray  # (n,) RMS of what no black box can predict [N m]
+    predictable: FloatArray  # (n,) RMS of what one can [N m]
+    series: FloatArray  # (K, n) what one predicts; all that remains where that is smooth [N m]
 
     @property
-    def foretellable(self) -> NDArray[np.bool_]:
-        """Mark the joints (n,) on which a black box foretells clearly more than noise."""
-        return self.foretold > JUDGEMENT.foretold * self.floor
+    def clearly_predictable(self) -> NDArray[np.bool_]:
+        """Mark the joints (n,) on which a black box predicts clearly more than noise."""
+        return self.predictable > JUDGEMENT.predictable * self.floor
 
 
 def leftover(observed: Observations, left: FloatArray) -> Leftover:
-    """Split the rest into what could be foretold and what is noise.
+    """Split the remaining residual into a part that the motion predicts and noise.
 
-    Some physics cannot be foretold from the motion (jumps, disturbances in time). It is slow where
-    noise is rough: a rest that is far smoother on one joint than on the others counts, too.
+    Some physics cannot be predicted from the motion (jumps, disturbances in time). It is slow where
+    noise is rough: a residual far smoother on one joint than on the others counts, too.
 
     Args:
         observed: Recordings and simulation.
         left: Residual of the improved simulation, (K, n) [N m].
     """
     moving = observed.faster(ROWS.creep)  # a simulation gets slower friction wrong, unknown or not
-    guesses = [foretold(observed, left[:, joint], joint) for joint in range(observed.n)]
+    guesses = [predictable_part(observed, left[:, joint], joint) for joint in range(observed.n)]
     series = np.stack(guesses, axis=1)
     whole, floor = rmse(left, moving), rmse(left - series, moving)
     rough, moves = roughness(left, moving), moving.any(axis=0)
@@ -123,7 +123,7 @@ def abstained(
     """Take back names that explain too little of a joint's error, and say what stays unknown.
 
     A wrong effect often explains part of an unknown one. The right one leaves nothing that a black
-    box could foretell.
+    box could predict.
 
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
@@ -131,8 +131,8 @@ def abstained(
     search = solution.search
     none = search.evidence.posterior(search.prior(()))
     removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
-    explained = removed / np.maximum(removed + rest.foretold**2, 1e-12)
-    unknown = np.flatnonzero(rest.foretellable & (explained < JUDGEMENT.precise))
+    explained = removed / np.maximum(removed + rest.predictable**2, 1e-12)
+    unknown = np.flatnonzero(rest.clearly_predictable & (explained < JUDGEMENT.precise))
     doubtful = {int(j) for j in unknown if explained[j] < JUDGEMENT.dominant}
     stay = tuple(
         member
@@ -143,7 +143,7 @@ def abstained(
 
 
 def harms(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> bool:
-    """Say whether held-out motion of some joint is foretold clearly worse than before."""
+    """Say whether held-out motion of some joint is predicted clearly worse than before."""
     return worse(problem, proven, problem.observed.residual, rest)
 
 
@@ -176,7 +176,7 @@ def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: in
         )
     if harmful:
         yield (
-            "What was found foretells motion held out worse than the given simulation does, so "
+            "What was found predicts held-out motion worse than the given simulation does, so "
             "the written simulation is the given one. Do the recordings belong together?"
         )
     if doubted:

@@ -14,7 +14,7 @@ from estimators.diagnosis.settings.setting import setting
 class JudgementSettings:
     """Abstention (judgement.judgement)."""
 
-    foretold: float = setting(0.45, "noise floors", "of predictable rest that counts as unknown",
+    predictable: float = setting(0.45, "noise floors", "of predictable rest that counts as unknown",
         "higher overlooks unknown physics; lower abstains too often",
         chosen="by judgement, changed once while developing on concealed cases: from 0.5")
     smoother: float = setting(1.4, "times the other joints'", "ratio of a rest to its roughness",

@@ -13,7 +13,7 @@ by `benchmarks/service/drift.py` for one joint:
      1.00        0.4               0.0               51 s, 94 s
      1.35        0.5               0.6               52 s, 121 s
 
-Other motion leaves other residuals: a detector cannot tell a task that is harder to foretell from a
+Other motion leaves other residuals: a detector cannot tell a task that is harder to predict from a
 joint that changed. What drift starts is judged against the champion before it may serve.
 
 Source: E. S. Page, "Continuous inspection schemes", Biometrika 41, 1954; package `river`.

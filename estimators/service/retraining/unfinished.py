@@ -43,7 +43,7 @@ class Unfinished:
     tries: int = 0  # trainings that may still begin for this reason
     champion: int | None = None  # on probation
     before: int | None = None  # that it goes back to
-    # Its squared errors beside those before, at most, as the shadow foretold; None: not known.
+    # Its squared errors beside those before, at most, as the shadow predicted; None: not known.
     foretold: list[float | None] | None = None
 
 

@@ -30,7 +30,7 @@ def problem_of(effect="viscous_friction", joints=(0,)):
 
 
 @pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])
-def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
+def test_a_fit_harms_where_one_joint_is_predicted_clearly_worse(error, harmful):
     proven = np.column_stack([np.full(100, 0.1), np.full(100, error)])
     assert harms(problem_of(), proven, Leftover(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
 
@@ -63,7 +63,7 @@ def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_be
     assert abstained(problem, solution, quiet) == ((), ())
 
 
-def test_what_could_be_foretold_is_kept_as_a_series(rigid, training_recording):
+def test_the_predictable_part_is_kept_as_a_series(rigid, training_recording):
     observed = Observations.of(rigid, [training_recording], 10.0)
     rows, noise = observed.moving, np.random.default_rng(0).standard_normal(observed.moving.shape)
     planted = np.column_stack([np.tanh(observed.slow.velocity[:, 0] / 0.04), 0 * noise[:, 0]])
