@@ -1,4 +1,4 @@
-"""What simulated robots share: which arm they are, where they start, and going back in time."""
+"""Base class of simulated robots: their arm, their start, and restoring an earlier state."""
 
 from __future__ import annotations
 

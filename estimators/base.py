@@ -1,4 +1,4 @@
-"""What every torque estimator can do: fit, predict a recording, and predict sample by sample."""
+"""Interface of all torque estimators: fit, predict a recording, and predict sample by sample."""
 
 from __future__ import annotations
 

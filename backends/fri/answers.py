@@ -1,4 +1,4 @@
-"""What the client answers in each session state and command mode.
+"""Answer of the FRI client in each session state and command mode.
 
 | session state     | answer                                                                  |
 |-------------------|-------------------------------------------------------------------------|

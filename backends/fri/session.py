@@ -1,4 +1,4 @@
-"""What a session has gone through: order of packets, time of the robot, states, answers.
+"""Track an FRI session: order of packets, time of the robot, states, answers.
 
 Bookkeeping only: nothing here decides what is commanded.
 """

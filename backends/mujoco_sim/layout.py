@@ -1,4 +1,4 @@
-"""How the simulated robot's arrays are laid out, shared by Python and compiled code.
+"""Memory layout of the simulated robot's arrays, shared by Python and compiled code.
 
 In compiled code the fields of these tuples are pointers, and tables are read row by row from one:
 entry (row, j) of a table of n columns stands at row * n + j. Arrays there would carry their sizes,

@@ -1,4 +1,4 @@
-"""How far a fit is off on motion that it was not fitted to, and from where on physics is better.
+"""Calibrate the standard deviation of joint physics, and fade what it learned far from the data.
 
     variance of the error = c (σ² + g x Σ xᵀ)
 

@@ -1,4 +1,4 @@
-"""What the finished trials say: mean and spread of each row, beside the paper's figures."""
+"""Gather the finished trials: mean and spread of each row, beside the paper's figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an identification found, as tables for a terminal and as plain values for JSON."""
+"""Report of an identification, as tables for a terminal and as plain values for JSON."""
 
 from __future__ import annotations
 

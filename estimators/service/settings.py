@@ -1,4 +1,4 @@
-"""What a user may choose of the service."""
+"""Settings of the service that users choose: estimates, contacts and retraining."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is being compiled in this process: a value to ask for, and a callback to be told by.
+"""Progress of numba compilation in this process, as a value and through a callback.
 
 Nothing heavy is imported here, so that a program can ask, or show progress, before anything that
 compiles is loaded; `limo_driver.compiled` says what happens.

@@ -1,4 +1,4 @@
-"""Which motion tells two effects apart, and why: the answer to an ambiguous diagnosis."""
+"""Plan the motion in which two effects differ most, to resolve an ambiguous diagnosis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the two FRI messages say, as frozen values; the codec knows how it stands in bytes.
+"""The two FRI messages as frozen values; the codec turns them into bytes and back.
 
 The arm sends a `Monitoring` every send period and the client answers with a `Command`. Joint values
 are tuples of exactly seven floats; what a message leaves out is None. SI units throughout, with the

@@ -1,4 +1,4 @@
-"""What can happen in a scenario: one class an event, with its parameters, units and bounds."""
+"""Events of a scenario, one class for each kind, with parameters, units and bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a controller makes of a command: what it may do, what it may not, and why.
+"""Check the commands of a client against the limits of the simulated controller.
 
 The limits are limo's model: KUKA's own 'illegal axis delta' stands in its manual only.
 """

@@ -1,4 +1,4 @@
-"""What was sent and what came back: every datagram is counted once, as what it turned out to be.
+"""Count every datagram sent and received once: answered in time, late or lost.
 
 One answer is expected in every receive interval from the first answer of a client on. It is in time
 if it comes before the next interval begins and answers a packet of this one; late if it comes

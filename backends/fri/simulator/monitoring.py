@@ -1,4 +1,4 @@
-"""What the controller says in every packet."""
+"""Write the monitoring packets of the simulated controller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the controller tells at its end, as text or as one JSON object."""
+"""Report of a run of the simulated controller, as text or as one JSON object."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulated controller is set to, and which of it lets a client command."""
+"""Settings of the simulated controller, and whether a client can command with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of what a network learns carries over to motion that it was not trained on."""
+"""Estimate how much of a network's torque carries over to motion it was not trained on."""
 
 from __future__ import annotations
 

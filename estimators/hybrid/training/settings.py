@@ -1,4 +1,4 @@
-"""How the network of a hybrid is trained: one frozen value, checked when it is made."""
+"""Training settings of a hybrid's network: one frozen value, checked when it is made."""
 
 from __future__ import annotations
 

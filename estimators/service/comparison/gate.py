@@ -1,4 +1,4 @@
-"""Whether a challenger is better than the champion, on errors at the same instants.
+"""Promotion gate: whether a challenger is better than the champion, with intervals.
 
 Squared errors are averaged over blocks of some seconds, which hardly depend on each other. Let a_k
 and b_k be these means of challenger and champion in block k of K, and a and b the means of all.

@@ -1,4 +1,4 @@
-"""What the service of one arm tells of itself, from before it is on the network: phases, events."""
+"""Publish phases and events of one arm's service, also those from before it joined a network."""
 
 from __future__ import annotations
 

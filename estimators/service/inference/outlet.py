@@ -1,4 +1,4 @@
-"""Where the results of one arm go: the network, and the log.
+"""Publish and log the results of one arm.
 
 Whether the log is being written: said in the status, told when it stops, and tried again.
 """

@@ -1,4 +1,4 @@
-"""Which source of joint states is followed, and whether states come at all."""
+"""Follow one source of joint states, and notice when none come."""
 
 from __future__ import annotations
 

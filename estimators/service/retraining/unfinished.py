@@ -1,4 +1,4 @@
-"""What retraining was at, kept beside the versions, so that the next service can go on with it.
+"""Keep the unfinished stage of retraining on disk, so that the next service can resume it.
 
     models/<robot>/retraining-<arm>.json
 

@@ -1,4 +1,4 @@
-"""What can serve an arm: the physics, and the models of a store or of one folder."""
+"""Models that can serve an arm: the physics alone, and those of a store or of one folder."""
 
 from __future__ import annotations
 

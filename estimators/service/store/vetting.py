@@ -1,4 +1,4 @@
-"""What has to hold before a version may serve, checked in a process of its own.
+"""Check in a process of its own that a version of a model is fit to serve.
 
     python -m estimators.service.store.vetting models 3 --rate 1000 --delay 0.1
 

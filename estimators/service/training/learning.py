@@ -1,4 +1,4 @@
-"""Which kind of model a challenger is, and how it learns."""
+"""Train a challenger of a given kind of model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a service logged: the newest motion of an arm, without what leaned on it."""
+"""Read the newest motion of an arm from the logs of its service, without contacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands of `limo models` share: where the versions are, and how they print."""
+"""Options shared by the commands of `limo models`: where versions are, and how to print them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What travels beside a payload: sequence number, time of the source, and flags or identity."""
+"""Attachments of network messages: sequence number, source time, and flags or identity."""
 
 from __future__ import annotations
 
