@@ -78,7 +78,7 @@ class Estimate(Displayed):
 
 
 class LiveEstimator(Protocol):
-    """What a stream needs of an estimator."""
+    """Interface of an estimator for a stream of samples."""
 
     @property
     def n(self) -> int:
@@ -92,7 +92,7 @@ class LiveEstimator(Protocol):
 
     @property
     def memory(self) -> object:
-        """What memory follows from besides the motion: equal where memory is the same."""
+        """The values besides the motion that determine memory: equal where memory is the same."""
         ...
 
     def init(self, rate: float | None = None) -> State:

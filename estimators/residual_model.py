@@ -83,12 +83,12 @@ class ResidualModel(ABC, Generic[Fitted]):
 
     @property
     def memory(self) -> object:
-        """What memory follows from besides the motion: all of the model, if not known better."""
+        """The values besides the motion that determine memory: by default, all of the model."""
         return self
 
     @property
     def fitted(self) -> Fitted:
-        """What `fit` found.
+        """Result of `fit`.
 
         Raises:
             NotFittedError: Nothing was fitted or loaded.

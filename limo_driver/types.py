@@ -86,7 +86,7 @@ class WrenchLimits(ArrayFields):
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """What a user has to know of an arm before commanding it."""
+    """Specification of an arm that a user needs before commanding it."""
 
     name: str
     joint_names: tuple[str, ...]
@@ -132,7 +132,7 @@ class JointState(ArrayFields):
 
 @dataclass(frozen=True, kw_only=True)
 class JointCommand(ArrayFields):
-    """What all joints should do next; a subclass for each control mode."""
+    """Command to all joints; a subclass for each control mode."""
 
     valid_for: float = 0.1  # [s] after which the arm holds unless the next command came
     limited_by: tuple[str, ...] = ()  # limits that changed the command on its way out

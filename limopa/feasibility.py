@@ -33,7 +33,7 @@ PROBES = 1000  # random configurations that show which pairs do
 
 
 class Condition(StrEnum):
-    """What a configuration or a path has to satisfy."""
+    """Conditions on a configuration or a path."""
 
     JOINT_LIMITS = "joint limits"
     WORKSPACE = "effective workspace"
@@ -43,7 +43,7 @@ class Condition(StrEnum):
 
 @dataclass(frozen=True)
 class Violations:
-    """Which of T configurations break which condition; each array has shape (T,)."""
+    """Violations of each condition by T configurations; each array has shape (T,)."""
 
     broken: Mapping[Condition, NDArray[np.bool_]]
 

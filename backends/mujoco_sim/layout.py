@@ -69,7 +69,7 @@ class Servo(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What a cycle works with, each of n joints; the position and velocity are the links'."""
+    """Working arrays of a cycle, each of n joints; position and velocity are those of the links."""
 
     position: FloatArray  # [rad]
     velocity: FloatArray  # [rad/s]

@@ -34,7 +34,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class Where:
-    """Where a mismatch shows."""
+    """Region and time in which a mismatch shows."""
 
     time: tuple[tuple[float, float], ...] = ()  # [s], stretches; time starts anew in a recording
     region: str = ""  # in words: speeds, positions, loads
@@ -69,7 +69,7 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What nothing in the catalogue explains."""
+    """Residual that no effect of the catalogue explains."""
 
     joints: tuple[int, ...] = ()  # 1-based
     share: tuple[float, ...] = ()  # of what tolerances leave at each of them, the part that stays
@@ -94,7 +94,7 @@ class NextMotion:
 
 @dataclass(frozen=True)
 class Fit:
-    """How far the improved simulation closes the gap on motion that nothing was fitted to.
+    """Held-out errors before and after, and how much of the reducible error is removed.
 
     Reducible is the mean square of the given simulation's error there beyond that of the noise
     floor, summed over joints. Values that move inside their tolerances may take most of it; the

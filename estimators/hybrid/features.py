@@ -82,7 +82,7 @@ class Features:
 
     @cached_property
     def _constants(self) -> FloatArray:
-        """What the compiled scan takes."""
+        """Constants of the compiled scan."""
         limits = (self.reversal, self.saturation)
         return np.array([*limits, *self.stop_widths, *self.direction_speeds], dtype=np.float64)
 

@@ -77,7 +77,7 @@ class ScoringMotion:
 
 @dataclass(frozen=True)
 class Bench:
-    """What all trials share: the data and the rigid body.
+    """Data and rigid body that all trials share.
 
     Args:
         data: The recordings.

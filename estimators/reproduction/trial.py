@@ -28,7 +28,7 @@ _DIGITS: Final = 10  # of the digest in a file name
 
 @dataclass(frozen=True)
 class Protocol(Declared):
-    """How much of the table is computed; the defaults are the paper's.
+    """Extent of the table that is computed; the defaults are the paper's.
 
     Raises:
         ConfigError: A number is below 1.

@@ -29,7 +29,7 @@ _CPUS = Path("/sys/devices/system/cpu")
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker process needs to know; it reads the rest itself."""
+    """Arguments of a worker process; it reads everything else itself."""
 
     data: Path  # data folder
     simulation: Path  # sim.yaml of the identified rigid body

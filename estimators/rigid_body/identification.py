@@ -56,7 +56,7 @@ class TermEstimate:
 
 @dataclass(frozen=True)
 class LinkChange:
-    """How far a link's inertia moved from its nominal value."""
+    """Change of a link's inertia from its nominal value."""
 
     link: str
     mass: float  # [kg]
@@ -67,7 +67,7 @@ class LinkChange:
 
 @dataclass(frozen=True, repr=False)
 class Identification(Displayed):
-    """What recordings say of a robot."""
+    """Result of an identification."""
 
     model: RobotModel
     terms: JointTerms

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Retrainer(Protocol):
-    """What keeps the champion of a server up to date, see `Keeper`."""
+    """Interface of the keeper of a server's champion, see `Keeper`."""
 
     def watch(self, window: Window) -> None:
         """Take what the service summed up over the last second or so."""
@@ -30,7 +30,7 @@ class Retrainer(Protocol):
 
 
 class ModelChanges(Protocol):
-    """What can be asked of a running service about its models, see `ArmServer`."""
+    """Interface of a running service for questions about its models, see `ArmServer`."""
 
     keys: Keys
 

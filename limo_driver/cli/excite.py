@@ -32,7 +32,7 @@ PAPER = 68  # condition number that Çallar and Böttger 2022 state for their ii
 
 @dataclass(frozen=True)
 class JointFigures:
-    """What one joint does; peaks are relative to its limits."""
+    """Motion of one joint; peaks are relative to its limits."""
 
     joint: int  # 1-based
     harmonics: tuple[int, ...]  # multiples of the base frequency

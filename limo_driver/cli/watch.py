@@ -120,7 +120,7 @@ def _wait(
 
 
 class Watched:
-    """What came so far: the last status of each arm, and the latest events."""
+    """Messages received so far: the last status of each arm, and the latest events."""
 
     def __init__(self, *, as_json: bool) -> None:
         self.as_json = as_json

@@ -42,7 +42,7 @@ def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a da
 
 @dataclass(frozen=True)
 class LogLimits(Declared):
-    """How large and how old files become, one alone and all together."""
+    """Limits on the size and age of log files, one alone and all together."""
 
     file_bytes: float = _limit("", "a new file is begun beyond this", 256e6)
     file_seconds: float = _limit("s", "a new file is begun beyond this", 600.0)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Compilation:
-    """How far this process is with compiling what this machine holds no machine code of yet."""
+    """Progress of compiling functions of which this machine keeps no machine code yet."""
 
     function: str  # that is compiled now, or was last
     running: bool

@@ -25,7 +25,7 @@ _log = logging.getLogger("limo")
 
 
 class CodePlace:
-    """Where the machine code of one function is kept.
+    """Files in which the machine code of one function is kept.
 
     Args:
         source: Its file.

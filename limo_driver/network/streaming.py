@@ -52,7 +52,7 @@ _NANOSECONDS: Final = 1e9
 
 @dataclass(frozen=True)
 class Keys:
-    """Where everything about one arm is found.
+    """Keys of one arm on the network.
 
     Raises:
         ConfigError: The name cannot be part of a key.
@@ -73,7 +73,7 @@ class Keys:
 
     @property
     def root(self) -> str:
-        """What all of them begin with."""
+        """Prefix of all keys."""
         return f"limo/{self.arm}"
 
     @property

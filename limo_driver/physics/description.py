@@ -30,7 +30,7 @@ class Confusion:
 
 @dataclass(frozen=True)
 class Description:
-    """What is known of an effect of the catalogue; the defaults suit one of which little is."""
+    """Description of an effect of the catalogue; the defaults suit one that is little known."""
 
     signature: str = ""  # how it shows; completes "At joint 3 …"
     shown_by: Motions | None = None  # motion that excites it

@@ -156,7 +156,7 @@ class Effect(Declared, ABC):
 
 
 class SimulatedPlant(Protocol):
-    """What effects can ask of a simulated robot; joints are 1-based.
+    """Interface through which effects act on a simulated robot; joints are 1-based.
 
     What `sample` and `sense` take runs through its `advance`; the others are native forms.
     """
@@ -289,7 +289,7 @@ Enter: TypeAlias = Callable[[Sequence[Effect], "FloatArray"], tuple[Effect, ...]
 
 @dataclass(frozen=True)
 class Recorded:
-    """What recordings of an arm of n joints show before anything is fitted; K rows, T samples."""
+    """Recordings of an arm of n joints beside its simulation, before any fit; K rows, T samples."""
 
     position: FloatArray  # (K, n) [rad]
     temperature: FloatArray | None  # (T, n) [°C]

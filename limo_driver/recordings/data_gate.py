@@ -74,7 +74,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Columns:
-    """What a file holds, before it is judged."""
+    """Content of a file, before its rows are checked."""
 
     time: FloatArray  # (T,) [s]
     position: FloatArray  # (T, n) [rad]

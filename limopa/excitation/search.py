@@ -56,7 +56,7 @@ _CHECKED = 1e-3  # [s], the control cycle
 
 @dataclass(frozen=True)
 class ExcitationRequest(Declared):
-    """What to find."""
+    """Request for an exciting motion."""
 
     duration: float = parameter(
         "s",
@@ -91,7 +91,7 @@ class ExcitationRequest(Declared):
 
 @dataclass(frozen=True, repr=False)
 class Excitation(Displayed):
-    """What was found."""
+    """Result of a search."""
 
     request: ExcitationRequest
     seed: int
@@ -120,7 +120,7 @@ def excite(
     Args:
         model: The robot.
         criterion: The condition number, of a regressor that the caller chooses.
-        request: What to find.
+        request: Request for an exciting motion.
         seed: Seed of every random draw.
         progress: Called with the iterations done, those at most, and the condition number.
 
@@ -155,7 +155,7 @@ _STAGES = (
 
 
 class _Search:
-    """Where to search for a motion, and by what."""
+    """Problem of a search: the arm, its limits and the objective."""
 
     def __init__(
         self, model: RobotModel, criterion: Criterion, request: ExcitationRequest, seed: int

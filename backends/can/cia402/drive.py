@@ -32,7 +32,7 @@ _NMT_WORDS: Final = {
 
 @dataclass(slots=True)
 class Drive:
-    """What was heard of a drive, and what it was told last.
+    """Latest values heard from a drive, and the last ones sent to it.
 
     A position counts only if the joint can have got there: `reach` counts from the last one.
     """

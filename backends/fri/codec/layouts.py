@@ -23,7 +23,7 @@ QUATERNION: Final = 7
 
 
 class Kind(Enum):
-    """How a value is written."""
+    """Encoding of a value."""
 
     IDENTIFIER = "identifier of the message"
     UINT32 = "uint32"

@@ -11,7 +11,7 @@ from limo_driver.parameters import JOINT, Declared, parameter
 
 
 class Direction(Enum):
-    """Which datagrams a disturbance concerns."""
+    """Direction of the datagrams that are disturbed."""
 
     BOTH = "both"
     TO_CLIENT = "to_client"

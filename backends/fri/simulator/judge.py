@@ -26,7 +26,7 @@ def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a da
 
 @dataclass(frozen=True)
 class CommandLimits(Declared):
-    """What a command may ask for (limo's model)."""
+    """Limits of a command (limo's model)."""
 
     axis_delta: float = _limit("", "times the velocity limit, from one command to the next", 1.0)
     mirror: float = _limit("rad", "distance from the ipo position that confirms it", 0.01)
@@ -36,7 +36,7 @@ class CommandLimits(Declared):
 
 
 class Wanted(NamedTuple):
-    """What a command asks for."""
+    """Set-point that a command asks for."""
 
     position: FloatArray | None = None  # (7,) [rad]
     torque: FloatArray | None = None  # (7,) [N m]

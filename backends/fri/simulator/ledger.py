@@ -19,7 +19,7 @@ _NANO: Final = 1e-9
 
 
 class Arrival(Enum):
-    """What an answer is, by its counters."""
+    """Kind of an answer, by its counters."""
 
     IN_TIME = "in time"
     LATE = "late"
@@ -34,7 +34,7 @@ class Arrival(Enum):
 
 @dataclass
 class Ledger:
-    """The books of one run.
+    """Counts of one run.
 
     Args:
         multiplier: Packets in one receive interval.

@@ -84,7 +84,7 @@ class ControllerScenario(Declared):
 
 @dataclass(frozen=True)
 class Now:
-    """What a scenario asks for at one moment."""
+    """State that a scenario asks for at one moment."""
 
     to_client: Disturbance = UNDISTURBED
     to_robot: Disturbance = UNDISTURBED

@@ -36,7 +36,7 @@ def quiet(_stage: str, _done: float) -> None:
 
 @dataclass
 class RegressionProblem:
-    """What the stages share: observations, columns and who competes."""
+    """Regression problem that the stages share: observations, columns and candidates."""
 
     observed: Observations
     columns: ColumnTable

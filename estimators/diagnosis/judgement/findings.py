@@ -198,7 +198,7 @@ def unknown_of(
 
 @dataclass(frozen=True)
 class Signs:
-    """What the confidence of a name is made of."""
+    """Signs from which the confidence of a name is computed."""
 
     lead: float  # evidence over the next explanation [nat]
     material: float  # error that it removes [noise floors]

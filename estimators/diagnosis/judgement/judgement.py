@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Leftover:
-    """What the chosen set leaves on each joint."""
+    """Residual that remains on each joint beside the chosen set."""
 
     floor: FloatArray  # (n,) RMS of what no black box can predict [N m]
     predictable: FloatArray  # (n,) RMS of what one can [N m]

@@ -142,7 +142,7 @@ Undo: TypeAlias = Callable[[RowSample], RowSample]
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is wrong, in words, and what undoes it."""
+    """Mistake in a log, in words, and the function that undoes it."""
 
     said: str
     undo: Undo

@@ -59,7 +59,7 @@ class Candidate:
 
     @property
     def place(self) -> tuple[str, tuple[int, ...]]:
-        """What is named: effect and joints."""
+        """Name of the candidate: effect and joints."""
         return self.effect, self.joints
 
     @cached_property

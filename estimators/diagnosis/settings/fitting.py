@@ -43,7 +43,7 @@ NEWTON = NewtonSettings()
 
 @dataclass(frozen=True)
 class ContributionSettings:
-    """What a finding has to take off (fitting.contribution)."""
+    """Error that a finding has to remove (fitting.contribution)."""
 
     material: float = setting(0.5, "errors left",
         "that a finding has to take off the error of some joint",

@@ -80,7 +80,7 @@ QUESTIONS = QuestionSettings()
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """Where a finding is said to act (judgement.region)."""
+    """Region in which a finding acts (judgement.region)."""
 
     narrow: float = setting(0.5, "ratio of medians", "below which a region is worth a word",
         "only wording")
@@ -100,7 +100,7 @@ REGION = RegionSettings()
 
 @dataclass(frozen=True)
 class ObservableSettings:
-    """What the motion says nothing of (judgement.conclusion)."""
+    """Effects that the motion does not excite (judgement.conclusion)."""
 
     price: float = setting(10.0, "nat", "that an effect would have to bring", "lower lists less",
         chosen="as for missing physics")
@@ -113,7 +113,7 @@ OBSERVABLE = ObservableSettings()
 
 @dataclass(frozen=True)
 class ConfidenceSettings:
-    """How sure a name is (judgement.findings)."""
+    """Confidence of a name (judgement.findings)."""
 
     weights: tuple[float, float, float] = setting((0.7, 0.25, 1.6), "logit", "of 1, lead and size",
         "fitted, not chosen",

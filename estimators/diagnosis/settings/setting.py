@@ -13,7 +13,7 @@ BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothin
 
 @dataclass(frozen=True)
 class ChosenNumber:
-    """What is known of a number."""
+    """Documentation of a setting."""
 
     name: str
     value: Any

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CarryOver:
-    """What of a network's torque carries over, and what is off then."""
+    """Part of a network's torque that carries over, and the error that remains then."""
 
     gain: FloatArray  # (n,) in [0, 1], without unit
     rmse: FloatArray  # (n,) [N m], of g F_NN on stretches left out; NaN if none was

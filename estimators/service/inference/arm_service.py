@@ -35,7 +35,7 @@ _STRONGEST: Final = 1e5  # [N m] that no joint has felt
 
 
 class Outlet(Protocol):
-    """Where results go; none of it may wait."""
+    """Receiver of results; none of its methods may block."""
 
     external_wanted: bool  # whether anyone listens to external torques, which estimates hold, too
 
@@ -72,7 +72,7 @@ class Window:
 
 @dataclass(frozen=True)
 class ServedArm:
-    """What is served, and how."""
+    """Arm that is served, and how its answers are limited and remembered."""
 
     name: str
     joint_names: tuple[str, ...]

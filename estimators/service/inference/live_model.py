@@ -22,7 +22,7 @@ _ROWS: Final = 1000  # copied at once, so that whoever answers the next state ne
 
 @dataclass(frozen=True)
 class Answer:
-    """What the service says of one state; arrays are (n,).
+    """Answer of the service to one state; arrays are (n,).
 
     The drives resist what pushes the arm, so that external torque is -Jᵀ F of the wrench F that the
     environment exerts.

@@ -53,7 +53,7 @@ _ASKED: Final = ("idle", GATHERING)  # stages in which a training can be asked f
 
 
 class Retraining:
-    """What happens when, each step taken when it is asked for the next; `Keeper` asks.
+    """Sequence of retraining, one step each time that `Keeper` asks for the next.
 
     Args:
         server: Of the arm.

@@ -5,7 +5,7 @@
 A challenger that is judged is kept by its alias; what else has to survive is that the arm changed
 and nothing was learned from it yet, and that a champion is on probation.
 
-The stage that retraining is in, written by one thread and read by others.
+Also the current stage of retraining, written by one thread and read by others.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Stage:
 
     @property
     def name(self) -> str:
-        """What it is called, for example `idle`."""
+        """Its name, for example `idle`."""
         return self._facts["stage"]
 
     @property

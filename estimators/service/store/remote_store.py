@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class RemoteStore:
-    """What `ModelStore` says of versions, asked of the service that serves them.
+    """`ModelStore` of a running service: its versions, asked over the network.
 
     Every call asks anew, since the service and others change it meanwhile.
 

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class ServedModels(Protocol):
-    """Where models come from; versions are called by their numbers or names."""
+    """Source of models; versions are called by their numbers or names."""
 
     @property
     def physics(self) -> Simulation:
-        """What serves where no model does."""
+        """Simulation that serves where no model does."""
         ...
 
     @property

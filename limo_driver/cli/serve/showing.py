@@ -20,7 +20,7 @@ COMPILING = "compiling what the first estimate needs, or reading it from the cac
 
 
 class Bulletins:
-    """What a service tells of all its arms, from before it is on the network.
+    """Bulletins of all arms of a service, from before it is on the network.
 
     Args:
         arms: Their names.
