@@ -135,7 +135,7 @@ class InverseDynamics(Protocol):
     def predict(self, recording: Recording) -> FloatArray:
         """Predict the torque of a recorded motion.
 
-        Memory starts anew in every contiguous segment of the recording.
+        Memory is reset at the start of every contiguous segment of the recording.
 
         Args:
             recording: T samples of n joints; its torque is not looked at.

@@ -114,7 +114,7 @@ class ResidualModel(ABC, Generic[Fitted]):
     def estimate(self, recording: Recording) -> Estimate:
         """Predict as `predict` does, with the parts, standard deviation and flag.
 
-        Memory starts anew in each contiguous segment.
+        Memory is reset at the start of each contiguous segment.
         """
         state = self.init(recording.rate)
         self._check_joints(recording.position.shape)

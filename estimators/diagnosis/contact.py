@@ -101,7 +101,7 @@ def contact_of(
 
 
 def _stretches(found: Sequence[Push], observed: Observations) -> str:
-    """Say how many stretches there are, and when; time starts anew in each recording."""
+    """Say how many stretches there are, and when, in the time of each recording."""
     said: list[str] = []
     names = names_of(observed.recordings)
     for number, name in enumerate(names):
@@ -126,7 +126,7 @@ class Push:
 class ContactIn(ExternalContact):
     """A contact that acts in one recording only; its column is zero in all others.
 
-    Time starts anew in each recording, so a window alone does not say which one is meant.
+    Each recording has its own time, so a window alone does not say which one is meant.
     """
 
     recording: int  # 0-based
@@ -249,7 +249,7 @@ class _Scan:
     residual: FloatArray  # (K, n) whitened, zero near rest
     jacobian: FloatArray  # (K, 6, n)
     memory: FloatArray  # (lags, K, n) weights that predict an error from the rows before it
-    weight: FloatArray  # (K, n) 1 over the deviation of the rest, zero near rest [1/(N m)]
+    weight: FloatArray  # (K, n) 1 over the deviation of the prediction error, 0 near rest [1/(N m)]
 
     @classmethod
     def of(cls, observed: Observations, residual: FloatArray, noise: Noise) -> _Scan:

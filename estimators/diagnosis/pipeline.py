@@ -228,11 +228,12 @@ def _best(judged: _Judged, progress: Progress) -> _Judged:
 
 
 def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
-    """Return what is found with suspicious values as stated, where that explains the unknown.
+    """Return the findings with suspicious values held as stated, where that explains the unknown.
 
-    While sets compete, thousands of rows outvote tolerances, and what a wrong value does is laid to
-    them; fitted values stay within their limits, and what they would do beyond is unknown. Held as
-    it is stated, such a value has to be a finding, and may bring no other name with it.
+    While sets compete, thousands of rows outvote tolerances, and the effect of a wrong value is
+    ascribed to nuisance parameters. Fitted values stay within their limits, and their effect beyond
+    those is unknown. Held as it is stated, such a value has to be a finding, and may bring no other
+    name with it.
     """
     problem, solution = judged.problem, judged.solution
     held = suspects(problem, solution, judged.unknown)

@@ -177,7 +177,7 @@ def nominal_parameters(model: RobotModel, terms: JointTerms) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Bodies:
-    """Bodies that can exist, and what they are fitted to."""
+    """Fit of physically consistent bodies: the data and the prior."""
 
     n: int
     terms: JointTerms

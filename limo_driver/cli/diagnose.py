@@ -106,7 +106,7 @@ def _errors(verdict: Verdict) -> Table:
 
     table = Table("joint", title="held-out RMSE [N m]", title_justify="left")
     fit = verdict.fit
-    columns = {"given": fit.heldout_rmse_before, "tolerances alone": fit.heldout_rmse_tolerances,
+    columns = {"given": fit.heldout_rmse_before, "within tolerances": fit.heldout_rmse_tolerances,
                "improved": fit.heldout_rmse_after, "noise floor": fit.noise_floor}  # fmt: skip
     told = {heading: values for heading, values in columns.items() if values}
     for heading in told:

@@ -129,7 +129,7 @@ class Watched:
         self.malformed = 0
 
     def take_status(self, sample: zenoh.Sample) -> None:
-        """Keep a status; what is none of this arm's, or cannot be drawn, is counted."""
+        """Keep a status; count those that are malformed or of another arm than their key says."""
         arm = _arm_of(sample)
         try:
             status = _read_status(sample.payload.to_bytes())

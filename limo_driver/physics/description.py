@@ -23,9 +23,9 @@ class Confusion:
     """Another effect that some recordings take for the one described."""
 
     other: str  # its identifier, or `link_inertia`
-    reason: str  # what the two do differently in the motion; where none tells, why
-    motion: Motions | None = None  # that tells them apart; None: none does
-    identical: bool = False  # no recording of any motion tells them apart, so both are named
+    reason: str  # what the two do differently in the motion; without one, why there is none
+    motion: Motions | None = None  # in which they differ; None: in no motion
+    identical: bool = False  # indistinguishable in any motion, so both are named
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def with_next_motion(found: Diagnosis) -> Diagnosis:
 def _ambiguous(
     verdict: Verdict, n: int
 ) -> Generator[tuple[tuple[str, str], tuple[int, ...]], None, None]:
-    """Yield pairs of effects that the recordings cannot tell apart, and their joints."""
+    """Yield pairs of effects that are indistinguishable in the recordings, and their joints."""
     every = tuple(range(1, n + 1))
     wanted = verdict.next_motion.separates if verdict.next_motion else ()
     for pair in wanted:

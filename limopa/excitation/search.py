@@ -1,4 +1,4 @@
-"""Excitation that tells the parameters of an arm apart: Fourier series of the best condition.
+"""Persistently exciting motion: Fourier series of the least condition number.
 
 Each joint moves on harmonics of its own (`fourier.py`). Pose and coefficients are found by L-BFGS
 from several random starts, on a thinned sampling: a smooth bound of the condition number, which the

@@ -143,7 +143,7 @@ def not_observable(
         NotObservable(
             effect,
             f"at joint {joint + 1} it would have to add {torque * rest.floor[joint]:.2g} N m RMS "
-            "to show beside what the tolerances allow",
+            "to be distinguishable from the nuisance parameters within their tolerances",
         )
         for effect, (torque, joint) in sorted(least.items())
         if torque > OBSERVABLE.hidden

@@ -6,13 +6,13 @@ The weights are those of a logistic regression on 63 concealed cases that nothin
 names, of which 65 are right), by `benchmarks/diagnosis/diagnosis_calibration.py`;
 `benchmarks/diagnosis/diagnosis.py` measures on others how well they hold.
 
-Shares: what the error that tolerances leave comes from, as parts that add up to 1 at most.
+Shares: the error that remains within tolerances, divided among the findings; at most 1 in all.
 
-Values that move inside their tolerances may take most of the given simulation's error. Shares are
-of what they leave by themselves on motion held out: its mean square beyond that of the noise floor,
-summed over joints. The set of effects takes a part of it, and the rest stays. Effects overlap: what
-is lost without each of them may add up to more or less than what is lost without all, so the part
-of the set is divided among its members in proportion to what is lost without each.
+Moving values within their tolerances may remove most of the given simulation's error. Shares are of
+the error that then remains on held-out motion: its mean square beyond that of the noise floor,
+summed over joints. The set of effects explains a part of it. Effects overlap: the losses without
+each of them may add up to more or less than the loss without all, so the part of the set is divided
+among its members in proportion to the loss without each.
 """
 
 from __future__ import annotations
@@ -113,8 +113,8 @@ def _sentence(
     candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
 ) -> str:
     return (
-        f"At joint {joint + 1} {signature_of(candidate.effect)}; on motion held out, it brings the "
-        f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
+        f"At joint {joint + 1} {signature_of(candidate.effect)}; on held-out motion it reduces the "
+        f"RMSE there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
         + (
             f"makes the recordings {times(lead)} likelier than the next explanation does."
             if lead > 0

@@ -42,7 +42,7 @@ _FADED = 0.25  # opacity of rows that are not scored
 _BOTH = ("before", "after")
 _SIDES = {
     "before": ("given simulation", BEFORE),
-    "tolerances": ("tolerances alone", TOLERANCES),
+    "tolerances": ("within tolerances", TOLERANCES),
     "after": ("improved simulation", AFTER),
 }
 _LABELS = {
@@ -69,7 +69,7 @@ def summary(fit: Fit) -> Figure:
             "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
         _dots(fit.heldout_rmse_before, joints, "given simulation", {
             "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
-        _dots(fit.heldout_rmse_tolerances, joints, "tolerances alone", {
+        _dots(fit.heldout_rmse_tolerances, joints, "within tolerances", {
             "symbol": "diamond-open", "size": 15, "color": TOLERANCES, "line": {"width": 2}}),
         _dots(fit.heldout_rmse_after, joints, "improved simulation", {
             "symbol": "circle", "size": 11, "color": AFTER}),

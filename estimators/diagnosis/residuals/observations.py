@@ -44,7 +44,7 @@ class Observations:
     simulation: Simulation
     recordings: tuple[Recording, ...]
     bandwidth: float  # [Hz]
-    motion: Motion  # (T,) all recordings, one after the other; time starts anew in each
+    motion: Motion  # (T,) all recordings, one after the other; each has its own time
     slow: Motion  # (K,) the same within the bandwidth, on the rows kept
     segments: tuple[slice, ...]  # contiguous stretches of those samples
     recording_of_sample: NDArray[np.int64]  # (T,) which recording each sample is from

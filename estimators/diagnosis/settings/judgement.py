@@ -14,10 +14,12 @@ from estimators.diagnosis.settings.setting import setting
 class JudgementSettings:
     """Abstention (judgement.judgement)."""
 
-    predictable: float = setting(0.45, "noise floors", "of predictable rest that counts as unknown",
+    predictable: float = setting(0.45, "noise floors",
+        "of predictable residual that counts as unknown",
         "higher overlooks unknown physics; lower abstains too often",
         chosen="by judgement, changed once while developing on concealed cases: from 0.5")
-    smoother: float = setting(1.4, "times the other joints'", "ratio of a rest to its roughness",
+    smoother: float = setting(1.4, "times the other joints'",
+        "ratio of a residual to its roughness",
         "higher takes slow physics for noise; lower noise for physics")
     smooth: float = setting(1.9, "", "that ratio, at least", "as above")
     at_limit: float = setting(0.01, "sigma",
@@ -29,7 +31,7 @@ class JudgementSettings:
         "higher abstains more often; lower names what stands in for the unknown",
         chosen="by judgement, changed once while developing on concealed cases: from 0.7")
     precise: float = setting(0.99, "of a joint's predictable error",
-        "beyond which the rest is imprecision of a law",
+        "beyond which the remainder is imprecision of a law",
         "higher abstains more often; lower overlooks small unknown physics")
 
 

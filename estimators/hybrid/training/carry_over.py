@@ -88,7 +88,7 @@ def _without(data: TrainingData, rows: NDArray[np.bool_]) -> TrainingData:
 
 
 def _scan(data: TrainingData, network: Network) -> FloatArray:
-    """Predict all rows, (T, n), normalised; memory starts anew in each stretch."""
+    """Predict all rows, (T, n), normalised; memory is reset at the start of each stretch."""
     y = np.empty(data.targets.shape)
     for rows in data.stretches:
         memory = network.init(data.stride)

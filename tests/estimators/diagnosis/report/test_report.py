@@ -277,7 +277,7 @@ def test_the_first_screen_tells_tolerances_from_findings(parsed, diagnosis):
     )
     taken = np.sum(before**2 - alone**2) / np.sum(before**2 - floor**2)
     assert f"inside their tolerances take {100 * taken:.0f} % of it by themselves" in text
-    assert "87 % of the error that tolerances alone leave" in text
+    assert "87 % of the error that remains within tolerances" in text
 
 
 def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(diagnosis):

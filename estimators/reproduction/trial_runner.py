@@ -76,8 +76,8 @@ class ScoringMotion:
 
 
 @dataclass(frozen=True)
-class Bench:
-    """Data and rigid body that all trials share.
+class TrialRunner:
+    """Trains and scores trials, which share data and rigid body.
 
     Args:
         data: The recordings.
