@@ -161,7 +161,7 @@ class SimulatedRobot(Robot):
 
 
 def specification(simulation: Simulation, period: float) -> RobotSpec:
-    """Return what a user has to know of a simulated arm."""
+    """Return the specification of a simulated arm."""
     if not 0 < period < np.inf:
         raise ConfigError(f"period = {period} s has to be positive")
     model = simulation.model

@@ -1,4 +1,4 @@
-"""ResidualModel: a simulation, and what is learned of the torque that it leaves unexplained."""
+"""ResidualModel: a simulation, and a learned model of its residual."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class ResidualModel(ABC, Generic[Fitted]):
 
     @abstractmethod
     def fit(self, recordings: Sequence[Recording]) -> Self:
-        """Fit to what the simulation leaves of the filtered torque."""
+        """Fit to the simulation's residual of the filtered torque."""
 
     def predict(self, recording: Recording) -> FloatArray:
         """Predict the torque of a recorded motion, (T, n) [N m]; its torque is not looked at.

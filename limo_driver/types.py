@@ -174,7 +174,7 @@ class WrenchCommand(JointCommand):
 
 @dataclass(frozen=True)
 class JointSample(ArrayFields):
-    """Motion of all joints at one instant: what a one-sample prediction needs."""
+    """Motion of all joints at one instant, the input of a one-sample prediction."""
 
     time: float  # [s]
     position: FloatArray  # (n,) [rad]
@@ -207,7 +207,7 @@ def _settle_temperature(owner: JointState | JointSample) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Motion(Displayed):
-    """Joint motion over T samples, in order of time; what a batch prediction needs."""
+    """Joint motion over T samples, in order of time, the input of a batch prediction."""
 
     time: FloatArray  # (T,) [s]
     position: FloatArray  # (T, n) [rad]

@@ -111,7 +111,7 @@ class Feasibility:
         return Violations({**workspace, **self.check(position).broken})
 
     def margins(self, position: FloatArray) -> FloatArray:
-        """Return what is left of every distance at joint positions (T, n) [rad], (T, m) [m].
+        """Return the margin of every distance at joint positions (T, n) [rad], (T, m) [m].
 
         Negative where a pair of links or the table is too near, or the flange is outside the
         effective workspace.

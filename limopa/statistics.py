@@ -1,4 +1,4 @@
-"""Statistics of a plan: what the motion covers, how often it reverses, how hard it drives."""
+"""Statistics of a plan: range covered, number of reversals, share of the limits used."""
 
 from __future__ import annotations
 

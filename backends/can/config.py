@@ -188,7 +188,7 @@ class ArmConfig(Declared):
         return RobotModel.load(self.robot)
 
     def spec(self, torque_resolution: FloatArray) -> RobotSpec:
-        """Return what a user has to know of the arm.
+        """Return the specification of the arm.
 
         Args:
             torque_resolution: Smallest change that its measured torques show, (n,) [N m].

@@ -130,7 +130,7 @@ class Link(ABC):
 
     @abstractmethod
     def drives(self) -> tuple[DriveStatus, ...]:
-        """Return what is known of every drive."""
+        """Return the latest values of every drive."""
 
     @abstractmethod
     def condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:

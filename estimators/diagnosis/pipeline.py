@@ -93,7 +93,7 @@ def diagnose(
     bandwidth: float = 10.0,
     progress: Progress = quiet,
 ) -> Diagnosis:
-    """Say where a simulation and recordings differ, and what physics was left out.
+    """Find where a simulation and recordings differ, and which physics is missing.
 
     Args:
         simulation: What is believed of the arm, with its tolerances.

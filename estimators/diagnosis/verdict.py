@@ -1,4 +1,4 @@
-"""Verdict: what a diagnosis found, as values and as `verdict.json`."""
+"""Verdict: result of a diagnosis, as values and as `verdict.json`."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class NotObservable:
-    """An effect of which these recordings say nothing."""
+    """An effect that these recordings do not excite enough to detect."""
 
     effect: str
     reason: str

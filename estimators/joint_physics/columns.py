@@ -1,4 +1,4 @@
-"""The columns of the joint-physics model: what the torque of a joint can be linear in.
+"""Columns of joint physics: the terms in which the torque of a joint is linear.
 
 For joint j at one instant, with load ID = inverse dynamics of the rigid body, torque tau_S of the
 simulation, and friction states z of the joint, the families are

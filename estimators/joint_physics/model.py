@@ -109,7 +109,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         return type(self), self.simulation, self.bandwidth
 
     def fit(self, recordings: Sequence[Recording]) -> Self:
-        """Fit the weights to what the simulation leaves of the filtered torque.
+        """Fit the weights to the simulation's residual of the filtered torque.
 
         Raises:
             RecordingError: There is none, one is of another robot, or they are too short.

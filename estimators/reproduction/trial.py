@@ -77,7 +77,7 @@ def _slowness(once: tuple[str, Row]) -> int:
 
 @dataclass(frozen=True)
 class Trial:
-    """One training, and what it is told apart by."""
+    """One training, and the settings that identify it."""
 
     row: Row
     split: str  # of SPLITS

@@ -1,4 +1,4 @@
-"""The loop of the service: status once a second and at every change, until it is told to stop."""
+"""Main loop of the service: publish status once a second and at every change, until stopped."""
 
 from __future__ import annotations
 

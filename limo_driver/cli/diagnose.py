@@ -27,7 +27,7 @@ def command(
     ] = 10.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:
-    r"""Say where a simulation and recordings differ, what physics was left out, and mend it.
+    r"""Find where a simulation and recordings differ, which physics is missing, and add it.
 
     Writes verdict.json, sim.yaml (the improved simulation), report.html, and next_motion.parquet
     where one more motion would decide between explanations. A finished diagnosis ends with exit

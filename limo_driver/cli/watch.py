@@ -1,4 +1,4 @@
-"""`limo watch`: what the services on the network do, live."""
+"""`limo watch`: show the services on the network, live."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ class Watched:
             typer.echo(json.dumps({"status": status}))
 
     def take_event(self, sample: zenoh.Sample) -> None:
-        """Keep an event; what is none is counted."""
+        """Keep an event; count malformed ones."""
         from limo_driver.errors import WireFormatError
         from limo_driver.network.messages import decode_event
 

@@ -1,4 +1,4 @@
-"""McapLog: log what is on the wire, off the hot path, for as long as the machine runs.
+"""McapLog: log network messages, off the hot path, for as long as the machine runs.
 
 `write` only appends to a queue; a thread writes. Messages come one by one, a few at a time, since a
 thread that computes for milliseconds holds up the others of its process. A chunk is finished and

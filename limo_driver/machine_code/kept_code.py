@@ -1,4 +1,4 @@
-"""Files of machine code: found by what they were made from, checked, never half-written."""
+"""Files of machine code: found by a digest of their sources, checked, never half-written."""
 
 from __future__ import annotations
 

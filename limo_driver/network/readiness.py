@@ -93,7 +93,7 @@ class ServiceWatch(Closing):
     def wait(
         self, until: ServicePhase | str = ServicePhase.SERVING, timeout: float = PATIENCE
     ) -> HeardService:
-        """Wait until a service is as far as `until`, and return what it said.
+        """Wait until a service has reached the phase `until`, and return its status.
 
         Args:
             until: A phase; every later one will do, too.

@@ -121,7 +121,7 @@ class RosState(NamedTuple):
 
 
 class RosReader:
-    """Turns what a ROS 2 node published into what a driver of this arm would have.
+    """Converts joint states of a ROS 2 node to those of a limo driver of this arm.
 
     Args:
         joint_names: Of the arm, in its order.

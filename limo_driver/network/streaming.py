@@ -296,7 +296,7 @@ def is_alive(session: zenoh.Session, token: str, timeout: float = 0.5) -> bool:
 
 
 def declare_stream(session: zenoh.Session, key: str) -> zenoh.Publisher:
-    """Return a publisher of what is worth nothing when it is late."""
+    """Return a publisher that drops messages rather than delay them."""
     return session.declare_publisher(
         key,
         encoding=zenoh.Encoding.APPLICATION_CDR,

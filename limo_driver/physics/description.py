@@ -1,4 +1,4 @@
-"""Description: what people and a diagnosis have to know of an effect besides its law."""
+"""Description of an effect besides its law: signature, confusions, and motion that shows it."""
 
 from __future__ import annotations
 

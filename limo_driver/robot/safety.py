@@ -92,7 +92,7 @@ class _Memory:
 
 
 class SafetyContract:
-    """Decides what is sent in each cycle.
+    """Chooses the set-point of each cycle, within the limits.
 
     Args:
         spec: The robot and its limits.

@@ -104,7 +104,7 @@ def _shows(effect: str) -> Kind | None:
 
 
 def purpose_of(pair: tuple[str, str], joints: Sequence[int]) -> str:
-    """Say in one sentence what a motion is and what it would decide.
+    """Describe a motion, and the two effects that it would distinguish, in one sentence.
 
     Args:
         pair: Two effect IDs.

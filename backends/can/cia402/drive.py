@@ -135,7 +135,7 @@ class Drive:
         return (self.count - count) / max(self.heard_at - at, period)
 
     def told(self, position: float, velocity: float, torque: float, degree: float) -> DriveStatus:
-        """Return what is known of it.
+        """Return its latest values.
 
         Args:
             position: [rad].

@@ -146,7 +146,7 @@ def encode_reply(reply: Reply, ranges: Ranges) -> bytes:
 
 
 def decode_reply(data: bytes, ranges: Ranges) -> Reply:
-    """Return what a motor replied.
+    """Return the content of a motor's reply.
 
     Raises:
         WireFormatError: Another length.

@@ -123,7 +123,7 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
 
     @property
     def period(self) -> float:
-        """Communication period that it was told [s]; 0 if none."""
+        """Configured communication period [s]; 0 if none."""
         return self.sync_period
 
     @property

@@ -1,4 +1,4 @@
-"""A joint as its own drive sees it: what it senses, and what it makes the motor do."""
+"""Interface between a simulated drive and its joint: sensor values in, motor commands out."""
 
 from __future__ import annotations
 

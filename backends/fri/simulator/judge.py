@@ -62,7 +62,7 @@ class CommandJudge:
         self._wrench = np.array([limits.force] * 3 + [limits.moment] * 3)
 
     def read(self, data: CommandData | None) -> tuple[Wanted, str]:
-        """Return what a command asks for, and why it is left out; empty if it is not."""
+        """Return the set-point of a command, and why it is ignored; empty if it is not."""
         if data is None:
             return Wanted(), "a command without data while the arm is to be commanded"
         parts = {

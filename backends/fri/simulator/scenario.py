@@ -97,7 +97,7 @@ class Now:
 
 
 class ScenarioClock:
-    """Says what a scenario asks for, cycle by cycle, at little cost between its events.
+    """Evaluates a scenario, cycle by cycle, at little cost between its events.
 
     Args:
         scenario: The events.

@@ -50,7 +50,7 @@ class Improvement:
         self.effects.append(effect)
 
     def enter(self, hypothesis: Hypothesis, coefficients: FloatArray) -> None:
-        """Enter what a hypothesis comes to with fitted coefficients."""
+        """Enter a hypothesis with fitted coefficients."""
         if hypothesis.enter is not None:
             self.effects = list(hypothesis.enter(self.effects, coefficients))
             return

@@ -205,7 +205,7 @@ class Signs:
 
 
 def features(signs: Signs) -> tuple[float, float, float]:
-    """Return what is weighed; the first is 1."""
+    """Return the features of the logistic regression; the first is 1."""
     return 1.0, math.log1p(max(signs.lead, 0.0)), math.log(max(signs.material, 1e-3))
 
 
@@ -218,7 +218,7 @@ def confidence_of(signs: Signs) -> float:
 
 
 def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
-    """Return what is left with values moved inside their tolerances and no effect, (K, n)."""
+    """Return the residual with values moved within their tolerances and no effect, (K, n)."""
     if problem.first is not None:  # columns around what was found say nothing of a set without it
         return left_by_tolerances(problem.first, fitted(problem.first, (), solution.noise))
     search = solution.search

@@ -90,7 +90,7 @@ def equivalents(
 
 
 def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
-    """Return what no recording can tell from a member; of links only the last carries a load."""
+    """Return effects indistinguishable from a member; of links only the last carries a load."""
     candidate, last = problem.candidates[member], problem.observed.n - 1
     same = identical_to(candidate.effect)
     if LINK_INERTIA in {candidate.effect, *same} and candidate.joints != (last,):
@@ -120,10 +120,10 @@ def margin(
 def abstained(
     problem: RegressionProblem, solution: Solution, rest: Leftover
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Take back names that explain too little of a joint's error, and say what stays unknown.
+    """Drop names that explain too little of a joint's error, and return the unknown joints.
 
     A wrong effect often explains part of an unknown one. The right one leaves nothing that a black
-    box could predict.
+    box can predict.
 
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
@@ -161,7 +161,7 @@ def _moved(shift: Shift) -> str:
 
 
 def remarks(shifts: Sequence[Shift], *, members: int, harmful: bool, doubted: int) -> Iterator[str]:
-    """Yield what a reader should know of the fit, one sentence each."""
+    """Yield notes on the fit, one sentence each."""
     moved = [shift for shift in shifts if abs(shift.sigmas) > JUDGEMENT.worth_a_word][:3]
     if moved and not harmful:
         said = "; ".join(map(_moved, moved))

@@ -1,4 +1,4 @@
-"""The evidence under the verdict: where, how, what competed, what is uncertain, what comes next."""
+"""Sections below the verdict: residuals, explanations, doubts, next motion, replay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings: what is named, how surely, and what stays unknown."""
+"""Settings of the judgement: findings, their confidence, and what stays unknown."""
 
 from __future__ import annotations
 

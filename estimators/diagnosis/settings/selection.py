@@ -1,4 +1,4 @@
-"""Settings: what is believed before any data, and how sets of effects are searched."""
+"""Settings of the selection: priors, and the search for sets of effects."""
 
 from __future__ import annotations
 

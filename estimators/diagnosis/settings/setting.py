@@ -1,4 +1,4 @@
-"""Settings: numbers that somebody chose, each with unit, reason, and what it trades."""
+"""Setting: a chosen constant with unit, trade-off and reason."""
 
 from __future__ import annotations
 

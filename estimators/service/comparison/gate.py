@@ -89,7 +89,7 @@ class Comparison:
 
     @property
     def reason(self) -> str:
-        """What speaks for it or against it, in a sentence."""
+        """Reason for or against promotion, in a sentence."""
         found = (
             f"mean ratio of squared errors {self.mean_ratio.value:.3g} "
             f"({self.mean_ratio.low:.3g} to {self.mean_ratio.high:.3g})"

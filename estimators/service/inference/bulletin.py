@@ -38,7 +38,7 @@ class Bulletin:
         self._publishers: tuple[zenoh.ext.AdvancedPublisher, ...] = ()
 
     def join(self, session: zenoh.Session) -> None:
-        """Publish from now on, and what was told before; a second call does nothing."""
+        """Publish everything so far, and all that follows; a second call does nothing."""
         with self._lock:
             if self._publishers:
                 return

@@ -63,7 +63,7 @@ class LiveModel:
         return bounded(estimate, self.bound)
 
     def prime(self, rows: StateRows) -> None:
-        """Make memory what it would be had the model answered these states from the first on."""
+        """Set memory as if the model had answered these states from the first on."""
         self.state = self.stream.init()
         self.follow(rows)
 

@@ -64,5 +64,5 @@ class StateSilence:
 
     @property
     def limit(self) -> float:
-        """Time after which silence is told [s]."""
+        """Time without states after which silence is reported [s]."""
         return _DEAD

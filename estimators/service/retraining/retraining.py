@@ -103,7 +103,7 @@ class Retraining:
             self._asked = reason
 
     def watch(self, window: Window) -> None:
-        """Take what the service summed up over the last second or so."""
+        """Take the service's summary of the last second or so."""
         if self._drift is not None:
             contact = bool(window.contacts) or bool(self._service.watchdog.active.any())
             self._drift.take(window, contact=contact)

@@ -1,4 +1,4 @@
-"""A motion that is kept with a model, and what the model answered to it live."""
+"""Golden motion: a motion kept with a model, and the torque that the model predicted for it."""
 
 from __future__ import annotations
 

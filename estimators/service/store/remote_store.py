@@ -63,7 +63,7 @@ class RemoteStore:
         return tuple(Version(Path(str(record["version"])), record) for record in records)
 
     def open(self, which: int | str) -> Version:
-        """Return what a version says of itself.
+        """Return the record of a version.
 
         Args:
             which: Its number, `champion` or `challenger`.

@@ -36,7 +36,7 @@ class ServedModels(Protocol):
         ...
 
     def number(self, which: str) -> str:
-        """Return what a version given by an alias is called."""
+        """Return the name of the version that an alias stands for."""
         ...
 
     def load(self, version: str) -> ResidualModel[Any]:
@@ -139,7 +139,7 @@ class StoreModels:
 
     @property
     def physics(self) -> Simulation:
-        """What was given, or what the first candidate that can be read learned the residual of.
+        """The given simulation, or that of the first candidate that can be read.
 
         Raises:
             ModelStoreError: Nothing was given, and no version can be read.

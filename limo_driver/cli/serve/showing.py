@@ -39,7 +39,7 @@ class Bulletins:
         self._state = ""
 
     def join(self, session: zenoh.Session) -> None:
-        """Publish from now on, and what was told before."""
+        """Publish everything so far, and all that follows."""
         for bulletin in self.of.values():
             bulletin.join(session)
 
