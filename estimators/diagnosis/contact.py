@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.judgement.judgement import Leftover
+    from estimators.diagnosis.judgement.judgement import RemainingResidual
     from estimators.diagnosis.residuals.noise import Noise
     from limo_driver.types import FloatArray
 
@@ -43,7 +43,7 @@ _SCALE = np.array([*3 * (PUSHES.force,), *3 * (PUSHES.force * PUSHES.lever,)])  
 
 
 def contact_of(
-    found: Sequence[Push], observed: Observations, proven: FloatArray, rest: Leftover
+    found: Sequence[Push], observed: Observations, proven: FloatArray, remaining: RemainingResidual
 ) -> tuple[Finding, ...]:
     """Return the finding of pushes; they are events, so the improved simulation leaves them out.
 
@@ -51,7 +51,7 @@ def contact_of(
         found: When something pushed.
         observed: Recordings and simulation.
         proven: Residual (K, n) of the improved simulation, not fitted to these rows [N m].
-        rest: Noise floor of each joint.
+        remaining: Residual that remains, with its noise floor of each joint.
     """
     windows: list[tuple[float, float]] = []
     wrenches: list[tuple[float, ...]] = []
@@ -64,7 +64,7 @@ def contact_of(
         for k, term in enumerate(terms):
             joints, values = response(term, observed)
             columns[list(joints), :, k] = values[:, rows]
-        weight = observed.moving.any(axis=0) / rest.floor
+        weight = observed.moving.any(axis=0) / remaining.floor
         X = (columns * weight[:, None, None]).reshape(-1, len(terms))
         y = (proven[rows] * weight).T.ravel()
         precision = X.T @ X + np.eye(len(terms)) / PUSHES.strongest**2

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
-    from estimators.diagnosis.judgement.judgement import Leftover
+    from estimators.diagnosis.judgement.judgement import RemainingResidual
     from estimators.diagnosis.selection.candidates import Candidate
     from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
@@ -48,7 +48,7 @@ def findings_of(
     problem: RegressionProblem,
     solution: Solution,
     named: Sequence[int],
-    leftover: Leftover,
+    remaining: RemainingResidual,
     alone: FloatArray,
     after: FloatArray,
 ) -> tuple[Finding, ...]:
@@ -58,11 +58,11 @@ def findings_of(
         problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         named: Members of the set.
-        leftover: What is left on each joint.
+        remaining: Residual that remains on each joint.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
     """
-    shares = shares_of(problem, solution, alone, after, leftover.floor)
+    shares = shares_of(problem, solution, alone, after, remaining.floor)
     found: list[Finding] = []
     for member in named:
         candidate = problem.candidates[member]
@@ -70,7 +70,7 @@ def findings_of(
         gained = contribution(problem, solution, member)
         everywhere = is_of_bodies(candidate.effect) or not candidate.joints
         own = list(range(problem.observed.n) if everywhere else candidate.joints)
-        joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
+        joint = own[int(np.argmax((gained / remaining.floor**2)[own]))]
         lead = margin(problem, solution, member, same)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
@@ -99,7 +99,7 @@ def findings_of(
                     joint,
                     float(before[joint]),
                     float(after[joint]),
-                    float(leftover.floor[joint]),
+                    float(remaining.floor[joint]),
                     lead,
                 )
                 + sentence_of(candidate.laws),
@@ -146,7 +146,7 @@ def _where(problem: RegressionProblem, solution: Solution, member: int, joint: i
 def unknown_of(
     problem: RegressionProblem,
     stand_ins: Sequence[int],
-    rest: Leftover,
+    remaining: RemainingResidual,
     joints: tuple[int, ...],
     alone: FloatArray,
     after: FloatArray,
@@ -156,18 +156,19 @@ def unknown_of(
     Args:
         problem: What was compared.
         stand_ins: Members that improve the prediction, and explain too little to be named.
-        rest: What is left on each joint.
+        remaining: Residual that remains on each joint.
         joints: Where something unknown acts, 0-based.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
     """
     if not joints:
         return ()
-    worst = max(joints, key=lambda j: rest.predictable[j] / rest.floor[j])
+    worst = max(joints, key=lambda j: remaining.predictable[j] / remaining.floor[j])
+    predicted, floor = remaining.predictable[worst], remaining.floor[worst]
     text = (
-        f"At joint {worst + 1} a black box predicts {rest.predictable[worst]:.3f} N m RMS of the "
-        f"remaining residual from the motion (noise floor {rest.floor[worst]:.3f} N m), and no "
-        "effect of the catalogue explains it."
+        f"At joint {worst + 1} a black box predicts {predicted:.3f} N m RMS of the remaining "
+        f"residual from the motion (noise floor {floor:.3f} N m), and no effect of the catalogue "
+        "explains it."
     )
     if stand_ins:
         names = (
@@ -179,7 +180,7 @@ def unknown_of(
             "simulation; they are no names for it."
         )
     values = tuple(after.tolist())
-    share, _ = left_at(joints, alone, after, rest.floor)
+    share, _ = left_at(joints, alone, after, remaining.floor)
     return (
         Finding(
             effect=UNKNOWN,
@@ -188,7 +189,7 @@ def unknown_of(
             equivalent=(),
             confidence=CONFIDENCE.of_unknown,
             parameters={},
-            where=where_of(problem.observed, rest.series[:, worst], worst),
+            where=where_of(problem.observed, remaining.series[:, worst], worst),
             share=share,
             heldout_rmse=BeforeAfter(values, values),
             evidence=text,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Leftover:
+class RemainingResidual:
     """Residual that remains on each joint beside the chosen set."""
 
     floor: FloatArray  # (n,) RMS of what no black box can predict [N m]
@@ -45,7 +45,7 @@ class Leftover:
         return self.predictable > JUDGEMENT.predictable * self.floor
 
 
-def leftover(observed: Observations, left: FloatArray) -> Leftover:
+def remaining_residual(observed: Observations, left: FloatArray) -> RemainingResidual:
     """Split the remaining residual into a part that the motion predicts and noise.
 
     Some physics cannot be predicted from the motion (jumps, disturbances in time). It is slow where
@@ -66,7 +66,7 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     smooth = (ratio > JUDGEMENT.smoother * usual) & (ratio > JUDGEMENT.smooth)
     floor = np.where(smooth, usual * rough, floor)
     beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
-    return Leftover(floor, beyond, np.where(smooth, left, series))
+    return RemainingResidual(floor, beyond, np.where(smooth, left, series))
 
 
 def equivalents(
@@ -118,7 +118,7 @@ def margin(
 
 
 def abstained(
-    problem: RegressionProblem, solution: Solution, rest: Leftover
+    problem: RegressionProblem, solution: Solution, remaining: RemainingResidual
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Drop names that explain too little of a joint's error, and return the unknown joints.
 
@@ -131,28 +131,31 @@ def abstained(
     search = solution.search
     none = search.evidence.posterior(search.prior(()))
     removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
-    explained = removed / np.maximum(removed + rest.predictable**2, 1e-12)
-    unknown = np.flatnonzero(rest.clearly_predictable & (explained < JUDGEMENT.precise))
+    explained = removed / np.maximum(removed + remaining.predictable**2, 1e-12)
+    unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
     doubtful = {int(j) for j in unknown if explained[j] < JUDGEMENT.dominant}
     stay = tuple(
         member
         for member in solution.members
-        if int(np.argmax(contribution(problem, solution, member) / rest.floor**2)) not in doubtful
+        if int(np.argmax(contribution(problem, solution, member) / remaining.floor**2))
+        not in doubtful
     )
     return stay, tuple(int(j) for j in unknown)
 
 
-def harms(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> bool:
+def harms(problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual) -> bool:
     """Say whether held-out motion of some joint is predicted clearly worse than before."""
-    return worse(problem, proven, problem.observed.residual, rest)
+    return worse(problem, proven, problem.observed.residual, remaining)
 
 
 def worse(
-    problem: RegressionProblem, proven: FloatArray, other: FloatArray, rest: Leftover
+    problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
 ) -> bool:
     """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
     rows = problem.split.held_out
-    return bool((rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * rest.floor).any())
+    return bool(
+        (rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * remaining.floor).any()
+    )
 
 
 def _moved(shift: Shift) -> str:

@@ -2,7 +2,7 @@
 
 Page and Hinkley's test on x, the logarithm of a joint's mean squared residual over a window of
 about a second: it sums x - mean(x) - `STEP`, and reports drift where the sum has risen by
-`THRESHOLD` above its minimum. Doubling the residual moves x by log 4 = 1.39, of which `STEP` is half.
+`THRESHOLD` above its minimum. Doubling the residual moves x by log 4 = 1.39, twice `STEP`.
 
 On recordings of real arms (KUKA LWR4+ and UR10e, `joint-physics`, motion held out), x scatters by
 0.6 to 1.35 from window to window, correlated by at most 0.5 with the next one. With that, printed
