@@ -107,15 +107,15 @@ def _beyond(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
     drawn = [
         charts.place(
             figures.dependence(traces, j, name, floor, ("tolerances", "after")),
-            f"Residual {_TITLES[name]}",
+            f"Remaining residual {_TITLES[name]}",
             _NOTES.get(name, ""),
         )
         for name in _QUANTITIES
     ]
     before, after = figures.maps(traces, j, ("tolerances", "after"))
     maps = [
-        charts.place(before, "Mean residual over position and velocity", "within tolerances"),
-        charts.place(after, "Mean residual over position and velocity", "improved"),
+        charts.place(before, "Remaining residual over position and velocity", "within tolerances"),
+        charts.place(after, "Remaining residual over position and velocity", "improved"),
     ]
     said = (
         "Green: the given simulation with its values moved within their tolerances, and no effect "
