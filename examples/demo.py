@@ -1,4 +1,4 @@
-"""See the whole way of the data once: plan, run, identify, learn, evaluate, diagnose; `make demo`.
+"""Run the whole workflow once: plan, run, identify, learn, evaluate, diagnose; `make demo`.
 
 Runs the commands that a user would type, one after the other, and writes OUT/index.html. Where a
 part fails, those that do not need it are run all the same, and the page says which one it was.

@@ -213,7 +213,7 @@ class JointLimitError(BackendError, ValueError):
 
 
 class HoldingError(BackendError):
-    """The arm holds its pose and takes no command until it is told to resume.
+    """The arm holds its pose and takes no command until `resume`.
 
     Args:
         reason: Why it holds.

@@ -50,7 +50,7 @@ class Inertial:
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     def is_consistent(self) -> bool:
-        """Say whether a rigid body of this mass and inertia can exist.
+        """Say whether mass and inertia are physically consistent, as those of some rigid body.
 
         True if the mass is positive and the density-weighted covariance is positive definite,
         which for the tensor means positive principal moments that satisfy the triangle inequality.

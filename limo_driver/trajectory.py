@@ -297,7 +297,7 @@ class Trajectory(Motion):
 
 
 class Planned(Protocol):
-    """What was planned around a trajectory, with how it came about."""
+    """A planned trajectory, and how the plan was made."""
 
     @property
     def trajectory(self) -> Trajectory:

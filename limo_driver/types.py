@@ -86,7 +86,7 @@ class WrenchLimits(ArrayFields):
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """What a user has to know of an arm before commanding it."""
+    """Specification of an arm that a user needs before commanding it."""
 
     name: str
     joint_names: tuple[str, ...]
@@ -151,7 +151,7 @@ class JointState(ArrayFields):
 
 @dataclass(frozen=True, kw_only=True)
 class JointCommand(ArrayFields):
-    """What all joints should do next; a subclass for each control mode."""
+    """Command to all joints; a subclass for each control mode."""
 
     valid_for: float = 0.1  # [s] after which the arm holds unless the next command came
     limited_by: tuple[str, ...] = ()  # limits that changed the command on its way out
@@ -244,7 +244,7 @@ class WrenchCommand(JointCommand):
 
 @dataclass(frozen=True)
 class JointSample(ArrayFields):
-    """Motion of all joints at one instant: what a one-sample prediction needs."""
+    """Motion of all joints at one instant, the input of a one-sample prediction."""
 
     time: float  # [s]
     position: FloatArray  # (n,) [rad]
@@ -277,7 +277,7 @@ def _settle_temperature(owner: JointState | JointSample) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Motion(Displayed):
-    """Joint motion over T samples of n joints, in order of time; what a batch prediction needs.
+    """Joint motion over T samples of n joints, in order of time; for batch predictions.
 
     Args:
         time: (T,) [s].

@@ -45,7 +45,7 @@ class Workspace(Declared):
 
 @dataclass(frozen=True)
 class Surroundings(Declared):
-    """What every configuration of the path has to keep away from."""
+    """Distances that every configuration of the path has to keep."""
 
     joint_margin: float = parameter(
         "rad", "kept from either end of a joint's range", lower=0.0, default=radians(5.0)
@@ -64,7 +64,7 @@ class Surroundings(Declared):
 
 @dataclass(frozen=True)
 class Reaching(Declared):
-    """How scaffolds are approached: straight in joint space, relative to the joint's limits."""
+    """Approach to scaffolds: straight in joint space, relative to the joint's limits."""
 
     _called = "reaching"
     velocity: tuple[float, float] = share_of_limit("drawn for each joint and phase", (0.6, 0.9))
@@ -77,7 +77,7 @@ class Reaching(Declared):
 
 @dataclass(frozen=True)
 class Exploring(Declared):
-    """How each scaffold is explored: random sinusoids, e_j(t) = sum A sin(2 pi f t + phi).
+    """Exploration of each scaffold: random sinusoids, e_j(t) = sum A sin(2 pi f t + phi).
 
     The paper leaves the unit of t open. Here t runs in seconds of a nominal time in which waypoints
     follow each other every `waypoint_period`; the path is then slowed until the leading joint moves
@@ -112,7 +112,7 @@ class Exploring(Declared):
 
 @dataclass(frozen=True)
 class PlanRequest(Declared):
-    """What to plan.
+    """Request for a plan.
 
     Args:
         scaffolds: Configurations to reach, and to explore around; 150 last about an hour.

@@ -64,7 +64,7 @@ class Test:
 
 @dataclass(frozen=True)
 class Shift:
-    """How far a nuisance parameter moved from its nominal value."""
+    """Shift of a nuisance parameter from its nominal value."""
 
     name: str  # e.g. "mass of link_4" or "tau_c of joint 1"
     nominal: float
@@ -75,7 +75,7 @@ class Shift:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Displayed):
-    """What was found, the improved simulation, and the evidence."""
+    """Result of a diagnosis: verdict, improved simulation, and evidence."""
 
     verdict: Verdict
     before: Simulation

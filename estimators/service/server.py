@@ -1,4 +1,4 @@
-"""The service of some arms: status once a second and at every change, until it is closed."""
+"""Main loop of the service: publish status once a second and at every change, until closed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`limo excite`: the motion that tells the parameters of a robot apart best."""
+"""`limo excite`: plan persistently exciting motion for the identification of a robot."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PAPER = 68  # condition number that Çallar and Böttger 2022 state for their ii
 
 @dataclass(frozen=True)
 class JointFigures:
-    """What one joint does; peaks are relative to its limits."""
+    """Motion of one joint; peaks are relative to its limits."""
 
     joint: int  # 1-based
     harmonics: tuple[int, ...]  # multiples of the base frequency
@@ -70,11 +70,12 @@ def command(
     picture: Picture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    r"""Find the motion whose torques tell inertias and friction apart best, within all limits.
+    r"""Plan persistently exciting motion, from which inertias and friction are best identified.
 
     Each joint moves on harmonics of its own of one base frequency. Pose and coefficients minimise
     the condition number of the regressor of the base parameters, Coulomb and viscous friction
-    included. The motion is one period; it starts and ends in one pose, at rest.
+    included, within the limits of the joints. The motion is one period; it starts and ends in one
+    pose, at rest.
 
     Examples:
         limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet \

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Displayed):
-    """A robot, what is known of its inertias and sensors, and the physics of its joints.
+    """A robot, the tolerances of its values, and the physics of its joints.
 
     tau = ID(q - Σ displacement, dq, ddq) + Σ torque of joints and arm; then the sensors, in order
 

@@ -38,7 +38,7 @@ HOLD_TIMEOUT = 10.0  # [s] of robot time in which a hold has to come to rest
 
 @dataclass(frozen=True)
 class PlaybackSummary:
-    """How a run went."""
+    """Result of a run."""
 
     record: str
     samples: int  # rows of the recording

@@ -201,12 +201,12 @@ class Robot(Closing):
 
     @property
     def standing(self) -> bool:
-        """Whether the arm is told to rest: it holds, or takes no commands yet, without moving."""
+        """Whether the set-point is at rest: the arm holds, or takes no commands yet."""
         return self._contract.standing
 
     @property
     def setpoint(self) -> FloatArray:
-        """The position that the arm is told in this cycle, (n,) [rad]."""
+        """The position set-point of this cycle, (n,) [rad]."""
         return self._contract.setpoint
 
     def close(self) -> None:

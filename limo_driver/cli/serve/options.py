@@ -1,4 +1,4 @@
-"""What the options of `limo serve` come to, checked before anything is opened where they can be."""
+"""Turn the options of `limo serve` into checked settings, before anything is opened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `limo serve` prints of events and status."""
+"""Print events and status of `limo serve`."""
 
 from __future__ import annotations
 
