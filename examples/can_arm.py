@@ -44,18 +44,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/can"))
     parser.add_argument("--config", type=Path, default=HERE / "can_cia402.yaml")
-    parser.add_argument(
-        "--hold-after",
-        type=int,
-        default=25,
-        help="cycles of silence before the arm holds; 2 on a machine that keeps time",
-    )
     parser.add_argument("--duration", type=float, default=10.0, help="of the motion [s]")
     given = parser.parse_args()
     out, seconds = given.out, given.duration
     out.mkdir(parents=True, exist_ok=True)
-    arm = out / "arm.yaml"
-    arm.write_text(f"{given.config.read_text()}hold_after: {given.hold_after}\n")
+    arm = given.config
     config = ArmConfig.load(arm)
     motion = limo.plan(config.robot, limo.PlanRequest(scaffolds=2), seed=1)
     path = out / "motion.traj.parquet"
