@@ -1,4 +1,4 @@
-"""What simulated robots share: which arm they are, where they start, and going back in time."""
+"""Base class of simulated robots: their arm, their start, and restoring an earlier state."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ class SimulatedRobot(Robot):
 
 
 def specification(simulation: Simulation, period: float) -> RobotSpec:
-    """Return what a user has to know of a simulated arm."""
+    """Return the specification of a simulated arm."""
     if not 0 < period < np.inf:
         raise ConfigError(f"period = {period} s has to be positive")
     model = simulation.model

@@ -1,4 +1,4 @@
-"""VirtualRobot: an ideal arm in simulated time, which does exactly what it is told.
+"""VirtualRobot: an ideal arm in simulated time, which follows each command exactly.
 
 Position set-points are met in the next cycle; impedance and torque commands move a rigid body
 without friction. The torque is what the simulation says the motion needs. It is for testing

@@ -1,4 +1,4 @@
-"""What every torque estimator can do: fit, predict a recording, and predict sample by sample."""
+"""Interface of all torque estimators: fit, predict a recording, and predict sample by sample."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Estimate(Displayed):
 
 
 class LiveEstimator(Protocol):
-    """What a stream needs of an estimator."""
+    """Interface of an estimator for a stream of samples."""
 
     @property
     def n(self) -> int:
@@ -92,7 +92,7 @@ class LiveEstimator(Protocol):
 
     @property
     def memory(self) -> object:
-        """What memory follows from besides the motion: equal where memory is the same."""
+        """The values besides the motion that determine memory: equal where memory is the same."""
         ...
 
     def init(self, rate: float | None = None) -> State:
@@ -135,7 +135,7 @@ class InverseDynamics(Protocol):
     def predict(self, recording: Recording) -> FloatArray:
         """Predict the torque of a recorded motion.
 
-        Memory starts anew in every contiguous segment of the recording.
+        Memory is reset at the start of every contiguous segment of the recording.
 
         Args:
             recording: T samples of n joints; its torque is not looked at.

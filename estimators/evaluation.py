@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +13,6 @@ from scipy.signal import welch
 from estimators.base import DEVIATIONS
 from estimators.model_folder import provenance
 from limo_driver.display import Displayed
-from limo_driver.errors import RecordingError
 from limo_driver.outputs import require_folder, whole
 from limo_driver.recordings.differentiation import ORDER
 
@@ -136,7 +134,8 @@ class Evaluation(Displayed):
         Raises:
             ConfigError: The folder cannot be written to.
         """
-        pictures = import_module("estimators.pictures")  # which stands on this
+        from estimators import pictures  # which stands on this, and takes long to import
+
         require_folder(Path(folder), "the evaluation")
         contents = (
             json.dumps(self.as_values(), indent=1).encode() + b"\n",
@@ -188,13 +187,7 @@ def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
     """
     bandwidth = model.bandwidth
     recording.check_robot(model.simulation.model)
-    scored = ~recording.edges(bandwidth)
-    if not scored.any():
-        raise RecordingError(
-            f"is too short to evaluate: the filter of {bandwidth:g} Hz needs more than "
-            f"{1 / bandwidth:.2g} s without a gap",
-            path=recording.source or None,
-        )
+    scored = recording.scored(bandwidth)
     motion, estimate = recording.motion(bandwidth), model.estimate(recording)
     return Evaluation(
         model.name,

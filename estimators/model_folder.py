@@ -45,7 +45,7 @@ _POSES: Final = 4  # at which two bodies are compared; one could hide a differen
 
 @dataclass(frozen=True)
 class ModelFolder:
-    """What a folder holds, checked to fit together."""
+    """Content of a model folder, checked to fit together."""
 
     path: Path
     manifest: JsonGiven

@@ -1,4 +1,4 @@
-"""What every estimator asks of the recordings that it is fitted to."""
+"""Checks that every estimator makes of the recordings that it is fitted to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ResidualModel: a simulation, and what is learned of the torque that it leaves unexplained."""
+"""ResidualModel: a simulation, and a learned model of its residual."""
 
 from __future__ import annotations
 
@@ -83,12 +83,12 @@ class ResidualModel(ABC, Generic[Fitted]):
 
     @property
     def memory(self) -> object:
-        """What memory follows from besides the motion: all of the model, if not known better."""
+        """The values besides the motion that determine memory: by default, all of the model."""
         return self
 
     @property
     def fitted(self) -> Fitted:
-        """What `fit` found.
+        """Result of `fit`.
 
         Raises:
             NotFittedError: Nothing was fitted or loaded.
@@ -99,7 +99,7 @@ class ResidualModel(ABC, Generic[Fitted]):
 
     @abstractmethod
     def fit(self, recordings: Sequence[Recording]) -> Self:
-        """Fit to what the simulation leaves of the filtered torque."""
+        """Fit to the simulation's residual of the filtered torque."""
 
     def predict(self, recording: Recording) -> FloatArray:
         """Predict the torque of a recorded motion, (T, n) [N m]; its torque is not looked at.
@@ -114,7 +114,7 @@ class ResidualModel(ABC, Generic[Fitted]):
     def estimate(self, recording: Recording) -> Estimate:
         """Predict as `predict` does, with the parts, standard deviation and flag.
 
-        Memory starts anew in each contiguous segment.
+        Memory is reset at the start of each contiguous segment.
         """
         state = self.init(recording.rate)
         self._check_joints(recording.position.shape)

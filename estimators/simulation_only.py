@@ -32,7 +32,7 @@ class SimulationOnly:
 
     @property
     def memory(self) -> object:
-        """What memory follows from besides the motion: the simulation."""
+        """The values besides the motion that determine memory: the simulation."""
         return self.simulation
 
     def init(self, rate: float | None = None) -> State:  # noqa: ARG002  # any will do

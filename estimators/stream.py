@@ -62,7 +62,7 @@ class Stream:
     """An estimator on positions as they come, with the motion differentiated causally.
 
     Each call answers for `delay` before the position it is given. Memory goes in and out, so that
-    one stream serves several arms. After a gap it starts anew, as in `predict` of an estimator.
+    one stream serves several arms. After a gap memory is reset, as in `predict` of an estimator.
 
     Args:
         model: Fitted or loaded; a bare simulation is taken for one that has learned nothing.

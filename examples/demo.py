@@ -1,4 +1,4 @@
-"""See the whole way of the data once: plan, run, identify, learn, evaluate, diagnose; `make demo`.
+"""Run the whole workflow once: plan, run, identify, learn, evaluate, diagnose; `make demo`.
 
 Runs the commands that a user would type, one after the other, and writes OUT/index.html. Where a
 part fails, those that do not need it are run all the same, and the page says which one it was.
@@ -136,7 +136,10 @@ def interrupted(outcomes: Iterable[Outcome]) -> bool:
 
 
 def run(part: Part) -> Outcome:
-    """Run a part in a process of its own, as a shell would."""
+    """Run a part in a process of its own, as a shell would.
+
+    The demo shows a reader the commands, so it is these that have to run, and not what they call.
+    """
     print(f"\n# {part.purpose}\n$ {part.command}", flush=True)
     program, *words = shlex.split(part.command)
     main_of_limo = ["-c", "from limo_driver.cli import main; main()"]

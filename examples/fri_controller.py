@@ -2,29 +2,31 @@
 
     python examples/fri_controller.py          # half a minute
 
-`limo controller` is the robot: an iiwa in MuJoCo behind FRI 1.15, on whose second joint somebody
-leans for a second, and whose network loses a packet now and then. `limo run --backend fri` is the
-client, as it would be for a real arm; it is begun when the controller says that it is ready. From
-both come OUT/fri_controller.png and the lines that are
-printed.
+The controller, as `limo controller` has it, is the robot: an iiwa in MuJoCo behind FRI 1.15, on
+whose second joint somebody leans for a second, and whose network loses a packet now and then. The
+backend `fri` is the client, as it would be for a real arm; it is opened when the controller says
+that it is ready. From both come OUT/fri_controller.png and the lines that are printed.
 """
 
 from __future__ import annotations
 
-import json
-import signal
-import subprocess
-import sys
+import multiprocessing
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
-from limo_driver.recordings.recording import Recording
-from limo_driver.trajectory import Trajectory
+import limo_driver as limo
+from backends.fri.simulator.controller import SimulatedController
+from backends.fri.simulator.port import Address
+from backends.fri.simulator.scenario import ControllerScenario
+from backends.fri.simulator.settings import ControllerSettings
+from limo_driver.robot.interrupts import interrupts
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 OUT = Path("out")
-LIMO = [sys.executable, "-c", "from limo_driver.cli import main; main()"]
 PORT = 30205
 START = np.array([0.0, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0])  # [rad], where the controller's arm stands
 SWING = np.array([0.15, 0.1, 0.1, 0.15, 0.2, 0.15, 0.3])  # [rad]
@@ -38,12 +40,12 @@ events:
 """
 
 
-def swing() -> Trajectory:
+def swing() -> limo.Trajectory:
     """Return a motion that swings every joint to and fro twice, from rest to rest."""
     time = np.arange(0.0, SECONDS + 0.005, 0.01)
     rate = 4.0 * np.pi / SECONDS
     phase = rate * time[:, None]
-    return Trajectory(
+    return limo.Trajectory(
         time,
         START + 0.5 * SWING * (1.0 - np.cos(phase)),
         0.5 * SWING * rate * np.sin(phase),
@@ -52,30 +54,41 @@ def swing() -> Trajectory:
     )
 
 
-def play() -> dict:
-    """Run both processes; return what the controller says at its end."""
-    trajectory, scenario = OUT / "swing.traj.parquet", OUT / "scenario.yaml"
-    swing().save(trajectory)
+def control(scenario: Path, told: Connection) -> None:
+    """Be the controller until SIGTERM; say when it is ready, and at the end how it went."""
+    settings = ControllerSettings(client=Address("127.0.0.1", PORT), period_ms=5)
+    with (
+        SimulatedController(settings, None, ControllerScenario.load(scenario)) as controller,
+        interrupts(controller.stop),
+    ):
+        told.send("ready")
+        report = controller.run()
+    told.send(report.as_json())
+
+
+def play() -> tuple[dict[str, Any], limo.Recording]:
+    """Run both processes; return what the controller says at its end, and the recording."""
+    scenario = OUT / "scenario.yaml"
     scenario.write_text(SCENARIO, encoding="utf-8")
-    controller = f"controller --client 127.0.0.1:{PORT} --period-ms 5 --scenario {scenario} --json"
-    client = (
-        f"run --backend fri --port {PORT} --trajectory {trajectory} --record {OUT}/swing.parquet"
-    )
-    print(f"$ limo {controller} &", flush=True)
-    with subprocess.Popen([*LIMO, *controller.split()], stdout=subprocess.PIPE, text=True) as robot:
-        try:
-            if not robot.stdout.readline():
-                sys.exit("the controller did not start")
-            print(f"$ limo {client}", flush=True)
-            subprocess.run([*LIMO, *client.split()], check=True)
-        finally:
-            robot.send_signal(signal.SIGINT)
-        # `communicate` would not see what was read from the pipe with the first line
-        return json.loads(robot.stdout.read().splitlines()[-1])
+    start = multiprocessing.get_context("spawn")
+    heard, told = start.Pipe(duplex=False)
+    robot = start.Process(target=control, args=(scenario, told))
+    robot.start()
+    told.close()  # the controller alone has it now, so that its end is noticed
+    try:
+        heard.recv()
+        recording = limo.run("fri", swing(), link={"port": PORT}, record=OUT / "swing.parquet")
+    finally:
+        robot.terminate()  # SIGTERM, which ends its session in order
+    report = heard.recv()
+    robot.join()
+    return report, recording
 
 
-def draw(recording: Recording) -> None:
+def draw(recording: limo.Recording) -> None:
     """Plot what the client recorded, and when somebody leaned on the arm."""
+    import matplotlib.pyplot as plt  # which the process of the controller has no use for
+
     time = recording.time - recording.time[0]
     figure, (motion, torque) = plt.subplots(2, 1, figsize=(8, 6), sharex=True)
     joints = [str(joint) for joint in range(1, recording.position.shape[1] + 1)]
@@ -95,8 +108,8 @@ def draw(recording: Recording) -> None:
 def main() -> None:
     """Play, draw, and say how it went."""
     OUT.mkdir(exist_ok=True)
-    report = play()
-    draw(Recording.load(OUT / "swing.parquet"))
+    report, recording = play()
+    draw(recording)
     packets = report["packets"]
     print("\nthe controller saw:")
     print("  " + " > ".join(visit["state"] for visit in report["states"]))

@@ -2,32 +2,31 @@
 
     python examples/live_service.py        # about ten minutes, most of them in real time
 
-Four processes, as on a real robot: `limo run --stream` is the driver of a simulated iiwa 14, which
-at 60 s of the first run is pushed at its flange; the second run finds the same arm with gears gone
-cold. `limo serve` estimates, logs, and trains again in a process of its own. From the log come
-OUT/live.png and the lines that are printed.
+Three processes, as on a real robot: this one is the driver of a simulated iiwa 14, which at 60 s of
+the first run is pushed at its flange; the second run finds the same arm with gears gone cold. The
+service estimates and logs in a process of its own, as `limo serve` does, and trains again in
+another. From the log come OUT/live.png and the lines that are printed.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import shlex
-import signal
+import multiprocessing
 import socket
-import subprocess
-import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
+import limo_driver as limo
+from estimators.service.settings import RetrainingSettings, ServiceSettings
+from estimators.service.store.store import ModelStore
 from limo_driver.logs.mcap_log import read_mcap
 from limo_driver.network.messages import decode_event, decode_torque_estimate
-from limo_driver.physics import ExternalContact, Simulation, TemperatureDependentFriction
+from limo_driver.physics import ExternalContact, TemperatureDependentFriction
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from limo_driver.network.messages import Event
 
 TRUTH = Path(__file__).parent / "iiwa14_hysteretic.yaml"
-LIMO = [sys.executable, "-c", "from limo_driver.cli import main; main()"]
 RATE = 250  # [Hz] of the stream
 PATIENCE = 120.0  # [s] for a service to answer, or to end
 PUSH = ExternalContact(windows=((60.0, 62.0),), wrench=((0.0, 25.0, -25.0, 0.0, 0.0, 0.0),))
@@ -44,51 +42,55 @@ COLD = (0.9, 1.0, 0.65, 0.7, 0.35, 0.2, 0.15)  # [N m] of friction more in each 
 SHOWN = {"contact", "drift", "training", "trained", "promoted", "rollback", "probation_passed"}
 
 
-def limo(command: str) -> None:
-    """Run one limo command to its end, as a shell would."""
-    print(f"\n$ limo {command}", flush=True)
-    subprocess.run([*LIMO, *shlex.split(command)], check=True)
+def serve(told: Path | None, options: dict[str, Any]) -> None:
+    """Serve until SIGTERM; the status goes to a file, one JSON line each."""
+    with (told or Path("/dev/null")).open("w", buffering=1) as file:
+
+        def show(status: dict[str, Any]) -> None:
+            file.write(json.dumps({"status": status}) + "\n")
+
+        with limo.serve("iiwa14", show=show, **options) as service:
+            service.wait()
 
 
 @contextmanager
-def background(command: str, told: TextIO | None = None) -> Generator[None]:
-    """Run one limo command until the block ends, as a shell would in the background."""
-    print(f"\n$ limo {command} &", flush=True)
-    process = subprocess.Popen([*LIMO, *shlex.split(command)], stdout=told)
+def background_service(told: Path | None = None, **options: Any) -> Generator[None]:  # noqa: ANN401
+    """Serve in a process of its own until the block ends; options are those of `limo.serve`.
+
+    Driver and service in one process would take turns at its interpreter, and keep no millisecond.
+    """
+    process = multiprocessing.get_context("spawn").Process(target=serve, args=(told, options))
+    process.start()
     try:
         yield
     finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(PATIENCE)
-        finally:
-            process.kill()
+        process.terminate()  # SIGTERM, at which the service closes in order
+        process.join(PATIENCE)
+        process.kill()
 
 
 def learn(out: Path) -> None:
     """Record the arm while it is warm, and put what was learned into a store."""
-    limo(f"plan --robot iiwa14 --scaffolds 8 --seed 1 --out {out}/train.traj.parquet")
-    limo(
-        f"run --backend mujoco --trajectory {out}/train.traj.parquet --sim {TRUTH} --rate {RATE} "
-        f"--record {out}/train.parquet"
-    )
-    limo(f"identify {out}/train.parquet --robot iiwa14 --out {out}/sim.yaml")
-    limo(f"train {out}/train.parquet --sim {out}/sim.yaml --model joint-physics --out {out}/model")
-    limo(f"models add {out}/model --golden {out}/train.parquet --store {out}/models")
-    limo(f'models promote 1 --store {out}/models --reason "learned while warm"')
+    motion = limo.plan("iiwa14", limo.PlanRequest(scaffolds=8), seed=1)
+    warm = limo.Simulation.load(TRUTH)
+    recording = limo.run("mujoco", motion, simulation=warm, rate=RATE)
+    believed = limo.identify("iiwa14", [recording]).simulation
+    print(f"identified from the warm arm: {believed.score(recording).headline()}")
+    limo.train(believed, [recording]).save(out / "model")
+    store = ModelStore(out / "models")
+    store.add(out / "model", golden=recording)
+    store.promote(1, "learned while warm")
 
 
-def arms(out: Path) -> tuple[Path, Path]:
-    """Write the arm that is pushed, and the arm that went cold."""
-    known = Simulation.load(TRUTH)
+def arms() -> tuple[limo.Simulation, limo.Simulation]:
+    """Return the arm that is pushed, and the arm that went cold."""
+    known = limo.Simulation.load(TRUTH)
     cold = [
         TemperatureDependentFriction(joint=j, excess=excess, time_constant=1e6)
         for j, excess in enumerate(COLD, start=1)
     ]
-    pushed, cooled = out / "pushed.yaml", out / "cooled.yaml"
-    replace(known, effects=(*known.effects, PUSH)).save(pushed)
-    replace(known, effects=(*known.effects, *cold)).save(cooled)
-    return pushed, cooled
+    pushed = replace(known, effects=(*known.effects, PUSH))
+    return pushed, replace(known, effects=(*known.effects, *cold))
 
 
 def network(out: Path) -> tuple[Path, Path]:
@@ -108,20 +110,25 @@ def network(out: Path) -> tuple[Path, Path]:
 
 def stream(out: Path, seconds: float) -> None:
     """Serve while the arm moves: first pushed once, then cold."""
-    service, driver = network(out)
-    pushed, cooled = arms(out)
-    limo(f"plan --robot iiwa14 --scaffolds 12 --seed 2 --out {out}/live.traj.parquet")
-    command = (
-        f"serve --arm iiwa14 --store {out}/models --log {out}/logs --zenoh-config {service} "
-        "--contact 3 --training-seconds 90"
-    )
-    with background(command):
-        for sim, duration, seed in ((pushed, WARM, 3), (cooled, seconds, 4)):
-            limo(
-                f"run --backend mujoco --trajectory {out}/live.traj.parquet --sim {sim} "
-                f"--rate {RATE} --duration {duration:g} --seed {seed} --stream "
-                f"--wait-for-estimates {PATIENCE:g} --record {out}/{sim.stem}.parquet "
-                f"--zenoh-config {driver}"
+    here, there = network(out)
+    pushed, cooled = arms()
+    motion = limo.plan("iiwa14", limo.PlanRequest(scaffolds=12), seed=2).trajectory
+    with background_service(
+        store=out / "models",
+        log=out / "logs",
+        config=here,
+        settings=ServiceSettings(contact_torque=3.0),
+        retraining=RetrainingSettings(seconds=90.0),
+    ):
+        for arm, duration, seed in ((pushed, WARM, 3), (cooled, seconds, 4)):
+            print(f"streaming {duration:g} s", flush=True)
+            limo.run(
+                "mujoco",
+                motion.first(duration),
+                simulation=arm,
+                seed=seed,
+                rate=RATE,
+                stream=limo.Streaming(wait_for_estimates=PATIENCE, config=there),
             )
 
 
@@ -159,6 +166,8 @@ class Log:
 
 def picture(log: Log, path: Path) -> None:
     """Draw the external torque of each joint over time, the models that served, and the events."""
+    import matplotlib.pyplot as plt  # which the process of the service has no use for
+
     time, rms = log.rms()
     figure, axes = plt.subplots(figsize=(11, 5.5), layout="constrained")
     for j in range(rms.shape[1]):

@@ -3,9 +3,10 @@
     make demo
     python examples/stream_and_push.py --model out/demo/model --motion out/demo/test.traj.parquet
 
-Half a minute, two processes: `limo run --stream` drives a simulated iiwa 14 in real time, which is
-pushed at its flange for a while; `limo serve` estimates the torque that its motion needs, and logs.
-The arm stands until the first estimates come, however long the service takes to load and compile.
+Half a minute, two processes: this one drives a simulated iiwa 14 in real time, which is pushed at
+its flange for a while; another one serves, as `limo serve` does: it estimates the torque that the
+motion needs, and logs. The arm stands until the first estimates come, however long the service
+takes to load and compile.
 OUT/live.png shows both.
 """
 
@@ -18,14 +19,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import matplotlib.pyplot as plt
 import numpy as np
-from live_service import PATIENCE, TRUTH, background, limo, network
+from live_service import PATIENCE, TRUTH, background_service, network
 
+import limo_driver as limo
+from estimators.service.settings import ServiceSettings
 from limo_driver.errors import LimoError
 from limo_driver.logs.mcap_log import read_mcap
 from limo_driver.network.messages import decode_event, decode_torque_estimate
-from limo_driver.physics import ExternalContact, Simulation
+from limo_driver.physics import ExternalContact
 
 if TYPE_CHECKING:
     from limo_driver.network.messages import Event
@@ -87,24 +89,30 @@ def stream(model: Path, motion: Path, out: Path) -> Live:
     logs = out / "live"
     shutil.rmtree(logs, ignore_errors=True)
     logs.mkdir(parents=True)
-    known, pushed = Simulation.load(TRUTH), out / "pushed.yaml"
-    replace(known, effects=(*known.effects, PUSH)).save(pushed)
-    service, driver = network(logs)
-    command = (
-        f"serve --arm iiwa14 --model {model} --log {logs} --contact {THRESHOLD:g} --json "
-        f"--zenoh-config {service}"
-    )
-    with (logs / "service.jsonl").open("w") as told, background(command, told):
-        limo(
-            f"run --backend mujoco --trajectory {motion} --sim {pushed} --seed 4 "
-            f"--duration {SECONDS:g} --stream --wait-for-estimates {PATIENCE:g} "
-            f"--record {out}/pushed.parquet --zenoh-config {driver}"
+    known = limo.Simulation.load(TRUTH)
+    here, there = network(logs)
+    with background_service(
+        logs / "service.jsonl",
+        model=model,
+        log=logs,
+        config=here,
+        settings=ServiceSettings(contact_torque=THRESHOLD),
+    ):
+        limo.run(
+            "mujoco",
+            limo.Trajectory.load(motion).first(SECONDS),
+            simulation=replace(known, effects=(*known.effects, PUSH)),
+            seed=4,
+            record=out / "pushed.parquet",
+            stream=limo.Streaming(wait_for_estimates=PATIENCE, config=there),
         )
     return Live.read(logs)
 
 
 def picture(live: Live, path: Path) -> None:
     """Draw the torque of the joint that feels the push most, and what nothing else explains."""
+    import matplotlib.pyplot as plt  # which the process of the service has no use for
+
     joint = int(np.nanargmax(np.nanmax(np.abs(live.external), axis=0)))
     figure, (above, below) = plt.subplots(
         2, 1, figsize=(11, 6.5), sharex=True, layout="constrained", height_ratios=(2, 3)

@@ -11,7 +11,8 @@ found.save("diagnosis/")
 ```
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
-and commands. What to do with them: plan, excite, run, identify, predict, train, evaluate, diagnose.
+and commands. What to do with them: plan, excite, run, identify, predict, train, evaluate, diagnose,
+serve.
 
 The names are imported when they are first used, so that `import limo_driver` stays cheap.
 """
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
     from limo_driver.workflow.diagnosing import diagnose
     from limo_driver.workflow.learning import evaluate, identify, load_model, predict, train
     from limo_driver.workflow.planning import excite, plan
-    from limo_driver.workflow.running import run
+    from limo_driver.workflow.running import Streaming, run
+    from limo_driver.workflow.serving import serve
     from limopa import ExcitationRequest, PlanRequest
 
     __version__: str
@@ -53,6 +55,7 @@ _HOME = {
     "Robot": "limo_driver.robot.robot",
     "RobotModel": "limo_driver.model",
     "Simulation": "limo_driver.physics",
+    "Streaming": "limo_driver.workflow.running",
     "TorqueCommand": "limo_driver.types",
     "Trajectory": "limo_driver.trajectory",
     "WrenchCommand": "limo_driver.types",
@@ -65,6 +68,7 @@ _HOME = {
     "plan": "limo_driver.workflow.planning",
     "predict": "limo_driver.workflow.learning",
     "run": "limo_driver.workflow.running",
+    "serve": "limo_driver.workflow.serving",
     "train": "limo_driver.workflow.learning",
 }
 
@@ -80,6 +84,7 @@ __all__ = [
     "Robot",
     "RobotModel",
     "Simulation",
+    "Streaming",
     "TorqueCommand",
     "Trajectory",
     "WrenchCommand",
@@ -92,6 +97,7 @@ __all__ = [
     "plan",
     "predict",
     "run",
+    "serve",
     "train",
 ]
 

@@ -1,4 +1,4 @@
-"""What is opened by its constructor and closed by `with`."""
+"""Base class of resources that the constructor opens and a `with` block closes."""
 
 from __future__ import annotations
 

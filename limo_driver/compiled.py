@@ -124,7 +124,7 @@ class _MachineCode:
         self.place().write(_key(sig, data.codegen), lambda: dumps(data._reduce()))
 
     def place(self) -> kept_code.CodePlace:
-        """Return where the code is kept that is made from what the function uses now."""
+        """Return where the code is kept, for the function and the values it uses now."""
         if self._place is None:
             source = self._dispatcher.py_func.__code__.co_filename
             name, made_from = _name(self._dispatcher), digest(self._dispatcher)
@@ -132,7 +132,7 @@ class _MachineCode:
         return self._place
 
     def flush(self) -> None:
-        """Forget nothing: files are named by what they hold."""
+        """Do nothing: files are named by their content."""
 
     def enable(self) -> None:
         """Keep code, as always."""
@@ -141,7 +141,7 @@ class _MachineCode:
 
 
 def _key(sig: Any, codegen: Any) -> str:  # noqa: ANN401
-    """Return what tells signatures and processors apart."""
+    """Return a key that differs for different signatures and processors."""
     return repr((sig, codegen.magic_tuple()))
 
 

@@ -1,4 +1,4 @@
-"""How values show themselves: one line as text, a table of joints in a notebook."""
+"""Display of values: one line as text, a table of joints in a notebook."""
 
 from __future__ import annotations
 

@@ -34,7 +34,17 @@ if TYPE_CHECKING:
 
 
 class LimoError(Exception):
-    """Anything that limo raises on purpose."""
+    """Anything that limo raises on purpose; the facts are attributes of each kind of error.
+
+    Args:
+        args: What was given and what was expected, in one sentence.
+
+    Example:
+        >>> try:
+        ...     Recording.load("run.csv")
+        ... except LimoError as error:
+        ...     print(error)
+    """
 
 
 class PlacedError(LimoError):
@@ -203,7 +213,7 @@ class JointLimitError(BackendError, ValueError):
 
 
 class HoldingError(BackendError):
-    """The arm holds its pose and takes no command until it is told to resume.
+    """The arm holds its pose and takes no command until `resume`.
 
     Args:
         reason: Why it holds.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KinematicChain:
-    """Where n revolute joints sit: joint j turns about `axis[j]` in a frame fixed to its parent."""
+    """Geometry of n revolute joints: j turns about `axis[j]` in a frame fixed to its parent."""
 
     parent: NDArray[np.int64]  # (n,), 0-based joint; -1 is the fixed base
     rotation: FloatArray  # (n, 3, 3), of the joint in its parent's frame at q = 0

@@ -1,4 +1,4 @@
-"""How long something takes, as a histogram that never grows."""
+"""Histogram of durations, of constant size."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Inertial:
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     def is_consistent(self) -> bool:
-        """Say whether a rigid body of this mass and inertia can exist.
+        """Say whether mass and inertia are physically consistent, as those of some rigid body.
 
         True if the mass is positive and the density-weighted covariance is positive definite,
         which for the tensor means positive principal moments that satisfy the triangle inequality.
@@ -111,6 +111,10 @@ class RobotModel(Displayed):
     Raises:
         ConfigError: The file is missing, is no URDF, has no revolute joint, or an inertial names
             no moving link or no possible body.
+
+    Example:
+        >>> arm = RobotModel.load("iiwa14")
+        >>> arm.gravity_torque(np.zeros((1, arm.n)))
     """
 
     def __init__(
@@ -150,6 +154,10 @@ class RobotModel(Displayed):
     ) -> RobotModel:
         """Load a built-in robot by name, or any robot from a URDF file.
 
+        Args:
+            source: Built-in name, or path of a URDF.
+            inertials: Inertias that replace those of the URDF, by link name.
+
         Raises:
             ConfigError: Neither a built-in name nor a file.
         """
@@ -163,11 +171,22 @@ class RobotModel(Displayed):
         return cls(source, inertials=inertials)
 
     def with_inertials(self, inertials: Mapping[str, Inertial]) -> RobotModel:
-        """Return this robot with some inertias replaced, by link name."""
+        """Return this robot with some inertias replaced.
+
+        Args:
+            inertials: The new ones by link name; the others stay.
+
+        Raises:
+            ConfigError: There is no such moving link, or no such body.
+        """
         return RobotModel(self.urdf, self.name, {**self.inertials, **inertials}, self.gravity)
 
     def with_gravity(self, gravity: Sequence[float]) -> RobotModel:
-        """Return this robot under another gravity, (3,) [m/s²] in the frame of the base."""
+        """Return this robot under another gravity.
+
+        Args:
+            gravity: (3,) [m/s²] in the frame of the base.
+        """
         return RobotModel(self.urdf, self.name, self.inertials, gravity)
 
     @property
@@ -203,22 +222,50 @@ class RobotModel(Displayed):
         }
 
     def flange_position(self, position: FloatArray) -> FloatArray:
-        """Return the flange in the base frame [m], (T, 3), for joint positions (T, n) [rad]."""
+        """Return where the flange is in the base frame.
+
+        Args:
+            position: (T, n) or (n,) [rad].
+
+        Returns:
+            (T, 3) [m]; T is 1 for one position.
+        """
         return np.array([self.flange_pose(q)[:3, 3] for q in np.atleast_2d(position)])
 
     def flange_pose(self, position: FloatArray) -> FloatArray:
-        """Return the flange pose in the base frame, (4, 4), for one joint position (n,) [rad]."""
+        """Return the pose of the flange in the base frame.
+
+        Args:
+            position: One joint position, (n,) [rad].
+
+        Returns:
+            Homogeneous transform, (4, 4) [m].
+        """
         pin.forwardKinematics(self.pin_model, self._data, np.asarray(position))
         pin.updateFramePlacement(self.pin_model, self._data, self._flange)
         return np.array(self._data.oMf[self._flange].homogeneous)
 
     def joint_poses(self, position: FloatArray) -> FloatArray:
-        """Return the pose of every joint frame, (n, 4, 4), for one joint position (n,) [rad]."""
+        """Return the pose of every joint frame in the base frame.
+
+        Args:
+            position: One joint position, (n,) [rad].
+
+        Returns:
+            Homogeneous transforms, (n, 4, 4) [m].
+        """
         pin.forwardKinematics(self.pin_model, self._data, np.asarray(position))
         return np.array([self._data.oMi[j + 1].homogeneous for j in range(self.n)])
 
     def flange_jacobian(self, position: FloatArray) -> FloatArray:
-        """Return the flange's Jacobian, (6, n): velocity, then angular velocity, in base axes."""
+        """Return the Jacobian of the flange, in the axes of the base.
+
+        Args:
+            position: One joint position, (n,) [rad].
+
+        Returns:
+            (6, n): velocity [m/rad], then angular velocity [1], of each joint's.
+        """
         jacobian = pin.computeFrameJacobian(
             self.pin_model,
             self._data,
@@ -229,12 +276,27 @@ class RobotModel(Displayed):
         return np.array(jacobian).reshape(6, self.n)  # of one joint, pinocchio returns a row
 
     def mass_matrix(self, position: FloatArray) -> FloatArray:
-        """Return the joint mass matrix, (n, n) [kg m²], for one joint position (n,) [rad]."""
+        """Return the joint mass matrix.
+
+        Args:
+            position: One joint position, (n,) [rad].
+
+        Returns:
+            Symmetric, (n, n) [kg m²].
+        """
         M = pin.crba(self.pin_model, self._data, np.asarray(position))
         return np.triu(M) + np.triu(M, 1).T
 
     def inertia_of(self, position: FloatArray, j: int) -> FloatArray:
-        """Return one column (0-based) of the mass matrices of T positions, (T, n) [kg m²]."""
+        """Return one column of the mass matrices of T positions.
+
+        Args:
+            position: (T, n) [rad].
+            j: Column, 0-based.
+
+        Returns:
+            (T, n) [kg m²].
+        """
         still, unit = np.zeros_like(position), np.zeros_like(position)
         unit[:, j] = 1.0
         return self._weightless.inverse_dynamics(position, still, unit)
@@ -248,7 +310,17 @@ class RobotModel(Displayed):
         return pin.ModelPool(self.pin_model, _threads())
 
     def gravity_torque(self, position: FloatArray) -> FloatArray:
-        """Return the torque that holds the arm still, (T, n) [N m]."""
+        """Return the torque that holds the arm still.
+
+        Args:
+            position: (T, n) or (n,) [rad].
+
+        Returns:
+            Joint torques, (T, n) [N m]; T is 1 for one position.
+
+        Raises:
+            ShapeError: Another number of joints.
+        """
         q = np.atleast_2d(position)
         return self.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
 
@@ -306,7 +378,11 @@ class RobotModel(Displayed):
         return tuple(_capsule(self.pin_model, item) for item in geometry.geometryObjects)
 
     def reference(self, folder: Path) -> str:
-        """Return how a file in `folder` refers to this robot: built-in name or relative path."""
+        """Return how a file refers to this robot: built-in name or relative path.
+
+        Args:
+            folder: Of that file.
+        """
         if self.name in BUILT_IN:
             return self.name
         return Path(os.path.relpath(self.urdf.resolve(), folder.resolve())).as_posix()

@@ -104,7 +104,7 @@ def replacing(path: Path | str) -> Generator[Path]:
 
 
 def reason(error: OSError) -> str:
-    """Return what went wrong, without what a library says around it."""
+    """Return the reason of a failure, without the words that a library adds."""
     return os.strerror(error.errno) if error.errno else str(error)
 
 

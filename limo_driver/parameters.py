@@ -34,7 +34,7 @@ _SHOWN: Final = 60  # characters of a value that a message repeats
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is known of a value before it is given."""
+    """Declaration of a parameter: unit, bounds and default."""
 
     name: str
     unit: str = ""  # SI; `JOINT` for the number of a joint
@@ -78,7 +78,7 @@ class Parameter:
 
     @cached_property
     def expected(self) -> str:
-        """What may be given, in words."""
+        """The permitted values, in words."""
         if self.of:
             return f"one of {', '.join(map(word, self.of))}"
         noun = "a joint" if self.unit == JOINT else self.kind
@@ -242,7 +242,7 @@ class Declared:
 
     @property
     def place(self) -> str:
-        """What messages call it."""
+        """Its name in messages."""
         return self._called
 
     def __post_init__(self) -> None:

@@ -34,7 +34,7 @@ class PlugIn:
 
     @property
     def kind(self) -> str:
-        """What the group holds, in the singular."""
+        """Kind of object that the group holds, in the singular."""
         return self.group.removeprefix("limo.").removesuffix("s")
 
     def load(self) -> Any:  # noqa: ANN401  # the class behind the entry point
@@ -62,7 +62,7 @@ def names(group: str) -> tuple[str, ...]:
 
 
 def plug_in(group: str, name: str, own: Collection[str] = ()) -> PlugIn | None:
-    """Return what is registered as `name` in a group, if anything is.
+    """Return the object registered as `name` in a group, None if there is none.
 
     Args:
         group: Of entry points.

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import perm
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -55,9 +55,26 @@ class Trajectory(Motion):
     The quintic takes position, velocity and acceleration of the two samples, so the motion is
     twice continuously differentiable at any control rate.
 
+    Args:
+        time: (T,) [s], increasing, in steps of 10 s at most.
+        position: (T, n) [rad].
+        velocity: (T, n) [rad/s].
+        acceleration: (T, n) [rad/s^2].
+        temperature: Of no use to a commanded motion.
+        robot: Name of the robot it was planned for; empty for any that has n joints.
+        segments: What the stretches of it are for, such as exploring.
+        source: File it was read from, for messages.
+
     Raises:
         ConfigError: Fewer than two samples or no joint, values that no arm can follow, times that
             do not increase or leap, or a segment beyond the samples.
+        ShapeError: The shapes do not fit together.
+
+    Example:
+        >>> t = np.linspace(0.0, 4.0, 1001)
+        >>> swing = 0.2 * (1 - np.cos(np.pi * t / 2))[:, None] * np.ones(7)
+        >>> motion = Motion.from_positions(t, swing)
+        >>> Trajectory(t, swing, motion.velocity, motion.acceleration, robot="iiwa14")
     """
 
     robot: str = ""  # name of the robot it was planned for
@@ -103,6 +120,10 @@ class Trajectory(Motion):
     def check_robot(self, n: int, name: str) -> None:
         """Check that a robot of n joints and this name can follow.
 
+        Args:
+            n: Number of joints of the robot.
+            name: Of the robot.
+
         Raises:
             ConfigError: It was planned for another one.
         """
@@ -118,6 +139,30 @@ class Trajectory(Motion):
                 path=self.source or None,
             )
 
+    def first(self, duration: float) -> Trajectory:
+        """Return the beginning of the trajectory.
+
+        Args:
+            duration: How much of it [s]; all of it where it is no longer.
+
+        Raises:
+            ConfigError: The duration holds fewer than two samples.
+        """
+        stop = int((self.time <= self.time[0] + duration).sum())
+        if stop < 2:  # noqa: PLR2004  # samples that make a motion
+            raise ConfigError(f"{duration:g} s is shorter than one sample of the trajectory")
+        return replace(
+            self,
+            time=self.time[:stop],
+            position=self.position[:stop],
+            velocity=self.velocity[:stop],
+            acceleration=self.acceleration[:stop],
+            temperature=None if self.temperature is None else self.temperature[:stop],
+            segments=tuple(
+                replace(s, stop=min(s.stop, stop)) for s in self.segments if s.start < stop
+            ),
+        )
+
     def resample(self, period: float) -> Motion:
         """Evaluate the trajectory every `period` seconds, its last sample included.
 
@@ -131,7 +176,17 @@ class Trajectory(Motion):
         return self.evaluate(np.minimum(np.arange(count) * period, self.duration))
 
     def evaluate(self, time: FloatArray) -> Motion:
-        """Evaluate the trajectory at `time` [s] after its start; (T,), within its duration."""
+        """Evaluate the trajectory at any times.
+
+        Args:
+            time: After its start, (T,) [s], in order and within its duration.
+
+        Returns:
+            The motion at those times.
+
+        Raises:
+            PathError: A time is outside of the trajectory.
+        """
         t = time + self.time[0]
         if t.size and (t[0] < self.time[0] - 1e-9 or t[-1] > self.time[-1] + 1e-9):
             raise PathError(
@@ -158,6 +213,9 @@ class Trajectory(Motion):
 
         Args:
             rows: Samples to look between, for example those of a segment; all by default.
+
+        Returns:
+            Of each joint, (n,) [rad/s, rad/s^2, rad/s^3].
         """
         start, stop, _ = rows.indices(len(self))
         largest = np.zeros((3, self.n))
@@ -186,6 +244,9 @@ class Trajectory(Motion):
     def save(self, path: Path | str) -> None:
         """Write Parquet: columns time, position_j, velocity_j, acceleration_j; 1-based joints.
 
+        Args:
+            path: To be written.
+
         Raises:
             ConfigError: It cannot be written.
         """
@@ -212,6 +273,9 @@ class Trajectory(Motion):
     def load(cls, path: Path | str) -> Trajectory:
         """Read a trajectory.
 
+        Args:
+            path: Parquet, as `save` writes it.
+
         Raises:
             ConfigError: The file is missing, is no Parquet, lacks a column, has a column or header
                 of another kind, or holds what a trajectory may not.
@@ -233,7 +297,7 @@ class Trajectory(Motion):
 
 
 class Planned(Protocol):
-    """What was planned around a trajectory, with how it came about."""
+    """A planned trajectory, and how the plan was made."""
 
     @property
     def trajectory(self) -> Trajectory:

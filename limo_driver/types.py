@@ -86,7 +86,7 @@ class WrenchLimits(ArrayFields):
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """What a user has to know of an arm before commanding it."""
+    """Specification of an arm that a user needs before commanding it."""
 
     name: str
     joint_names: tuple[str, ...]
@@ -113,7 +113,26 @@ def same_robot(first: str, second: str) -> bool:
 
 @dataclass(frozen=True)
 class JointState(ArrayFields):
-    """One measured sample of all joints."""
+    """One measured sample of all n joints.
+
+    Args:
+        time: Of the robot's own clock [s], which never goes back.
+        position: (n,) [rad].
+        velocity: (n,) [rad/s].
+        torque: Measured, (n,) [N m].
+        sequence: Counts cycles; a gap is a lost sample.
+        stale: There was no new measurement in this cycle; the values are the last known ones.
+        holding: The arm holds its pose and takes no command.
+        temperature: (n,) [°C], NaN before a joint's first reading; None where it is not measured.
+        drives: Status of each joint's drive, in its own words; empty where it is not told.
+
+    Raises:
+        ShapeError: The arrays are not all (n,).
+
+    Example:
+        >>> with open_robot("virtual", simulation=Simulation("iiwa14")) as robot:
+        ...     print(robot.receive().position)
+    """
 
     time: float  # [s], monotonic, of the robot
     position: FloatArray  # (n,) [rad]
@@ -132,7 +151,7 @@ class JointState(ArrayFields):
 
 @dataclass(frozen=True, kw_only=True)
 class JointCommand(ArrayFields):
-    """What all joints should do next; a subclass for each control mode."""
+    """Command to all joints; a subclass for each control mode."""
 
     valid_for: float = 0.1  # [s] after which the arm holds unless the next command came
     limited_by: tuple[str, ...] = ()  # limits that changed the command on its way out
@@ -140,7 +159,19 @@ class JointCommand(ArrayFields):
 
 @dataclass(frozen=True)
 class PositionCommand(JointCommand):
-    """Follow a joint position."""
+    """Follow a joint position.
+
+    Args:
+        position: (n,) [rad].
+        valid_for: [s] after which the arm holds unless the next command came.
+        limited_by: Limits that changed the command on its way out; `Robot.send` fills it in.
+
+    Raises:
+        ShapeError: The position is not (n,).
+
+    Example:
+        >>> robot.send(PositionCommand(position=state.position))
+    """
 
     position: FloatArray  # (n,) [rad]
 
@@ -150,6 +181,21 @@ class ImpedanceCommand(JointCommand):
     """Follow a joint position like a spring and damper, with gravity compensated.
 
     tau = stiffness (position - q) - damping dq + torque + gravity
+
+    Args:
+        position: (n,) [rad].
+        stiffness: (n,) [N m/rad].
+        damping: (n,) [N m s/rad].
+        torque: Feed-forward, (n,) [N m].
+        valid_for: [s] after which the arm holds unless the next command came.
+        limited_by: Limits that changed the command on its way out; `Robot.send` fills it in.
+
+    Raises:
+        ShapeError: The arrays are not all (n,).
+
+    Example:
+        >>> k = np.full(7, 300.0)
+        >>> robot.send(ImpedanceCommand(state.position, k, 0.1 * k, np.zeros(7)))
     """
 
     position: FloatArray  # (n,) [rad]
@@ -160,21 +206,45 @@ class ImpedanceCommand(JointCommand):
 
 @dataclass(frozen=True)
 class TorqueCommand(JointCommand):
-    """Apply a joint torque on top of gravity compensation."""
+    """Apply a joint torque on top of gravity compensation.
+
+    Args:
+        torque: (n,) [N m].
+        valid_for: [s] after which the arm holds unless the next command came.
+        limited_by: Limits that changed the command on its way out; `Robot.send` fills it in.
+
+    Raises:
+        ShapeError: The torque is not (n,).
+
+    Example:
+        >>> robot.send(TorqueCommand(torque=-2.0 * state.velocity))  # a damper of 2 N m s/rad
+    """
 
     torque: FloatArray  # (n,) [N m]
 
 
 @dataclass(frozen=True)
 class WrenchCommand(JointCommand):
-    """Apply a wrench at the tool, on top of what the arm's own Cartesian control does."""
+    """Apply a wrench at the tool, on top of what the arm's own Cartesian control does.
+
+    Args:
+        wrench: Fx Fy Fz τA τB τC, (6,) [N, N m].
+        valid_for: [s] after which the arm holds unless the next command came.
+        limited_by: Limits that changed the command on its way out; `Robot.send` fills it in.
+
+    Raises:
+        ShapeError: The wrench is no array of one dimension.
+
+    Example:
+        >>> robot.send(WrenchCommand(wrench=[0.0, 0.0, -5.0, 0.0, 0.0, 0.0]))
+    """
 
     wrench: FloatArray  # (6,) [Fx Fy Fz τA τB τC], [N, N m]
 
 
 @dataclass(frozen=True)
 class JointSample(ArrayFields):
-    """Motion of all joints at one instant: what a one-sample prediction needs."""
+    """Motion of all joints at one instant, the input of a one-sample prediction."""
 
     time: float  # [s]
     position: FloatArray  # (n,) [rad]
@@ -207,7 +277,22 @@ def _settle_temperature(owner: JointState | JointSample) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Motion(Displayed):
-    """Joint motion over T samples, in order of time; what a batch prediction needs."""
+    """Joint motion over T samples of n joints, in order of time; for batch predictions.
+
+    Args:
+        time: (T,) [s].
+        position: (T, n) [rad].
+        velocity: (T, n) [rad/s].
+        acceleration: (T, n) [rad/s^2].
+        temperature: (T, n) [°C]; None where it is not measured.
+
+    Raises:
+        ShapeError: The shapes do not fit together.
+
+    Example:
+        >>> still = np.zeros((2, 7))
+        >>> Simulation("iiwa14").predict(Motion([0.0, 0.1], still, still, still))
+    """
 
     time: FloatArray  # (T,) [s]
     position: FloatArray  # (T, n) [rad]
@@ -273,7 +358,15 @@ class Motion(Displayed):
         acceleration: FloatArray,
         temperature: FloatArray | None = None,
     ) -> Motion:
-        """Return a motion of arrays that are known to fit, unchecked: for what runs at 1 kHz."""
+        """Return a motion of arrays that are known to fit, unchecked: for what runs at 1 kHz.
+
+        Args:
+            time: (T,) [s].
+            position: (T, n) [rad].
+            velocity: (T, n) [rad/s].
+            acceleration: (T, n) [rad/s^2].
+            temperature: (T, n) [°C]; None where it is not measured.
+        """
         motion = object.__new__(cls)
         motion.__dict__.update(
             time=time,
@@ -309,7 +402,14 @@ class Motion(Displayed):
         return f"{duration:.4g} s, {len(self)} samples of {joints}"
 
     def sample(self, row: int) -> JointSample:
-        """Return one sample."""
+        """Return one sample.
+
+        Args:
+            row: 0-based; from the end if negative.
+
+        Raises:
+            IndexError: There is no such sample.
+        """
         return JointSample(
             float(self.time[row]),
             self.position[row],

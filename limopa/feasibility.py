@@ -33,7 +33,7 @@ PROBES = 1000  # random configurations that show which pairs do
 
 
 class Condition(StrEnum):
-    """What a configuration or a path has to satisfy."""
+    """Conditions on a configuration or a path."""
 
     JOINT_LIMITS = "joint limits"
     WORKSPACE = "effective workspace"
@@ -43,7 +43,7 @@ class Condition(StrEnum):
 
 @dataclass(frozen=True)
 class Violations:
-    """Which of T configurations break which condition; each array has shape (T,)."""
+    """Violations of each condition by T configurations; each array has shape (T,)."""
 
     broken: Mapping[Condition, NDArray[np.bool_]]
 
@@ -111,7 +111,7 @@ class Feasibility:
         return Violations({**workspace, **self.check(position).broken})
 
     def margins(self, position: FloatArray) -> FloatArray:
-        """Return what is left of every distance at joint positions (T, n) [rad], (T, m) [m].
+        """Return the margin of every distance at joint positions (T, n) [rad], (T, m) [m].
 
         Negative where a pair of links or the table is too near, or the flange is outside the
         effective workspace.

@@ -45,7 +45,7 @@ class Workspace(Declared):
 
 @dataclass(frozen=True)
 class Surroundings(Declared):
-    """What every configuration of the path has to keep away from."""
+    """Distances that every configuration of the path has to keep."""
 
     joint_margin: float = parameter(
         "rad", "kept from either end of a joint's range", lower=0.0, default=radians(5.0)
@@ -64,7 +64,7 @@ class Surroundings(Declared):
 
 @dataclass(frozen=True)
 class Reaching(Declared):
-    """How scaffolds are approached: straight in joint space, relative to the joint's limits."""
+    """Approach to scaffolds: straight in joint space, relative to the joint's limits."""
 
     _called = "reaching"
     velocity: tuple[float, float] = share_of_limit("drawn for each joint and phase", (0.6, 0.9))
@@ -77,7 +77,7 @@ class Reaching(Declared):
 
 @dataclass(frozen=True)
 class Exploring(Declared):
-    """How each scaffold is explored: random sinusoids, e_j(t) = sum A sin(2 pi f t + phi).
+    """Exploration of each scaffold: random sinusoids, e_j(t) = sum A sin(2 pi f t + phi).
 
     The paper leaves the unit of t open. Here t runs in seconds of a nominal time in which waypoints
     follow each other every `waypoint_period`; the path is then slowed until the leading joint moves
@@ -112,7 +112,25 @@ class Exploring(Declared):
 
 @dataclass(frozen=True)
 class PlanRequest(Declared):
-    """What to plan."""
+    """Request for a plan.
+
+    Args:
+        scaffolds: Configurations to reach, and to explore around; 150 last about an hour.
+        rate: Of the trajectory's samples [Hz], 50 to 1e4.
+        workspace: Where the flange may be at a scaffold [m].
+        surroundings: Margins, clearance [m] and table that every configuration keeps away from.
+        reaching: Shares of each joint's limits at which scaffolds are approached.
+        exploring: Sinusoids around each scaffold: how many, how large [rad], how fast.
+        candidates: Random configurations tried in vain before giving up.
+        exploring_tries: Draws of one exploring phase before its scaffold is replaced.
+        repairs: Replaced or added scaffolds in a row before giving up.
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> plan("iiwa14", PlanRequest(scaffolds=4, rate=500.0))
+    """
 
     scaffolds: int = parameter("", lower=1, default=150)
     rate: float = parameter("Hz", "of the trajectory's samples", lower=50, upper=1e4, default=250.0)

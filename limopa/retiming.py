@@ -42,7 +42,7 @@ ROUNDING = 1e-9  # relative
 
 @dataclass(frozen=True)
 class JointBounds:
-    """What a path may use of each joint; (n,)."""
+    """Limits of each joint along a path; (n,)."""
 
     velocity: FloatArray  # [rad/s]
     acceleration: FloatArray  # [rad/s^2]

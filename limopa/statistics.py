@@ -1,4 +1,4 @@
-"""Statistics of a plan: what the motion covers, how often it reverses, how hard it drives."""
+"""Statistics of a plan: range covered, number of reversals, share of the limits used."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class JointStatistics:
-    """What one joint does."""
+    """Statistics of one joint."""
 
     joint: int  # 1-based
     reversals: int  # of the direction of rotation, while exploring
@@ -56,7 +56,7 @@ class JointStatistics:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What a plan is like."""
+    """Statistics of a plan."""
 
     robot: str
     seed: int

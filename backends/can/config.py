@@ -43,7 +43,7 @@ OF_CIA402: Final = {"master", "on_lost", "status_every", "temperature"}  # and o
 
 @dataclass(frozen=True, kw_only=True)
 class Bus(Declared):
-    """How the bus is reached: python-can's words, and `options` for all others that it takes."""
+    """Connection to the bus, in python-can's terms; `options` hold all others that it takes."""
 
     interface: str = parameter(
         "", "python-can's name: socketcan, udp_multicast, virtual, pcan, ..."
@@ -66,7 +66,7 @@ class Bus(Declared):
 
 @dataclass(frozen=True, kw_only=True)
 class Temperature(Declared):
-    """Where CiA 402 drives keep their temperature, which no standard object is for."""
+    """Object in which CiA 402 drives keep their temperature; no standard object is for it."""
 
     object: int = parameter("", "index, of an i16", lower=0x2000, upper=0x9FFF)
     subindex: int = parameter("", "of the object", default=0, lower=0, upper=254)
@@ -188,7 +188,7 @@ class ArmConfig(Declared):
         return RobotModel.load(self.robot)
 
     def spec(self, torque_resolution: FloatArray) -> RobotSpec:
-        """Return what a user has to know of the arm.
+        """Return the specification of the arm.
 
         Args:
             torque_resolution: Smallest change that its measured torques show, (n,) [N m].

@@ -1,4 +1,4 @@
-"""What went wrong with one drive, by joint and node."""
+"""Errors of one CAN drive, named by joint and node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What crosses the bus: arbitration ids of CANopen, and how much of a bus frames take.
+"""CANopen arbitration ids, and the bus load of the frames sent.
 
 Source: CiA 301, "CANopen application layer and communication profile", section 7.3.3 (predefined
 connection set); ISO 11898-1, section 10.4 (frames and bit stuffing); Davis, Burns, Bril and

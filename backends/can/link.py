@@ -20,7 +20,7 @@ OVERSLEPT: Final = 0.25  # of a period by which this program woke up late
 
 @dataclass(frozen=True)
 class DriveStatus:
-    """What is known of one drive; a value that never came is NaN, never zero."""
+    """Latest values of one drive; a value that never came is NaN, never zero."""
 
     node: int
     status: str  # in words, for example `operation enabled`
@@ -49,7 +49,7 @@ def status_line(status: str, error: str, silent: int) -> str:
 
 @dataclass(frozen=True)
 class DriveSample:
-    """What the drives measured in one cycle; each array has shape (n,)."""
+    """Measurements of the drives in one cycle; each array has shape (n,)."""
 
     position: FloatArray  # [rad]
     velocity: FloatArray  # [rad/s]
@@ -130,7 +130,7 @@ class Link(ABC):
 
     @abstractmethod
     def drives(self) -> tuple[DriveStatus, ...]:
-        """Return what is known of every drive."""
+        """Return the latest values of every drive."""
 
     @abstractmethod
     def condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:

@@ -41,7 +41,7 @@ class Frame(NamedTuple):
 
 @dataclass
 class PortCounts:
-    """What came in that was not a frame for the driver, and what could not be read."""
+    """Counts of frames that were not for the driver, and of those that could not be read."""
 
     broken: int = 0
     foreign: int = 0  # extended or remote frames

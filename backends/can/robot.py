@@ -83,7 +83,7 @@ class CanRobot(Robot):
 
     @property
     def drives(self) -> tuple[DriveStatus, ...]:
-        """What is known of every drive, of joint 1 first."""
+        """Latest values of every drive, joint 1 first."""
         return self._link.drives()
 
     @property

@@ -1,4 +1,4 @@
-"""What to do about a session that does not get on, in words for a laboratory."""
+"""Advice for a session that does not get as far as taking commands, in plain words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the client answers in each session state and command mode.
+"""Answer of the FRI client in each session state and command mode.
 
 | session state     | answer                                                                  |
 |-------------------|-------------------------------------------------------------------------|
@@ -31,7 +31,7 @@ _TAKEN: Final = {_POSITION: PositionCommand, _TORQUE: TorqueCommand, _WRENCH: Wr
 
 
 def command_mode(message: Monitoring) -> CommandMode:
-    """Return what the robot's application lets the client command."""
+    """Return the quantity that the robot's application lets the client command."""
     ipo = message.ipo
     return CommandMode.NONE if ipo is None or ipo.command_mode is None else ipo.command_mode
 

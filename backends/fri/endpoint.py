@@ -22,7 +22,7 @@ _OLDEST: Final = 10.0  # [s]; a greater age is a step of the clock
 
 
 class Datagram(NamedTuple):
-    """What came in, and how long it had been waiting."""
+    """Datagram, and how long it had been waiting."""
 
     data: bytes
     sender: Address

@@ -1,4 +1,4 @@
-"""Who leads the set-point: the robot's own application, a client before this one, or this one."""
+"""Decide who leads the set-point: the robot's application, an earlier client, or this one."""
 
 from __future__ import annotations
 

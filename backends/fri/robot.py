@@ -153,7 +153,7 @@ class FriRobot(Robot):
 
     @property
     def session_state(self) -> SessionState | None:
-        """Where the session stands; None before the first `receive`."""
+        """State of the session; None before the first `receive`."""
         return self._session.state
 
     @property
@@ -163,13 +163,13 @@ class FriRobot(Robot):
 
     @property
     def quality(self) -> Quality | None:
-        """How the controller judges the connection; None before the first `receive`."""
+        """Connection quality as the controller judges it; None before the first `receive`."""
         message = self._message
         return None if message is None or message.connection is None else message.connection.quality
 
     @property
     def figures(self) -> LinkFigures:
-        """What was counted on the link."""
+        """Counts of the link."""
         return self._session.figures
 
     @property

@@ -1,4 +1,4 @@
-"""What a session has gone through: order of packets, time of the robot, states, answers.
+"""Track an FRI session: order of packets, time of the robot, states, answers.
 
 Bookkeeping only: nothing here decides what is commanded.
 """
@@ -23,7 +23,7 @@ MOST_UNCONFIRMED: Final = 1024  # commands of which an answer is still awaited
 
 
 class Order(Enum):
-    """How a packet stands to those before it."""
+    """Order of a packet relative to those before it."""
 
     NEXT = "next"
     OLD = "old"  # a copy, or overtaken by a later one
@@ -35,7 +35,7 @@ _NEXT, _OLD, _RESTARTED = Order  # quicker than by their class
 
 @dataclass
 class LinkFigures:
-    """What was counted since the driver was opened."""
+    """Counts since the driver was opened."""
 
     received: int = 0  # valid packets, in order
     lost: int = 0  # packets of the robot that never came

@@ -1,4 +1,4 @@
-"""The last guard before the wire: what is commanded stays close to what was commanded before.
+"""Last check before sending: each command stays within the limits of the one before.
 
 The safety contract makes set-points; this only compares numbers that leave this machine, one after
 the other, whoever made them: a set-point, a mirrored position of the robot's own application, or a

@@ -1,4 +1,4 @@
-"""How the simulated robot's arrays are laid out, shared by Python and compiled code.
+"""Memory layout of the simulated robot's arrays, shared by Python and compiled code.
 
 In compiled code the fields of these tuples are pointers, and tables are read row by row from one:
 entry (row, j) of a table of n columns stands at row * n + j. Arrays there would carry their sizes,
@@ -69,7 +69,7 @@ class Servo(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What a cycle works with, each of n joints; the position and velocity are the links'."""
+    """Working arrays of a cycle, each of n joints; position and velocity are those of the links."""
 
     position: FloatArray  # [rad]
     velocity: FloatArray  # [rad/s]

@@ -1,4 +1,4 @@
-"""What the effects of a simulation ask of the simulated robot: native forms, or to be sampled.
+"""Turn the effects of a simulation into tables for compiled code, or run them sample by sample.
 
 Each effect asks in its `realise`. One that is sampled runs through its `advance`, cycle by cycle in
 Python: slower, and as correct. What changes the rigid body is in `Simulation.body` already, of

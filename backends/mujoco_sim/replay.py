@@ -32,7 +32,7 @@ _LEAD = 1  # cycles by which the measured motion leads the set-points, which are
 
 @dataclass(frozen=True)
 class FreeRun:
-    """What the simulated robot measured while it followed a recorded motion, T samples."""
+    """Measurements of the simulated robot while it followed a recorded motion, T samples."""
 
     time: FloatArray  # (T,) [s], of the recording
     position: FloatArray  # (T, n) [rad]

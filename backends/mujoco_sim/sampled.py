@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class _Cycle(NamedTuple):
-    """What the effects see before the step."""
+    """Inputs of the effects before the step."""
 
     arm: ArmMotion  # one sample: the encoders', with the velocity expected at its time
     rate: FloatArray  # (n,) of motor against link [rad/s]
@@ -34,7 +34,7 @@ class _Cycle(NamedTuple):
 
 
 class SampledEffects:
-    """What the effects without a native form add in a cycle.
+    """Contribution in one cycle of the effects without a native form.
 
     Frictions become a damping, so that stiff ones cannot reverse the motion; other torques act as
     they are, computed from the motion before the step. A displacement is also evaluated under the

@@ -1,4 +1,4 @@
-"""What the integration step can carry: springs that it cannot follow are refused by name."""
+"""Stability limits of the integration step: name and refuse springs too stiff for it."""
 
 from __future__ import annotations
 

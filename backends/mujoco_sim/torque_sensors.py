@@ -1,4 +1,4 @@
-"""Effects on what the torque sensors say: they follow the run and change nothing in it."""
+"""Sensor effects on the torque log: computed after the run, without influence on the motion."""
 
 from __future__ import annotations
 

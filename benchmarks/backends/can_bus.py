@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import re
 import struct
 import sys
 import tempfile
@@ -81,7 +82,10 @@ def run(config: ArmConfig, path: Path, minutes: float, *, realtime: bool) -> Non
     with tempfile.TemporaryDirectory() as folder:
         # A held arm would end the measurement; every cycle that is lost is counted all the same.
         patient = Path(folder) / "arm.yaml"
-        patient.write_text(f"{path.read_text()}hold_after: 1000\n")
+        patient.write_text(
+            re.sub("^hold_after:.*$", "", path.read_text(), flags=re.MULTILINE)
+            + "hold_after: 1000\n"
+        )
         with SimulatedDrives(patient) as drives, CanRobot(patient) as robot:
             granted = realtime and as_realtime(drives.pid) and as_realtime(os.getpid())
             stale, away, used = cycles(robot, round(60 * minutes * config.rate))

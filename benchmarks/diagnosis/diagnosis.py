@@ -266,7 +266,7 @@ def _run_next(name: str, limit: float, case: Path) -> None:
 
 
 def _run_one(name: str, limit: float, case: Path) -> None:
-    """Diagnose, and let both simulations foretell the held-out motions."""
+    """Diagnose, and let both simulations predict the held-out motions."""
     out = case / name
     out.mkdir(exist_ok=True)
     rmtree(case / f"{name}_next", ignore_errors=True)  # it answers an earlier diagnosis

@@ -1,4 +1,4 @@
-"""Closure: how well a simulation foretells held-out torque, against the noise floor.
+"""Closure: how well a simulation predicts held-out torque, against the noise floor.
 
 Torques are compared below 10 Hz, over the rows in which the joint moves and is a tenth of a second,
 the reach of the filter, away from rest: nearer, a sample is a mixture of rest and motion, and no

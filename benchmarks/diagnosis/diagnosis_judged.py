@@ -43,7 +43,7 @@ _BODIES = {"payload", "link_inertia", "gravity_direction", "external_contact"}
 
 @dataclass(frozen=True)
 class Judged:
-    """One case: what was hidden, what was said, how well it foretells."""
+    """One case: what was hidden, what was said, how well it predicts."""
 
     case: Path
     truth: dict[str, Any]

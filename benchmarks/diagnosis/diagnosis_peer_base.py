@@ -64,10 +64,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a peer says: findings as in verdict.json, and how it foretells a recording."""
+    """What a peer says: findings as in verdict.json, and how it predicts a recording."""
 
     findings: list[dict[str, Any]]
-    foretell: Callable[[Recording], Array]  # (T, n) [N m]
+    predict: Callable[[Recording], Array]  # (T, n) [N m]
 
 
 def rows_of(recording: Recording, nominal: Simulation) -> Rows:

@@ -151,7 +151,7 @@ class _Sparse:
         return list(found.values())
 
     def predict(self, rows: Rows) -> Array:
-        """Return the residual that the law foretells, (T,) [N m]."""
+        """Return the residual that the law predicts, (T,) [N m]."""
         return self._columns(rows) / self._scale @ self._coefficients
 
     def _columns(self, rows: Rows) -> Array:
@@ -280,7 +280,7 @@ class _Grown:
         self._forest = forest.fit(X[::thin], y[::thin])
 
     def predict(self, rows: Rows) -> Array:
-        """Return the residual that the trees foretell, (T,) [N m]."""
+        """Return the residual that the trees predict, (T,) [N m]."""
         return self._forest.predict(self._inputs(rows))
 
     def _inputs(self, rows: Rows) -> Array:

@@ -51,7 +51,7 @@ def sysid(task: Task) -> Answer:
     left, _, _ = residual(result.x, best)
     _, interval = calculate_intervals([part.ravel() for part in left], np.asarray(result.jac))
     beyond = np.abs(best.as_vector() - initial.as_vector()) - interval
-    return Answer(fit.findings(initial, beyond), fit.foretell(best))
+    return Answer(fit.findings(initial, beyond), fit.predictor(best))
 
 
 class _Sysid:
@@ -147,7 +147,7 @@ class _Sysid:
                 found.append(finding(effect[kind], joint + 1))
         return found
 
-    def foretell(self, best: Any) -> Callable[[Recording], Array]:  # noqa: ANN401
+    def predictor(self, best: Any) -> Callable[[Recording], Array]:  # noqa: ANN401
         """Return the prediction of the fitted model, with what the nominal adds to friction."""
         model = self._tool.apply_param_modifiers(best, self._spec)
 

@@ -9,12 +9,12 @@ sysid      mujoco.sysid fits ten inertial parameters a link and damping, frictio
            a joint to recorded torques through MuJoCo's inverse dynamics
 pysindy    a PySINDy ensemble of sparse regressions on each joint's residual, after links and
            friction inside their tolerances were fitted to it
-trees      boosted trees on the same: no names, a bound on what its inputs foretell
+trees      boosted trees on the same: no names, a bound on what its inputs predict
 
 `pip install -e ".[bench]" -c constraints.txt` brings all of them. None of them names anything, so
 the rules are ours: a parameter is named where it leaves twice its tolerance, friction and armature
 only if the change also exceeds the joint's noise; mujoco.sysid's have to leave their 95 % interval
-besides; a term of PySINDy where nine tenths of the ensemble keep it. What a peer foretells and
+besides; a term of PySINDy where nine tenths of the ensemble keep it. What a peer predicts and
 names is written to `peers/NAME/` in each case, and judged as `limo diagnose` is.
 """
 
@@ -73,7 +73,7 @@ def run(case: Path, name: str) -> None:
         recording = Recording.load(case / f"held_out_{k}.parquet")
         before = nominal.predict(recording, BAND)
         write(recording, recording.time, {"torque": before}, out / f"before_{k}.parquet")
-        after = answer.foretell(recording)
+        after = answer.predict(recording)
         write(recording, recording.time, {"torque": after}, out / f"after_{k}.parquet")
     verdict = "explained" if answer.findings else "consistent"
     said = {"verdict": verdict, "findings": answer.findings}

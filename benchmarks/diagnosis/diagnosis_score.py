@@ -102,7 +102,7 @@ def calibration_error(said: Sequence[tuple[float, bool]]) -> float:
 
 
 def _closures(cases: Sequence[Judged], wrong: Sequence[Judged]) -> list[Line]:
-    """Return closure over single effects of every size and sets, where motion foretells them."""
+    """Return closure over single effects of every size and sets, where the motion predicts them."""
     told = [c for c in cases if c.truth["foretellable"]]
     worst = [c.closure.worst if c.closure else inf for c in told]
     if not worst:

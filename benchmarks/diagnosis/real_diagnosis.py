@@ -45,13 +45,13 @@ SHOWN = {"mass", "com", "coefficient", "variant", "gain", "offset", "delay", "ta
 
 @dataclass(frozen=True)
 class Case:
-    """An arm, what its simulation is identified from, what is diagnosed, and what is foretold."""
+    """An arm, what its simulation is identified from, what is diagnosed, and what is predicted."""
 
     name: str
     urdf: Path
     identified: tuple[Path, ...]
     diagnosed: tuple[Path, ...]
-    foretold: Path
+    predicted: Path
     expected: str
     options: str = ""  # of `limo identify`
 
@@ -80,11 +80,11 @@ def ur10e(run: str) -> Path:
 def cases(scratch: Path) -> list[Case]:
     """Return the cases whose recordings are there; parts of recordings are written to `scratch`."""
 
-    def ur(name: str, diagnosed: str, foretold: str, expected: str) -> Case:
+    def ur(name: str, diagnosed: str, predicted: str, expected: str) -> Case:
         learned = (ur10e("unloaded_14harm"),)
         moving = "--moving-only"  # its torques come from currents
         files = (ur10e(diagnosed),)
-        return Case(name, UR10E / "ur10e.urdf", learned, files, ur10e(foretold), expected, moving)
+        return Case(name, UR10E / "ur10e.urdf", learned, files, ur10e(predicted), expected, moving)
 
     load = "payload of 2.805 kg by its owners; about 3.0 kg of it by the current gains"
     lwr4 = tuple(LWR4 / f"measurements_{run}.parquet" for run in (2, 3))
@@ -118,7 +118,7 @@ def split(path: Path, scratch: Path) -> tuple[Path, Path]:
 
 
 def run(case: Case, folder: Path) -> Outcome:
-    """Run the two commands of a case, and foretell the recording that they were not given.
+    """Run the two commands of a case, and predict the recording that they were not given.
 
     Raises:
         subprocess.CalledProcessError: A command did not finish; its message is on stderr.
@@ -133,7 +133,7 @@ def run(case: Case, folder: Path) -> Outcome:
     start = time.perf_counter()
     _limo(diagnose)
     seconds = time.perf_counter() - start
-    recording = Recording.load(case.foretold)
+    recording = Recording.load(case.predicted)
     return Outcome(
         tuple(f"limo {' '.join(command.split())}" for command in (identify, diagnose)),
         json.loads((out / "verdict.json").read_text()),
@@ -180,7 +180,7 @@ def show(case: Case, outcome: Outcome) -> None:
         for name, value in item["parameters"].items():
             if name in SHOWN:
                 print(f"    {name} = {_rounded(value['value'])} {_rounded(value['ci95'])}")
-    print(f"  RMSE [N m] on {case.foretold.name}, which neither command was given:")
+    print(f"  RMSE [N m] on {case.predicted.name}, which neither command was given:")
     for name, values in (("given", outcome.before), ("improved", outcome.after)):
         print(f"    {name:9}" + "".join(f"{value:8.3f}" for value in values))
     print(f"  falls by {outcome.fall:.0%} in the geometric mean over joints", flush=True)

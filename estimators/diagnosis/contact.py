@@ -4,7 +4,7 @@ Pushes: short stretches of time in which something outside leans on the arm.
 
 A push shows on several joints at once, as one wrench at the flange would: -J(q)ᵀ w, for 0.3 to
 2 s. What one joint does alone, such as the transient of a friction at a reversal, is none. Pushes
-are events, not properties of the arm: they cannot be foretold, and nothing else should be fitted
+are events, not properties of the arm: they cannot be predicted, and nothing else should be fitted
 to the rows that they cover. The scan looks for the course of half a sine, that of a human push; one
 of constant strength is found as two, at its start and at its end.
 """
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.judgement.judgement import Leftover
+    from estimators.diagnosis.judgement.judgement import RemainingResidual
     from estimators.diagnosis.residuals.noise import Noise
     from limo_driver.types import FloatArray
 
@@ -43,7 +43,7 @@ _SCALE = np.array([*3 * (PUSHES.force,), *3 * (PUSHES.force * PUSHES.lever,)])  
 
 
 def contact_of(
-    found: Sequence[Push], observed: Observations, proven: FloatArray, rest: Leftover
+    found: Sequence[Push], observed: Observations, proven: FloatArray, remaining: RemainingResidual
 ) -> tuple[Finding, ...]:
     """Return the finding of pushes; they are events, so the improved simulation leaves them out.
 
@@ -51,7 +51,7 @@ def contact_of(
         found: When something pushed.
         observed: Recordings and simulation.
         proven: Residual (K, n) of the improved simulation, not fitted to these rows [N m].
-        rest: Noise floor of each joint.
+        remaining: Residual that remains, with its noise floor of each joint.
     """
     windows: list[tuple[float, float]] = []
     wrenches: list[tuple[float, ...]] = []
@@ -64,7 +64,7 @@ def contact_of(
         for k, term in enumerate(terms):
             joints, values = response(term, observed)
             columns[list(joints), :, k] = values[:, rows]
-        weight = observed.moving.any(axis=0) / rest.floor
+        weight = observed.moving.any(axis=0) / remaining.floor
         X = (columns * weight[:, None, None]).reshape(-1, len(terms))
         y = (proven[rows] * weight).T.ravel()
         precision = X.T @ X + np.eye(len(terms)) / PUSHES.strongest**2
@@ -101,7 +101,7 @@ def contact_of(
 
 
 def _stretches(found: Sequence[Push], observed: Observations) -> str:
-    """Say how many stretches there are, and when; time starts anew in each recording."""
+    """Say how many stretches there are, and when, in the time of each recording."""
     said: list[str] = []
     names = names_of(observed.recordings)
     for number, name in enumerate(names):
@@ -126,7 +126,7 @@ class Push:
 class ContactIn(ExternalContact):
     """A contact that acts in one recording only; its column is zero in all others.
 
-    Time starts anew in each recording, so a window alone does not say which one is meant.
+    Each recording has its own time, so a window alone does not say which one is meant.
     """
 
     recording: int  # 0-based
@@ -248,8 +248,8 @@ class _Scan:
     observed: Observations
     residual: FloatArray  # (K, n) whitened, zero near rest
     jacobian: FloatArray  # (K, 6, n)
-    memory: FloatArray  # (lags, K, n) what the rows before foretell of errors
-    weight: FloatArray  # (K, n) 1 over the deviation of the rest, zero near rest [1/(N m)]
+    memory: FloatArray  # (lags, K, n) weights that predict an error from the rows before it
+    weight: FloatArray  # (K, n) 1 over the deviation of the prediction error, 0 near rest [1/(N m)]
 
     @classmethod
     def of(cls, observed: Observations, residual: FloatArray, noise: Noise) -> _Scan:
@@ -289,7 +289,7 @@ class _Scan:
         return max(_evidence(A[:, :, j : j + 1], y[:, j : j + 1]) for j in range(self.observed.n))
 
     def strangeness(self, push: Push) -> float:
-        """Return how much likelier a push's rows would be if all their errors were foretold [nat].
+        """Return how much likelier a push's rows would be if all their errors were predicted [nat].
 
         Beyond what noise alone has of it.
         """

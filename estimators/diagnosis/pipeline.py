@@ -24,12 +24,12 @@ from estimators.diagnosis.fitting.solving import curved, settled, settled_around
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.judgement.findings import left_by_tolerances
 from estimators.diagnosis.judgement.judgement import (
-    Leftover,
+    RemainingResidual,
     abstained,
     gains,
     harms,
     least_harmful,
-    leftover,
+    remaining_residual,
     remarks,
     worse,
 )
@@ -96,7 +96,7 @@ def diagnose(
     bandwidth: float = 10.0,
     progress: Progress = quiet,
 ) -> Diagnosis:
-    """Say where a simulation and recordings differ, and what physics was left out.
+    """Find where a simulation and recordings differ, and which physics is missing.
 
     Args:
         simulation: What is believed of the arm, with its tolerances.
@@ -112,7 +112,7 @@ def diagnose(
     judged, pushed = _without_pushes(problem, progress)
     judged = _beyond_tolerances(judged, progress)
     judged, harmful = judged.harmless()
-    problem, solution, rest = judged.problem, judged.solution, judged.rest
+    problem, solution, remaining = judged.problem, judged.solution, judged.remaining
     observed = problem.observed
     progress("fitting to all rows", 0.95)
     noise = Noise.of(problem.left(solution.fitted), observed.moving, observed.segment)
@@ -123,12 +123,14 @@ def diagnose(
             observed, improve(problem, final), observed.moving, _found(problem, final)
         )
     strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
-    contact = contact_of(pushed, observed, judged.proven, rest) if pushed and not strange else ()
+    contact = (
+        contact_of(pushed, observed, judged.proven, remaining) if pushed and not strange else ()
+    )
     tolerances = left_by_tolerances(problem, solution)
     verdict = conclude(
         problem,
         solution,
-        rest,
+        remaining,
         judged.named,
         judged.unknown,
         judged.proven,
@@ -155,7 +157,7 @@ def diagnose(
         after=_lasting(improved.simulation, simulation),
         recordings=tuple(recordings),
         traces=_traces(problem, tolerances, improved.simulated),
-        explanations=explanations_of(problem, solution, rest.floor),
+        explanations=explanations_of(problem, solution, remaining.floor),
         tests=tests_of(problem, solution),
         shifts=shifts,
         bandwidth=bandwidth,
@@ -232,25 +234,26 @@ def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) ->
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
-    """Return what is found around a set, where that may differ and foretells no worse."""
+    """Return what is found around a set, where that may differ and predicts no worse."""
     problem, solution = judged.problem, judged.solution
     several = len(solution.members) >= ROUNDS.several
-    if not (several or judged.rest.foretellable.any()) or not curved(problem, solution):
+    if not (several or judged.remaining.clearly_predictable.any()) or not curved(problem, solution):
         return judged
     again = _Judged.of(*settled_around(problem, solution, progress))
-    return judged if worse(problem, again.proven, judged.proven, judged.rest) else again
+    return judged if worse(problem, again.proven, judged.proven, judged.remaining) else again
 
 
 def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
-    """Return what is found with suspicious values as stated, where that explains the unknown.
+    """Return the findings with suspicious values held as stated, where that explains the unknown.
 
-    While sets compete, thousands of rows outvote tolerances, and what a wrong value does is laid to
-    them; fitted values stay within their limits, and what they would do beyond is unknown. Held as
-    it is stated, such a value has to be a finding, and may bring no other name with it.
+    While sets compete, thousands of rows outvote tolerances, and the effect of a wrong value is
+    ascribed to nuisance parameters. Fitted values stay within their limits, and their effect beyond
+    those is unknown. Held as it is stated, such a value has to be a finding, and may bring no other
+    name with it.
     """
     problem, solution = judged.problem, judged.solution
     held = suspects(problem, solution, judged.unknown)
-    if not held or harms(problem, judged.proven, judged.rest):
+    if not held or harms(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
     again = _best(
@@ -268,7 +271,7 @@ class _Judged:
     problem: RegressionProblem
     solution: Solution
     proven: FloatArray  # (K, n) residual of a simulation that was fitted to no row held out [N m]
-    rest: Leftover
+    remaining: RemainingResidual
     named: tuple[int, ...]
     unknown: tuple[int, ...]  # joints, 0-based
 
@@ -276,11 +279,11 @@ class _Judged:
     def of(cls, problem: RegressionProblem, solution: Solution) -> _Judged:
         """Prove and judge a set."""
         proven = _proven(problem, solution)
-        rest = leftover(problem.observed, proven)
-        named, unknown = abstained(problem, solution, rest)
-        return cls(
-            problem, solution, proven, rest, named if gains(problem, proven, rest) else (), unknown
-        )
+        remaining = remaining_residual(problem.observed, proven)
+        named, unknown = abstained(problem, solution, remaining)
+        if not gains(problem, proven, remaining):
+            named = ()
+        return cls(problem, solution, proven, remaining, named, unknown)
 
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
         """Return effect and joints (0-based) of some candidates."""
@@ -295,21 +298,23 @@ class _Judged:
             What is left, and whether that is nothing since all of it harms.
         """
         problem, judged = self.problem, self
-        if harms(problem, judged.proven, judged.rest):
+        if harms(problem, judged.proven, judged.remaining):
             # values moved inside their tolerances may be what harms: few rows outvote no statement
             problem = problem.with_stated_values()
             noise = judged.solution.noise
             judged = _Judged.of(problem, fitted(problem, judged.solution.members, noise))
-        while harms(problem, judged.proven, judged.rest) and judged.solution.members:
+        while harms(problem, judged.proven, judged.remaining) and judged.solution.members:
             fewer = judged.named
             if fewer == judged.solution.members:
                 fewer = least_harmful(problem, judged.solution)
             judged = _Judged.of(problem, fitted(problem, fewer, judged.solution.noise))
-        if not harms(problem, judged.proven, judged.rest):
+        if not harms(problem, judged.proven, judged.remaining):
             return judged, False
         given, nothing = problem.observed.residual, fitted(problem, (), judged.solution.noise)
-        rest = leftover(problem.observed, given)
-        return _Judged(problem, nothing, given, rest, *abstained(problem, nothing, rest)), True
+        remaining = remaining_residual(problem.observed, given)
+        return _Judged(
+            problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
+        ), True
 
 
 def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArray) -> Traces:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from limo_driver.display import Displayed
@@ -65,7 +64,7 @@ class Test:
 
 @dataclass(frozen=True)
 class Shift:
-    """How far a nuisance parameter moved from its nominal value."""
+    """Shift of a nuisance parameter from its nominal value."""
 
     name: str  # e.g. "mass of link_4" or "tau_c of joint 1"
     nominal: float
@@ -76,7 +75,7 @@ class Shift:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Displayed):
-    """What was found, the improved simulation, and the evidence."""
+    """Result of a diagnosis: verdict, improved simulation, and evidence."""
 
     verdict: Verdict
     before: Simulation
@@ -103,7 +102,9 @@ class Diagnosis(Displayed):
         Raises:
             ConfigError: The folder cannot be written to.
         """
-        import_module("estimators.diagnosis.saving").save(self, folder)  # which stands on this
+        from estimators.diagnosis.saving import save  # which stands on this
+
+        save(self, folder)
 
     def headline(self) -> str:
         """Say the verdict in one sentence."""

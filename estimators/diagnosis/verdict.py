@@ -1,4 +1,4 @@
-"""Verdict: what a diagnosis found, as values and as `verdict.json`."""
+"""Verdict: result of a diagnosis, as values and as `verdict.json`."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Interval:
 
 @dataclass(frozen=True)
 class Where:
-    """Where a mismatch shows."""
+    """Region and time in which a mismatch shows."""
 
-    time: tuple[tuple[float, float], ...] = ()  # [s], stretches; time starts anew in a recording
+    time: tuple[tuple[float, float], ...] = ()  # [s], stretches, in the time of each recording
     region: str = ""  # in words: speeds, positions, loads
     figure: str = ""  # anchor in the report
     recording: tuple[int, ...] = ()  # 1-based, in which recording each stretch is
@@ -49,7 +49,7 @@ class Finding:
     effect: str
     kind: Literal["missing", "wrong_parameter"]
     joints: tuple[int, ...]  # 1-based
-    equivalent: tuple[str, ...]  # effects that these recordings cannot tell apart from it
+    equivalent: tuple[str, ...]  # effects that these recordings cannot distinguish from it
     confidence: float  # calibrated probability that effect and joints are right
     parameters: Mapping[str, Interval]
     where: Where
@@ -69,7 +69,7 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What nothing in the catalogue explains."""
+    """Residual that no effect of the catalogue explains."""
 
     joints: tuple[int, ...] = ()  # 1-based
     share: tuple[float, ...] = ()  # of what tolerances leave at each of them, the part that stays
@@ -78,7 +78,7 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class NotObservable:
-    """An effect of which these recordings say nothing."""
+    """An effect that these recordings do not excite enough to detect."""
 
     effect: str
     reason: str
@@ -86,7 +86,7 @@ class NotObservable:
 
 @dataclass(frozen=True)
 class NextMotion:
-    """The motion that would tell the pairs apart."""
+    """The motion in which the effects of each pair would differ."""
 
     separates: tuple[tuple[str, str], ...]
     file: str
@@ -94,7 +94,7 @@ class NextMotion:
 
 @dataclass(frozen=True)
 class Fit:
-    """How far the improved simulation closes the gap on motion that nothing was fitted to.
+    """Held-out errors before and after, and how much of the reducible error is removed.
 
     Reducible is the mean square of the given simulation's error there beyond that of the noise
     floor, summed over joints. Values that move inside their tolerances may take most of it; the
@@ -154,11 +154,13 @@ class Verdict:
         unknown = [j for item in self.findings if item.effect == UNKNOWN for j in item.joints]
         unknown = sorted({*unknown, *self.unexplained.joints})
         if not texts:
-            return f"Something that no known effect explains acts at {_joints(tuple(unknown))}."
+            at = _joints(tuple(unknown))
+            return f"No effect of the catalogue explains the difference at {at}."
         said = "; ".join(texts)
         if unknown:
-            return f"Found {said}; at {_joints(tuple(unknown))} something unknown is left."
-        return f"Found {said}; within tolerances of the rest, that explains the difference."
+            at = _joints(tuple(unknown))
+            return f"Found {said}; a residual that no known effect explains remains at {at}."
+        return f"Found {said}; this explains the difference within the tolerances of other values."
 
 
 def _said(item: Finding) -> str:

@@ -1,4 +1,4 @@
-"""Wording: what gives each effect away, and recordings, in words that go into a report."""
+"""Wording: signatures of effects, and names of recordings, as phrases for a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hybrid of a rigid-body simulation and a network that learns what it leaves unexplained."""
+"""Hybrid of a rigid-body simulation and a network that learns its residual."""
 
 from estimators.hybrid.model import HybridModel
 

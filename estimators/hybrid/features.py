@@ -1,4 +1,4 @@
-"""What the network of a hybrid sees: joint motion, rotational history and rigid-body torque.
+"""Input features of the hybrid's network: joint motion, rotational history, rigid-body torque.
 
 The history is a scan over the positions, the same code for a whole recording and for one sample.
 """
@@ -82,7 +82,7 @@ class Features:
 
     @cached_property
     def _constants(self) -> FloatArray:
-        """What the compiled scan takes."""
+        """Constants of the compiled scan."""
         limits = (self.reversal, self.saturation)
         return np.array([*limits, *self.stop_widths, *self.direction_speeds], dtype=np.float64)
 

@@ -26,7 +26,7 @@ _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory run
 
 @dataclass(frozen=True)
 class FittedNetwork:
-    """What training gives: a network and how to feed it."""
+    """Result of training: a network, its features and their scaling."""
 
     features: Features
     network: Network

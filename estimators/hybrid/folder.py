@@ -1,4 +1,4 @@
-"""What the model folder of a hybrid holds: its network, how to feed it, and its training."""
+"""Save and load the model folder of a hybrid: network, features, scaling, training."""
 
 from __future__ import annotations
 

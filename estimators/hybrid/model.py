@@ -1,4 +1,4 @@
-"""Hybrid of a rigid-body simulation and a network that learns what it leaves unexplained."""
+"""Hybrid of a rigid-body simulation and a network that learns its residual."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class HybridModel(ResidualModel[FittedNetwork]):
         return self.fitted.bandwidth
 
     def fit(self, recordings: Sequence[Recording]) -> Self:
-        """Train the network on what the simulation leaves of the filtered torque.
+        """Train the network on the simulation's residual of the filtered torque.
 
         Raises:
             RecordingError: A recording is of another robot, or too short.

@@ -1,4 +1,4 @@
-"""Normalisation inside a model: of what a network sees, and of the torque that it gives."""
+"""Normalisation of a network's inputs and of its torque."""
 
 from __future__ import annotations
 

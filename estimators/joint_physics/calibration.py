@@ -1,4 +1,4 @@
-"""How far a fit is off on motion that it was not fitted to, and from where on physics is better.
+"""Calibrate the standard deviation of joint physics, and fade what it learned far from the data.
 
     variance of the error = c (σ² + g x Σ xᵀ)
 
@@ -85,7 +85,7 @@ class Calibration:
         return np.sqrt(self._certain + self._unsure * leverage + unknown)
 
     def faded(self, learned: FloatArray, leverage: FloatArray) -> FloatArray:
-        """Return what is kept of learned torque at leverages, (T, n) [N m]."""
+        """Return learned torque, faded by its leverage, (T, n) [N m]."""
         return learned / (1.0 + self._fading * leverage)
 
     def outside(self, leverage: FloatArray) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""The columns of the joint-physics model: what the torque of a joint can be linear in.
+"""Columns of joint physics: the terms in which the torque of a joint is linear.
 
 For joint j at one instant, with load ID = inverse dynamics of the rigid body, torque tau_S of the
 simulation, and friction states z of the joint, the families are
@@ -74,7 +74,7 @@ class Family:
 
 @dataclass(frozen=True)
 class ColumnRows:
-    """What is known of T samples before any torque is.
+    """Signals of T samples that follow from the motion alone.
 
     A joint is settled once it has turned so far that its friction no longer depends on how it came
     to its first position, which nobody knows.
@@ -85,7 +85,7 @@ class ColumnRows:
 
     @property
     def settled(self) -> NDArray[np.bool_]:
-        """Which joints are settled, (T, n)."""
+        """Mark joints whose stops no longer depend on their initial state, (T, n)."""
         return self.about[0] > SETTLED
 
     def of(self, samples: NDArray[np.bool_]) -> ColumnRows:
@@ -131,7 +131,7 @@ class JointColumns:
 
     @cached_property
     def family(self) -> NDArray[np.int64]:
-        """Which family each column is of, (K,)."""
+        """Family of each column, (K,)."""
         return np.repeat(np.arange(len(self.families)), [f.size for f in self.families])
 
     @property
@@ -147,7 +147,7 @@ class JointColumns:
 
     @cached_property
     def _arm(self) -> Arm:
-        """What the compiled scan has to know of the rigid body."""
+        """Constants of the rigid body for the compiled scan."""
         chain = RegressorChain.of(self.body)
         parameters = link_parameters(self.body)
         return chain.rotation, chain.translation, chain.axis, chain.gravity, parameters

@@ -1,4 +1,4 @@
-"""What is unknown of the torque since nobody knows how friction stood when memory began.
+"""Variance of the torque while the initial state of the hysteresis is not known.
 
 Memory begins with all stops in their middle. Before the joint turns, the true stops are anywhere
 that they have been in training, z with M = E[z zᵀ], so that the torque g·z has the variance g M gᵀ,

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FittedPhysics:
-    """What the data of n joints say about the weights of K columns each."""
+    """Posterior of the weights of K columns for each of n joints."""
 
     weights: FloatArray  # (n, K)
     root: FloatArray  # (n, K, K), R with covariance Rᵀ R of the weights
@@ -105,11 +105,11 @@ class JointPhysics(ResidualModel[FittedPhysics]):
 
     @property
     def memory(self) -> object:
-        """What memory follows from besides the motion: no weight is among it."""
+        """The values besides the motion that determine memory: no weight is among them."""
         return type(self), self.simulation, self.bandwidth
 
     def fit(self, recordings: Sequence[Recording]) -> Self:
-        """Fit the weights to what the simulation leaves of the filtered torque.
+        """Fit the weights to the simulation's residual of the filtered torque.
 
         Raises:
             RecordingError: There is none, one is of another robot, or they are too short.

@@ -86,7 +86,7 @@ class MotionEquations:
     def of(
         cls, simulation: Simulation, columns: JointColumns, recordings: Sequence[Recording]
     ) -> MotionEquations:
-        """Sum over recordings what the simulation leaves of the filtered torque.
+        """Sum the normal equations of the simulation's residual over recordings.
 
         Raises:
             RecordingError: There is none, one is of another robot or given twice, nothing moves, no

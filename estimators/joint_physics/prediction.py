@@ -1,4 +1,4 @@
-"""What weights and their covariance make of columns, compiled."""
+"""Torque and its variance from columns, weights and the covariance of weights, compiled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the model folder of a joint-physics model holds: weights and how well they are known."""
+"""Save and load the model folder of joint physics: weights and their covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of weights before any data: how large those are that are tolerances of a part.
+"""Prior standard deviations of those weights that are tolerances of a sensor, encoder or gear.
 
 Evidence judges weights by what they do in the motion at hand. A column that hardly moved there, as
 that of a deflection near one pose, could have any weight: one that says nothing where it was fitted

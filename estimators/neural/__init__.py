@@ -1,4 +1,4 @@
-"""Networks: what they compute, in NumPy and Numba; PyTorch only trains them."""
+"""Networks, evaluated in NumPy and Numba; PyTorch only trains them."""
 
 from estimators.neural.lstm import Lstm2, LstmFcl
 from estimators.neural.mlp import Mlp

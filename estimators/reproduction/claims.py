@@ -22,7 +22,7 @@ _CONFIDENCE: Final = 0.95
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper says, and the pairs of rows (worse, better) that it says it of."""
+    """Claim of the paper, and the pairs of rows (worse, better) that it is about."""
 
     title: str
     says: str

@@ -1,4 +1,4 @@
-"""What the finished trials say: mean and spread of each row, beside the paper's figures."""
+"""Gather the finished trials: mean and spread of each row, beside the paper's figures."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Table:
-    """All figures, and what they were computed from."""
+    """All figures of the table, and the data they were computed from."""
 
     data: TableData
     protocol: Protocol
@@ -117,7 +117,7 @@ class Table:
 
     @property
     def scored(self) -> str:
-        """Say what the figures are."""
+        """Say what the figures measure."""
         return _SCORED + (_BRACKETS if self.beside_paper else _NO_BRACKETS)
 
     @property

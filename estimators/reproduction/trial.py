@@ -28,7 +28,7 @@ _DIGITS: Final = 10  # of the digest in a file name
 
 @dataclass(frozen=True)
 class Protocol(Declared):
-    """How much of the table is computed; the defaults are the paper's.
+    """Extent of the table that is computed; the defaults are the paper's.
 
     Raises:
         ConfigError: A number is below 1.
@@ -77,7 +77,7 @@ def _slowness(once: tuple[str, Row]) -> int:
 
 @dataclass(frozen=True)
 class Trial:
-    """One training, and what it is told apart by."""
+    """One training, and the settings that identify it."""
 
     row: Row
     split: str  # of SPLITS

@@ -29,7 +29,7 @@ _CPUS = Path("/sys/devices/system/cpu")
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker process needs to know; it reads the rest itself."""
+    """Arguments of a worker process; it reads everything else itself."""
 
     data: Path  # data folder
     simulation: Path  # sim.yaml of the identified rigid body
@@ -171,15 +171,15 @@ def _work(main: Connection[Any, Any], job: Job) -> None:
     """Run the trials that come through the pipe until its other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which ends this
     Thread(target=_end_with_parent, daemon=True).start()
-    from estimators.reproduction.bench import Bench
     from estimators.reproduction.data import TableData
+    from estimators.reproduction.trial_runner import TrialRunner
     from limo_driver.physics import Simulation
 
-    bench = Bench(TableData.load(job.data), Simulation.load(job.simulation), job.device)
+    runner = TrialRunner(TableData.load(job.data), Simulation.load(job.simulation), job.device)
     store = job.store()
     try:
         while True:
-            main.send(_run(bench, store, main.recv(), main))
+            main.send(_run(runner, store, main.recv(), main))
     except (EOFError, BrokenPipeError, ConnectionResetError):  # nobody listens any more
         sys.exit(0)
 
@@ -193,7 +193,7 @@ def _end_with_parent() -> None:
 
 
 def _run(
-    bench: Any,  # noqa: ANN401  # a Bench, which imports what trains
+    runner: Any,  # noqa: ANN401  # a TrialRunner, which imports what trains
     store: TrialStore,
     trial: Trial,
     main: Connection[Any, Any],
@@ -202,7 +202,7 @@ def _run(
         main.send(Advanced(trial, epoch.number))
 
     try:
-        result = bench.run(trial, tell)
+        result = runner.run(trial, tell)
     except LimoError as error:
         return Failed(trial, str(error))
     store.save(result)

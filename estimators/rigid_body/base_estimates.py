@@ -19,7 +19,7 @@ _ROUNDING = 1e-15  # of differences of nominal inertias [SI]
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """One base parameter: a parameter, and what motion can never tell apart from it."""
+    """One base parameter: a parameter, and those that are identifiable only in sum with it."""
 
     name: str  # of the parameter that stands for it, e.g. my_2 or tau_c_5
     combination: str  # e.g. "my_2 + mz_3 + 0.4200 m_4"

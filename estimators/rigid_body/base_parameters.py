@@ -23,7 +23,7 @@ _FASTEST = 2.0  # [rad/s] and [rad/s²] of the random motion
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """Which columns of the full regressor are independent, and how the others depend on them.
+    """Independent columns of the full regressor, and how the others depend on them.
 
     The full parameters are 10 for each link, then n for each joint term. For every motion,
     Y phi = Y[:, independent] (phi[independent] + mixing phi[dependent]).

@@ -1,4 +1,4 @@
-"""How well a motion tells the base parameters apart: the condition number of their regressor.
+"""Condition number of the base-parameter regressor of a motion, and its gradient.
 
     cond(K) = sigma_max(K) / sigma_min(K)
 

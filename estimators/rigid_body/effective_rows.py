@@ -1,4 +1,4 @@
-"""How many rows a recording is worth: fewer than it has, since errors are correlated in time.
+"""Effective number of independent samples of a recording, whose errors are correlated in time.
 
 What the model does not explain (hysteresis above all) lasts for a second where noise lasts for a
 sample. A fit that took every row for new evidence would trust the data far too much: it would move

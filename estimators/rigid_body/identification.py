@@ -56,7 +56,7 @@ class TermEstimate:
 
 @dataclass(frozen=True)
 class LinkChange:
-    """How far a link's inertia moved from its nominal value."""
+    """Change of a link's inertia from its nominal value."""
 
     link: str
     mass: float  # [kg]
@@ -67,7 +67,7 @@ class LinkChange:
 
 @dataclass(frozen=True, repr=False)
 class Identification(Displayed):
-    """What recordings say of a robot."""
+    """Result of an identification."""
 
     model: RobotModel
     terms: JointTerms
@@ -177,7 +177,7 @@ def nominal_parameters(model: RobotModel, terms: JointTerms) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Bodies:
-    """Bodies that can exist, and what they are fitted to."""
+    """Fit of physically consistent bodies: the data and the prior."""
 
     n: int
     terms: JointTerms

@@ -41,7 +41,7 @@ MOVING = 0.02  # [rad/s], above which a joint counts as moving
 
 @dataclass(frozen=True)
 class Rows(Declared):
-    """Which measured rows a fit uses, how they are filtered, and how much they count.
+    """Measured rows of a fit, their filter and their weights.
 
     Args:
         bandwidth: Of the zero-phase filter on position and torque [Hz].
@@ -167,7 +167,7 @@ def accumulate(
 
 @dataclass(frozen=True)
 class _Places:
-    """Where in time samples are, each array (T,)."""
+    """Times of samples, each array (T,)."""
 
     block: NDArray[np.int64]  # of time, longer than errors remember
     fold: NDArray[np.int64]

@@ -27,7 +27,7 @@ PER_LINK = 10
 
 @dataclass(frozen=True)
 class RegressorChain:
-    """What the regressor has to know of an arm with n revolute joints in series."""
+    """Kinematics of an arm with n revolute joints in series, as the regressor needs it."""
 
     rotation: FloatArray  # (n, 3, 3), of each joint frame in the frame before, at zero
     translation: FloatArray  # (n, 3) [m]

@@ -1,4 +1,4 @@
-"""What an identification found, as tables for a terminal and as plain values for JSON."""
+"""Report of an identification, as tables for a terminal and as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def joint_table(found: Identification) -> Table:
     """Return errors and joint terms, one row a joint."""
     table = Table(
-        title="Joints: error in sample with base parameters and with bodies that can exist",
+        title="Joints: in-sample RMSE with base parameters and with physically consistent bodies",
         title_justify="left",
     )
     for heading in ("#", "base\n\nN m", "body\n\nN m"):

@@ -32,7 +32,7 @@ class Term:
 
 @dataclass(frozen=True)
 class JointTerms:
-    """Which terms a model has beside the inertias: friction always, the others as wanted.
+    """Terms of a model beside the inertias: friction always, the others as wanted.
 
     Args:
         sign_widths: Widths v_eps of the smoothed sign of Coulomb friction [rad/s]; of several, the

@@ -1,4 +1,4 @@
-"""How well inertias and friction are known once recordings have been fitted.
+"""Tolerances of inertias and friction after a fit, as relative standard deviations.
 
 The torque does not depend on what a motion does not reveal. So the question is not how well each
 parameter of each link is known, but how far the torque of the recorded motion could be off for what

@@ -1,4 +1,4 @@
-"""One arm on the network: its states answered, its models changed, its condition told."""
+"""ArmServer: serve one arm on the network: answer states, change models, publish its status."""
 
 from __future__ import annotations
 
@@ -95,6 +95,11 @@ class ArmServer:
     def arm(self) -> str:
         """Name of the arm in keys."""
         return self.keys.arm
+
+    @property
+    def phase(self) -> ServicePhase | None:
+        """How far its service is."""
+        return self._bulletin.phase
 
     @property
     def answering(self) -> bool:
@@ -196,7 +201,7 @@ class ArmServer:
         return self.keeper.ask(reason)
 
     def demand(self) -> Demand:
-        """Return what is needed of a version, to serve here.
+        """Return the requirements on a version that serves here.
 
         Raises:
             LimoError: No joint states came yet.

@@ -1,4 +1,4 @@
-"""What it takes before an arm is answered: the rate of its states, and a model that is warm."""
+"""Start the service of one arm: find the rate of its states, then load and warm up a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be asked of a running service about its models, verb by verb."""
+"""Answer queries about the models of a running service, verb by verb."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Roles: what the parts of a served arm ask of each other, so that none has to know the rest."""
+"""Roles: interfaces between the parts of a served arm, so that they do not import each other."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ if TYPE_CHECKING:
 
 
 class Retrainer(Protocol):
-    """What keeps the champion of a server up to date, see `Keeper`."""
+    """Interface of the keeper of a server's champion, see `Keeper`."""
 
     def watch(self, window: Window) -> None:
-        """Take what the service summed up over the last second or so."""
+        """Take the service's summary of the last second or so."""
         ...
 
     def status(self) -> dict[str, Any]:
-        """Return the stage and what is known of it, as JSON values."""
+        """Return the stage of retraining and its facts, as JSON values."""
         ...
 
     def ask(self, reason: str) -> dict[str, Any]:
@@ -30,7 +30,7 @@ class Retrainer(Protocol):
 
 
 class ModelChanges(Protocol):
-    """What can be asked of a running service about its models, see `ArmServer`."""
+    """Interface of a running service for questions about its models, see `ArmServer`."""
 
     keys: Keys
 

@@ -1,68 +1,129 @@
-"""The loop of the service: status once a second and at every change, until it is told to stop."""
+"""Main loop of the service: publish status once a second and at every change, until closed."""
 
 from __future__ import annotations
 
 import gc
-import math
 import signal
 import sys
 import threading
-import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
+from limo_driver.closing import Closing
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Generator, Mapping, Sequence
     from types import FrameType
 
     from estimators.service.arm_server import ArmServer
+    from limo_driver.logs.mcap_log import McapLog
+    from limo_driver.network.readiness import ServicePhase
 
 STATUS_PERIOD: Final = 1.0  # [s]
 _SWITCH_INTERVAL: Final = 2e-4  # [s] that a thread may keep the interpreter from the stream's
 
 
-def serve(
-    servers: Sequence[ArmServer],
-    duration: float | None,
-    show: Callable[[dict[str, Any]], None],
-) -> None:
-    """Serve until SIGINT or SIGTERM, or for a time.
+@contextmanager
+def as_before() -> Generator[None]:
+    """Give back, at the end of the block, what a service changes of the process it is in."""
+    interval = sys.getswitchinterval()
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(interval)
+        if threading.current_thread() is threading.main_thread():  # which alone can change them
+            for number, handler in handlers.items():
+                if handler is not None:  # else it is none of Python's
+                    signal.signal(number, handler)
+
+
+class Service(Closing):
+    """Arms that are served on threads of their own, and told about on one more.
 
     Args:
-        servers: One for each arm, which answer on threads of their own.
-        duration: Time to serve [s]; without end if None.
-        show: Told the status of each arm once a second, and when its phase changes.
+        servers: One for each arm, which whoever made them closes afterwards.
+        show: Told the status of each arm once a second, and when its phase changes; from another
+            thread.
+        logs: Of the arms that are logged.
     """
-    sys.setswitchinterval(_SWITCH_INTERVAL)
-    gc.freeze()  # what is there stays; collecting through it would hold the stream
-    gc.enable()  # whoever imported and loaded that had it off
-    stopped = threading.Event()
-    due: SimpleQueue[None] = SimpleQueue()  # whose `put` a signal handler may call at any time
 
-    def stop(_signal: int, _frame: FrameType | None) -> None:
-        stopped.set()
-        due.put(None)
+    def __init__(
+        self,
+        servers: Sequence[ArmServer],
+        show: Callable[[dict[str, Any]], None],
+        logs: Mapping[str, McapLog],
+    ) -> None:
+        self.logs = logs
+        self._servers, self._show = servers, show
+        self._due: SimpleQueue[None] = SimpleQueue()  # something changed
+        self._ended: SimpleQueue[None] = SimpleQueue()  # whose `put` a signal handler may call
+        self._stopped = threading.Event()
+        self._failure: BaseException | None = None
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        gc.freeze()  # what is there stays; collecting through it would hold the stream
+        for server in servers:
+            server.tell_changes(lambda: self._due.put(None))
+        self._thread = threading.Thread(target=self._tell, name="limo-status")
+        self._thread.start()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
-    for server in servers:
-        server.tell_changes(lambda: due.put(None))
-    ends = math.inf if duration is None else time.monotonic() + duration
-    while not stopped.is_set() and time.monotonic() < ends:
-        _show_all(servers, show)
-        _wait(due, min(STATUS_PERIOD, ends - time.monotonic()))
-    _show_all(servers, show)
+    @property
+    def phases(self) -> dict[str, ServicePhase | None]:
+        """How far the service of each arm is."""
+        return {server.arm: server.phase for server in self._servers}
 
+    def wait(self, duration: float | None = None) -> None:
+        """Wait until SIGINT or SIGTERM, until `stop`, or for a time.
 
-def _wait(due: SimpleQueue[None], seconds: float) -> None:
-    """Wait until the status is due, or something has changed meanwhile."""
-    with suppress(Empty):
-        due.get(timeout=max(seconds, 0.0))
-    while not due.empty():  # what changed at the same time is told at once
-        due.get()
+        Elsewhere than in the main thread, signals stay as they are. In it, both do nothing more
+        from now on: whoever made the service gives them back once all is closed, see `as_before`.
 
+        Args:
+            duration: Longest wait [s]; without end if not given.
 
-def _show_all(servers: Sequence[ArmServer], show: Callable[[dict[str, Any]], None]) -> None:
-    for server in servers:
-        show(server.status())
+        Raises:
+            Exception: What ended the telling of the status, such as an output that is gone.
+        """
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, self._take)
+        longest = None if duration is None else min(duration, threading.TIMEOUT_MAX)
+        with suppress(Empty):
+            self._ended.get(timeout=longest)
+        if self._failure is not None:
+            raise self._failure
+
+    def stop(self) -> None:
+        """End `wait`, from any thread; the service goes on until it is closed."""
+        self._ended.put(None)
+
+    def close(self) -> None:
+        """Tell the status once more, and no more."""
+        self._stopped.set()
+        self._due.put(None)
+        self._thread.join()
+
+    def _take(self, _signal: int, _frame: FrameType | None) -> None:
+        self.stop()
+
+    def _tell(self) -> None:
+        try:
+            while not self._stopped.is_set():
+                self._show_all()
+                self._wait_for_change()
+            self._show_all()
+        except BaseException as error:  # noqa: BLE001  # `wait` raises it
+            self._failure = error
+            self.stop()
+
+    def _wait_for_change(self) -> None:
+        """Wait until the status is due, or something has changed meanwhile."""
+        with suppress(Empty):
+            self._due.get(timeout=STATUS_PERIOD)
+        while not self._due.empty():  # what changed at the same time is told at once
+            self._due.get()
+
+    def _show_all(self) -> None:
+        for server in self._servers:
+            self._show(server.status())

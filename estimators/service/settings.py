@@ -1,4 +1,4 @@
-"""What a user may choose of the service."""
+"""Settings of the service that users choose: estimates, contacts and retraining."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _above_zero(unit: str, description: str, default: float | None):  # noqa: AN
 
 @dataclass(frozen=True)
 class ServiceSettings(Declared):
-    """How estimates are made and judged; a torque is for all joints, or a part of their limits.
+    """Settings of estimates; a torque is for all joints, or a part of their limits.
 
     What a contact is may also be said joint by joint.
 

@@ -11,7 +11,7 @@ import typer
 
 
 class CommandOption(StrEnum):
-    """What the client may command."""
+    """Quantity that the client may command."""
 
     POSITION = "position"
     TORQUE = "torque"

@@ -27,7 +27,7 @@ def command(
     ] = 10.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:
-    r"""Say where a simulation and recordings differ, what physics was left out, and mend it.
+    r"""Find where a simulation and recordings differ, which physics is missing, and add it.
 
     Writes verdict.json, sim.yaml (the improved simulation), report.html, and next_motion.parquet
     where one more motion would decide between explanations. A finished diagnosis ends with exit
@@ -106,7 +106,7 @@ def _errors(verdict: Verdict) -> Table:
 
     table = Table("joint", title="held-out RMSE [N m]", title_justify="left")
     fit = verdict.fit
-    columns = {"given": fit.heldout_rmse_before, "tolerances alone": fit.heldout_rmse_tolerances,
+    columns = {"given": fit.heldout_rmse_before, "within tolerances": fit.heldout_rmse_tolerances,
                "improved": fit.heldout_rmse_after, "noise floor": fit.noise_floor}  # fmt: skip
     told = {heading: values for heading, values in columns.items() if values}
     for heading in told:

@@ -1,4 +1,4 @@
-"""`limo excite`: the motion that tells the parameters of a robot apart best."""
+"""`limo excite`: plan persistently exciting motion for the identification of a robot."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PAPER = 68  # condition number that Çallar and Böttger 2022 state for their ii
 
 @dataclass(frozen=True)
 class JointFigures:
-    """What one joint does; peaks are relative to its limits."""
+    """Motion of one joint; peaks are relative to its limits."""
 
     joint: int  # 1-based
     harmonics: tuple[int, ...]  # multiples of the base frequency
@@ -70,11 +70,12 @@ def command(
     picture: Picture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    r"""Find the motion whose torques tell inertias and friction apart best, within all limits.
+    r"""Plan persistently exciting motion, from which inertias and friction are best identified.
 
     Each joint moves on harmonics of its own of one base frequency. Pose and coefficients minimise
     the condition number of the regressor of the base parameters, Coulomb and viscous friction
-    included. The motion is one period; it starts and ends in one pose, at rest.
+    included, within the limits of the joints. The motion is one period; it starts and ends in one
+    pose, at rest.
 
     Examples:
         limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet \
@@ -108,14 +109,22 @@ def command(
         iterations=iterations,
     )
     model = RobotModel.load(robot)
-    found = _excite(model, request, seed, quiet=as_json)
+    conditioning = Conditioning(model)
+    found = _excite(model, conditioning, request, seed, quiet=as_json)
     found.trajectory.save(out)
     if picture is not None:
         draw(found, model, picture)
-    _report(found, Conditioning(model), model, as_json=as_json)
+    _report(found, conditioning, model, as_json=as_json)
 
 
-def _excite(model: RobotModel, request: ExcitationRequest, seed: int, *, quiet: bool) -> Excitation:
+def _excite(
+    model: RobotModel,
+    conditioning: Conditioning,
+    request: ExcitationRequest,
+    seed: int,
+    *,
+    quiet: bool,
+) -> Excitation:
     """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
     from rich.progress import (
         BarColumn,
@@ -140,7 +149,7 @@ def _excite(model: RobotModel, request: ExcitationRequest, seed: int, *, quiet: 
         def show(done: int, most: int, condition: float) -> None:
             bar.update(task, completed=done, total=most, condition=f"{condition:.1f}")
 
-        return excite(model, request, seed=seed, progress=show)
+        return excite(model, request, seed=seed, conditioning=conditioning, progress=show)
 
 
 def _report(

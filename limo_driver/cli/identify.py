@@ -51,8 +51,9 @@ def command(  # one argument for each option
 ) -> None:
     r"""Identify inertias and friction, and write them as a simulation.
 
-    Least squares finds the base parameters; a convex fit then finds bodies that can exist and
-    explain the same torques, and stays at the robot description where the motion reveals nothing.
+    Least squares estimates the base parameters. A convex fit then estimates physically consistent
+    inertias of all links, which keep the values of the robot description where the motion does not
+    excite them.
 
     Examples:
         limo identify run.parquet --robot iiwa14 --out sim.yaml
@@ -137,12 +138,12 @@ def _show(found: Identification, out: Path, *, base: bool) -> None:
     )
     fewest = int(found.fit.effective.min())
     console.print(
-        f"errors are correlated: a joint's rows are worth {fewest} independent ones at least; "
-        f"inertias of the description are held to {found.tolerance:.0%} (1 sigma)",
+        f"effective number of independent samples: at least {fewest} for each joint (errors are "
+        f"correlated in time); prior of the described inertias: {found.tolerance:.0%} (1 sigma)",
     )
     known = found.simulation.tolerances
     console.print(
-        f"known to (1 sigma, as far as the torque of such motion depends on them): "
+        f"tolerances in sim.yaml (relative, 1 sigma, for the torque of such motion): "
         f"inertias {known.inertia:.1%}, friction {known.friction:.0%}",
     )
     console.print(joint_table(found))

@@ -1,4 +1,4 @@
-"""`limo predict`: what a simulation or a model says the recorded torque is."""
+"""`limo predict`: predict the torque of a recorded motion with a simulation or a model."""
 
 from __future__ import annotations
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
-from importlib.metadata import version
+from contextlib import contextmanager
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
     from limo_driver.robot.playback import PlaybackSummary
-    from limo_driver.trajectory import Trajectory
 
 _ANSWERED = {"p50": "p50", "p99": "p99", "p99_9": "p99.9", "longest": "longest"}
 
@@ -101,117 +99,54 @@ def command(
     from limo_driver.errors import ConfigError
     from limo_driver.outputs import require_apart
     from limo_driver.physics import Simulation
-    from limo_driver.robot.playback import NotBegunError, Playback, open_for
+    from limo_driver.robot.playback import NotBegunError
     from limo_driver.trajectory import Trajectory
+    from limo_driver.workflow.running import Streaming, play
 
-    if wait is not None:
-        if not stream:
-            raise ConfigError("--wait-for-estimates waits for what answers --stream; give both")
-        from limo_driver.network.readiness import require_wait
-
-        require_wait("--wait-for-estimates", wait)
+    if wait is not None and not stream:
+        raise ConfigError("--wait-for-estimates waits for what answers --stream; give both")
     if ros and not stream:
         raise ConfigError("--ros publishes what --stream does; give both")
+    domain = ros_domain if ros else None
+    streaming = Streaming(name or "", wait, domain, connect or (), listen or (), config)
     require_apart([record], [trajectory, *([] if sim is None else [sim])])
     motion = Trajectory.load(trajectory)
     if duration is not None:
-        motion = _shortened(motion, duration)
+        motion = motion.first(duration)
     simulation = None if sim is None else Simulation.load(sim)
-    with ExitStack() as open_:
-        arm = open_.enter_context(
-            open_for(
+    try:
+        with _progress(quiet=as_json) as progress:
+            summary = play(
                 backend,
                 motion,
+                record,
                 simulation=simulation,
                 robot=robot,
                 seed=seed,
+                rate=rate,
+                stiffness=impedance,
+                fifo=fifo,
                 link={
                     "host": host,
                     "port": port,
                     "config": arm_config,
                     "reset_faults": reset_faults or None,
                 },
+                stream=streaming if stream else None,
+                about={"sim": None if sim is None else sim.name},
+                standing=_say_it_stands,
+                progress=progress,
             )
-        )
-        every = 1 if rate is None else _cycles_per_row(rate, arm.spec.period)
-        provenance = {
-            "backend": backend,
-            "trajectory": trajectory.name,
-            "sim": None if sim is None else sim.name,
-            "seed": seed,
-            "stiffness": impedance,
-            "limo": version("limo"),
-        }
-        publish = answered = None
-        if stream:
-            from limo_driver.network.readiness import FirstEstimate
-            from limo_driver.network.ros import RosPublisher, RosTopic
-            from limo_driver.network.streaming import JointStatePublisher, open_session
-
-            topic = RosTopic(domain=ros_domain)
-            if ros and config is not None:
-                from limo_driver.network.config import require_passage
-
-                require_passage(config, topic.key, "egress", "--ros")
-            session = open_.enter_context(open_session(connect or (), listen or (), config))
-            arm.keep_time()
-            also = open_.enter_context(RosPublisher(session, topic)).publish if ros else None
-            called = name or arm.spec.name
-            publish = open_.enter_context(
-                JointStatePublisher(session, called, arm.spec.joint_names, also)
-            ).publish
-            if wait is not None:
-                answered = open_.enter_context(FirstEstimate(session, called, wait))
-                typer.echo(f"{called} stands until estimates of its torque come", err=True)
-        playback = Playback(motion, record, every, impedance, provenance, publish, fifo, answered)
-        try:
-            with _progress(quiet=as_json) as progress:
-                summary = playback.run(arm, progress)
-        except NotBegunError:
-            typer.echo("limo: interrupted before the arm moved; nothing was recorded", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+    except NotBegunError:
+        typer.echo("limo: interrupted before the arm moved; nothing was recorded", err=True)
+        raise typer.Exit(INTERRUPTED) from None
     _report(summary, as_json=as_json)
     if summary.interrupted:
         raise typer.Exit(INTERRUPTED)
 
 
-def _cycles_per_row(rate: float, period: float) -> int:
-    """Return after how many control cycles of `period` [s] to record a row at `rate` [Hz]."""
-    from limo_driver.errors import ConfigError
-
-    control = 1 / period
-    if not 0 < rate < float("inf"):
-        raise ConfigError(f"--rate is {rate:g} Hz, expected above 0 and up to {control:g} Hz")
-    if rate > control * (1 + 1e-9):
-        raise ConfigError(f"--rate {rate:g} Hz is above the control rate of {control:g} Hz")
-    every = round(control / rate)
-    if abs(control / rate - every) > 1e-6 * every:
-        raise ConfigError(
-            f"--rate {rate:g} Hz does not divide the control rate of {control:g} Hz; "
-            f"the nearest that does is {control / every:g} Hz"
-        )
-    return every
-
-
-def _shortened(motion: Trajectory, duration: float) -> Trajectory:
-    """Return the first `duration` seconds of a trajectory."""
-    from dataclasses import replace
-
-    from limo_driver.errors import ConfigError
-
-    stop = int((motion.time <= motion.time[0] + duration).sum())
-    if stop < 2:  # noqa: PLR2004  # samples that make a motion
-        raise ConfigError(f"--duration {duration:g} s is shorter than one sample of the trajectory")
-    return replace(
-        motion,
-        time=motion.time[:stop],
-        position=motion.position[:stop],
-        velocity=motion.velocity[:stop],
-        acceleration=motion.acceleration[:stop],
-        segments=tuple(
-            replace(s, stop=min(s.stop, stop)) for s in motion.segments if s.start < stop
-        ),
-    )
+def _say_it_stands(name: str) -> None:
+    typer.echo(f"{name} stands until estimates of its torque come", err=True)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""`limo watch`: what the services on the network do, live."""
+"""`limo watch`: show the services on the network, live."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _wait(
 
 
 class Watched:
-    """What came so far: the last status of each arm, and the latest events."""
+    """Messages received so far: the last status of each arm, and the latest events."""
 
     def __init__(self, *, as_json: bool) -> None:
         self.as_json = as_json
@@ -129,7 +129,7 @@ class Watched:
         self.malformed = 0
 
     def take_status(self, sample: zenoh.Sample) -> None:
-        """Keep a status; what is none of this arm's, or cannot be drawn, is counted."""
+        """Keep a status; count those that are malformed or of another arm than their key says."""
         arm = _arm_of(sample)
         try:
             status = _read_status(sample.payload.to_bytes())
@@ -151,7 +151,7 @@ class Watched:
             typer.echo(json.dumps({"status": status}))
 
     def take_event(self, sample: zenoh.Sample) -> None:
-        """Keep an event; what is none is counted."""
+        """Keep an event; count malformed ones."""
         from limo_driver.errors import WireFormatError
         from limo_driver.network.messages import decode_event
 

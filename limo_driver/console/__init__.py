@@ -1,1 +1,1 @@
-"""What commands share: how they are found, print, and end at Ctrl-C."""
+"""Parts shared by all commands: lookup, printing, and an orderly end at Ctrl-C."""

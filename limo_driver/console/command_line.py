@@ -44,7 +44,7 @@ def limo(
 ) -> None:
     r"""Drive, simulate and learn slow, force-sensitive robot arms.
 
-    The way of the data: plan a motion, run it, identify the arm, train on the rest, evaluate on
+    Workflow: plan a motion, run it, identify the arm, train on the residual, evaluate on
     another motion; predict says what an identified arm's torque should be.
 
     Example:

@@ -35,7 +35,7 @@ def compilation_line(*, silent: bool = False) -> Generator[None]:
 
 
 class _Line:
-    """What is seen of a compilation."""
+    """Progress line of a compilation."""
 
     def __init__(self, *, silent: bool) -> None:
         self._silent = silent

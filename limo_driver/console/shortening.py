@@ -1,4 +1,4 @@
-"""What takes long is cut where `LIMO_SHORT` is set, so that documented commands can be tried.
+"""Shorten documented commands where `LIMO_SHORT` is set, so that they can be tried quickly.
 
 Whoever sets it is told of every cut: a result must not pass for that of the command as it stands.
 """

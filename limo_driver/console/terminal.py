@@ -1,4 +1,4 @@
-"""Where commands print tables and sentences for people."""
+"""Consoles on which commands print tables and sentences for people."""
 
 from __future__ import annotations
 

@@ -184,7 +184,7 @@ class Given(ABC):
         joints: int | None = None,
         beside: Iterable[str] = (),
     ) -> _Declared:
-        """Return what the entries declare.
+        """Return the object that the entries declare.
 
         Args:
             kind: Dataclass of parameters.
@@ -216,7 +216,7 @@ class Given(ABC):
     def make_one_of(
         self, tag: str, kinds: Mapping[str, type[_Declared]], joints: int | None = None
     ) -> _Declared:
-        """Return what the entries declare, of the kind that one of them names."""
+        """Return the object that the entries declare, of the kind that one of them names."""
         kind = kinds[self.named(tag, tuple(kinds))]
         return self.make(kind, joints=joints, beside=(tag,))
 

@@ -195,7 +195,7 @@ def _next_record(file: BinaryIO, size: int) -> _Record | None:
 
 
 class _Contents:
-    """What is known of the channels, record by record."""
+    """Channels of a file, collected record by record."""
 
     def __init__(self) -> None:
         self._schemas: dict[int, Schema] = {}

@@ -1,4 +1,4 @@
-"""McapLog: log what is on the wire, off the hot path, for as long as the machine runs.
+"""McapLog: log network messages, off the hot path, for as long as the machine runs.
 
 `write` only appends to a queue; a thread writes. Messages come one by one, a few at a time, since a
 thread that computes for milliseconds holds up the others of its process. A chunk is finished and
@@ -42,7 +42,7 @@ def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a da
 
 @dataclass(frozen=True)
 class LogLimits(Declared):
-    """How large and how old files become, one alone and all together."""
+    """Limits on the size and age of log files, one alone and all together."""
 
     file_bytes: float = _limit("", "a new file is begun beyond this", 256e6)
     file_seconds: float = _limit("s", "a new file is begun beyond this", 600.0)

@@ -1,1 +1,1 @@
-"""Machine code of compiled functions: what it comes from, and where it is kept."""
+"""Machine code of compiled functions: its sources, and the files that keep it."""

@@ -1,4 +1,4 @@
-"""What is being compiled in this process: a value to ask for, and a callback to be told by.
+"""Progress of numba compilation in this process, as a value and through a callback.
 
 Nothing heavy is imported here, so that a program can ask, or show progress, before anything that
 compiles is loaded; `limo_driver.compiled` says what happens.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Compilation:
-    """How far this process is with compiling what this machine holds no machine code of yet."""
+    """Progress of compiling functions of which this machine keeps no machine code yet."""
 
     function: str  # that is compiled now, or was last
     running: bool

@@ -1,4 +1,4 @@
-"""Files of machine code: found by what they were made from, checked, never half-written."""
+"""Files of machine code: found by a digest of their sources, checked, never half-written."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _log = logging.getLogger("limo")
 
 
 class CodePlace:
-    """Where the machine code of one function is kept.
+    """Files in which the machine code of one function is kept.
 
     Args:
         source: Its file.

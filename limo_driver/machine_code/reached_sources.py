@@ -1,4 +1,4 @@
-"""What the machine code of a function comes from: its byte code, and that of all that it calls.
+"""Digest of a compiled function: its byte code, and that of every function that it calls.
 
 Not files: one may have changed since it was imported, and numba compiles what is in memory.
 """

@@ -1,4 +1,4 @@
-"""What a running service is asked about its models, over the network."""
+"""Client for the model versions of a running service: list, load, promote, roll back, retrain."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _LONGEST: Final = 65536  # bytes of a status
 
 
 class ServicePhase(StrEnum):
-    """How far the service of an arm is."""
+    """Phase of an arm's service."""
 
     LOADING = "loading"  # models and physics
     COMPILING = "compiling"  # what the first estimate needs, or reading it from the cache
@@ -64,7 +64,7 @@ _RANK: Final = {phase: rank for rank, phase in enumerate(list(ServicePhase)[:5])
 
 @dataclass(frozen=True)
 class HeardService:
-    """What a service said last."""
+    """Latest status of a service."""
 
     arm: str
     phase: ServicePhase
@@ -93,7 +93,7 @@ class ServiceWatch(Closing):
     def wait(
         self, until: ServicePhase | str = ServicePhase.SERVING, timeout: float = PATIENCE
     ) -> HeardService:
-        """Wait until a service is as far as `until`, and return what it said.
+        """Wait until a service has reached the phase `until`, and return its status.
 
         Args:
             until: A phase; every later one will do, too.

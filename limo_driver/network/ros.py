@@ -62,12 +62,12 @@ class RosTopic:
 
     @property
     def key(self) -> str:
-        """Where its messages are published."""
+        """Key on which its messages are published."""
         return f"{self._stem}/{TYPE_HASH}"
 
     @property
     def key_of_any_hash(self) -> str:
-        """Where its messages are heard; releases of ROS 2 differ in the hash of the type."""
+        """Key expression that its messages match; releases of ROS 2 differ in the type's hash."""
         return f"{self._stem}/*"
 
     def token(self, session_id: str) -> str:
@@ -121,7 +121,7 @@ class RosState(NamedTuple):
 
 
 class RosReader:
-    """Turns what a ROS 2 node published into what a driver of this arm would have.
+    """Converts joint states of a ROS 2 node to those of a limo driver of this arm.
 
     Args:
         joint_names: Of the arm, in its order.

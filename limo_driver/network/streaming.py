@@ -52,7 +52,7 @@ _NANOSECONDS: Final = 1e9
 
 @dataclass(frozen=True)
 class Keys:
-    """Where everything about one arm is found.
+    """Keys of one arm on the network.
 
     Raises:
         ConfigError: The name cannot be part of a key.
@@ -73,7 +73,7 @@ class Keys:
 
     @property
     def root(self) -> str:
-        """What all of them begin with."""
+        """Prefix of all keys."""
         return f"limo/{self.arm}"
 
     @property
@@ -296,7 +296,7 @@ def is_alive(session: zenoh.Session, token: str, timeout: float = 0.5) -> bool:
 
 
 def declare_stream(session: zenoh.Session, key: str) -> zenoh.Publisher:
-    """Return a publisher of what is worth nothing when it is late."""
+    """Return a publisher that drops messages rather than delay them."""
     return session.declare_publisher(
         key,
         encoding=zenoh.Encoding.APPLICATION_CDR,

@@ -39,7 +39,7 @@ class Payload(BodyEffect):
 
     name: ClassVar[str] = "payload"
     description: ClassVar[Description] = Description(
-        signature="the joints err in the fixed ratios of a body at the flange",
+        signature="the residuals of the joints are those of one rigid body at the flange",
         confusions=(
             Confusion(
                 "link_inertia",

@@ -120,13 +120,13 @@ def known_as(name: str) -> type[Effect] | None:
 
 
 def description_of(name: str) -> Description:
-    """Return what is known of an effect; of a name that is none, nothing."""
+    """Return the description of an effect; an empty one of a name that is none."""
     effect = known_as(name)
     return Description() if effect is None else effect.description
 
 
 def confusion_of(first: str, second: str) -> Confusion | None:
-    """Return what tells two effects from each other, whichever of them states it."""
+    """Return how two effects differ, whichever of them states it."""
     for one, other in ((first, second), (second, first)):
         for item in description_of(one).confusions:
             if item.other == other:
@@ -135,7 +135,7 @@ def confusion_of(first: str, second: str) -> Confusion | None:
 
 
 def identical_to(name: str) -> tuple[str, ...]:
-    """Return the effects that no recording tells from one, whichever states it."""
+    """Return the effects that are indistinguishable from one, whichever states it."""
     return tuple(
         other
         for effect in every_effect()

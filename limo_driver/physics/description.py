@@ -1,4 +1,4 @@
-"""Description: what people and a diagnosis have to know of an effect besides its law."""
+"""Description of an effect besides its law: signature, confusions, and motion that shows it."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Confusion:
     """Another effect that some recordings take for the one described."""
 
     other: str  # its identifier, or `link_inertia`
-    reason: str  # what the two do differently in the motion; where none tells, why
-    motion: Motions | None = None  # that tells them apart; None: none does
-    identical: bool = False  # no recording of any motion tells them apart, so both are named
+    reason: str  # what the two do differently in the motion; without one, why there is none
+    motion: Motions | None = None  # in which they differ; None: in no motion
+    identical: bool = False  # indistinguishable in any motion, so both are named
 
 
 @dataclass(frozen=True)
 class Description:
-    """What is known of an effect of the catalogue; the defaults suit one of which little is."""
+    """Description of an effect of the catalogue; the defaults suit one that is little known."""
 
     signature: str = ""  # how it shows; completes "At joint 3 …"
     shown_by: Motions | None = None  # motion that excites it

@@ -124,12 +124,12 @@ class Effect(Declared, ABC):
 
     @classmethod
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
-        """Return what a diagnosis tries of the effect at a joint (1-based); nothing if not said."""
+        """Return the hypotheses of a diagnosis about a joint (1-based); none by default."""
         return ()
 
     @classmethod
     def on_arm(cls, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
-        """Return what a diagnosis tries of an effect that is of no single joint."""
+        """Return the hypotheses of a diagnosis about an effect of the arm as a whole."""
         return ()
 
     @classmethod
@@ -166,7 +166,7 @@ class Effect(Declared, ABC):
 
 
 class SimulatedPlant(Protocol):
-    """What effects can ask of a simulated robot; joints are 1-based.
+    """Interface through which effects act on a simulated robot; joints are 1-based.
 
     What `sample` and `sense` take runs through its `advance`; the others are native forms.
     """
@@ -218,7 +218,7 @@ class BodyEffect(Effect):
 
     @abstractmethod
     def body(self, model: RobotModel) -> RobotModel:
-        """Return what the effect makes of a rigid body."""
+        """Return a rigid body with the effect added."""
 
     def realise(self, robot: SimulatedPlant) -> None:
         """Ask for nothing: a simulated robot is made of `Simulation.body`."""
@@ -245,7 +245,7 @@ class JointEffect(Effect):
 
 
 class TorqueEffect(JointEffect):
-    """An effect that adds torque: what the joint needs beyond the rigid body."""
+    """An effect that adds torque to that of the rigid body."""
 
     @abstractmethod
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
@@ -289,7 +289,7 @@ class SensorEffect(JointEffect):
         """Return what this joint's sensor adds, (T,) [N m], and the memory after it."""
 
     def realise(self, robot: SimulatedPlant) -> None:
-        """Ask for it in what the sensor says."""
+        """Add it to the simulated sensor."""
         robot.sense(self)
 
 
@@ -299,7 +299,7 @@ Enter: TypeAlias = Callable[[Sequence[Effect], "FloatArray"], tuple[Effect, ...]
 
 @dataclass(frozen=True)
 class Recorded:
-    """What recordings of an arm of n joints show before anything is fitted; K rows, T samples."""
+    """Recordings of an arm of n joints beside its simulation, before any fit; K rows, T samples."""
 
     position: FloatArray  # (K, n) [rad]
     temperature: FloatArray | None  # (T, n) [°C]

@@ -72,7 +72,7 @@ def _value(unit: str, description: str, lower: float, upper: float):  # noqa: AN
 
 @dataclass(frozen=True, kw_only=True)
 class PreslidingHysteresis(TorqueEffect):
-    """Friction with memory, by one of several laws; what it carries is all sliding friction.
+    """Friction with memory, by one of several laws; it includes the sliding friction.
 
     `maxwell_slip`: springs that each slip at their width, tau = Σ stiffness_i z_i,
     z_i ← clip(z_i + Δq, -width_i, width_i). Rate-independent with non-local memory.

@@ -34,7 +34,7 @@ class Score(Displayed):
     source: str = ""
 
     def headline(self) -> str:
-        """Say the largest error, and on what it was found."""
+        """Say the largest error, and the motion on which it was found."""
         worst = int(self.rmse.argmax())
         of = f" of {self.source}" if self.source else ""
         return (

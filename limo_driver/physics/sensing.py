@@ -100,7 +100,7 @@ class TorqueDrift(TorqueEffect):
         return np.interp(motion.time, self.times, self.offset), state
 
     def realise(self, robot: SimulatedPlant) -> None:
-        """Ask for it in what the sensor says."""
+        """Add it to the simulated sensor."""
         robot.sense(self)
 
     @classmethod

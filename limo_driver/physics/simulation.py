@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.display import Displayed
-from limo_driver.errors import ConfigError, RecordingError, ShapeError
+from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.parameters import JOINT
 from limo_driver.physics.effect import (
@@ -29,7 +29,7 @@ from limo_driver.physics.score import Score
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save
 from limo_driver.physics.transmission import JointElasticity
-from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate
+from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Displayed):
-    """A robot, what is known of its inertias and sensors, and the physics of its joints.
+    """A robot, the tolerances of its values, and the physics of its joints.
 
     tau = ID(q - Σ displacement, dq, ddq) + Σ torque of joints and arm; then the sensors, in order
 
@@ -57,6 +57,11 @@ class Simulation(Displayed):
 
     Raises:
         ConfigError: The robot, a link or a joint does not exist.
+
+    Example:
+        >>> from limo_driver.physics import ViscousFriction
+        >>> sim = Simulation("iiwa14", (ViscousFriction(joint=2, f_v=1.5),))
+        >>> sim.predict(Recording.load("run.parquet"))
     """
 
     robot: str
@@ -94,6 +99,9 @@ class Simulation(Displayed):
     def load(cls, path: Path | str) -> Simulation:
         """Read a `sim.yaml`.
 
+        Args:
+            path: Of the file.
+
         Raises:
             ConfigError: Names the line, what was given and what exists.
         """
@@ -101,7 +109,14 @@ class Simulation(Displayed):
         return Simulation(read.robot, read.effects, read.inertials, read.tolerances, read.sensors)
 
     def save(self, path: Path | str) -> None:
-        """Write a `sim.yaml` that `load` reads back to an equal simulation."""
+        """Write a `sim.yaml` that `load` reads back to an equal simulation.
+
+        Args:
+            path: To be written; a robot that is not built in is named relative to it.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
         robot = self.model.reference(Path(path).parent)  # relative to the file, if it is one
         content = SimulationFile(robot, self.effects, self.inertials, self.tolerances, self.sensors)
         save(content, Path(path))
@@ -146,18 +161,15 @@ class Simulation(Displayed):
             recording: T samples of n joints of this robot.
             bandwidth: Of the filter on motion and torque [Hz].
 
+        Returns:
+            Errors of each joint, (n,) [N m], beside the torque that was measured.
+
         Raises:
             RecordingError: It is of another robot, too short, or the bandwidth is too high for the
                 sampling rate.
         """
         recording.check_robot(self.model)
-        scored = ~recording.edges(bandwidth)
-        if not scored.any():
-            raise RecordingError(
-                f"is too short to score: the filter of {bandwidth:g} Hz needs more than "
-                f"{2 * EDGE / bandwidth:.2g} s without a gap",
-                path=recording.source or None,
-            )
+        scored = recording.scored(bandwidth)
         measured = recording.filtered_torque(bandwidth)
         predicted = recording.filtered(self.predict(recording, bandwidth), bandwidth)
         error, measured = (measured - predicted)[scored], measured[scored]
@@ -221,6 +233,10 @@ class Simulation(Displayed):
         self, state: tuple[State, ...], motion: Motion
     ) -> tuple[FloatArray, tuple[State, ...]]:
         """Predict T samples that follow `state`: `predict` and `step` in one.
+
+        Args:
+            state: Memory after the sample before, from `init` at first.
+            motion: T samples of n joints.
 
         Returns:
             Joint torques (T, n) [N m] and the memory after the last sample.

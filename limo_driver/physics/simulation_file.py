@@ -29,7 +29,7 @@ _INERTIAL = ("mass", "com", "inertia")
 
 @dataclass(frozen=True)
 class Tolerances(Declared):
-    """How well the nominal values are known (relative, 1 sigma)."""
+    """Relative standard deviations of the nominal values (1 sigma)."""
 
     inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
     friction: float = parameter("1", "of the parameters of friction", lower=0, default=0.15)
@@ -37,7 +37,7 @@ class Tolerances(Declared):
 
 @dataclass(frozen=True)
 class SimulationFile:
-    """What a `sim.yaml` says, section by section."""
+    """Content of a `sim.yaml`, section by section."""
 
     robot: str  # built-in name or path of a URDF
     effects: tuple[Effect, ...]

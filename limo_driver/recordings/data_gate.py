@@ -1,4 +1,4 @@
-"""The data gate: which rows of a recording can be used, and what a user should know of the rest.
+"""Data gate: find the usable rows of a recording, and report those that are left out.
 
 Rows are left out, never repaired. A file in which the fault is systematic (units, a clock that
 starts again) is refused, since leaving rows out would hide it.
@@ -76,7 +76,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Columns:
-    """What a file holds, before it is judged."""
+    """Content of a file, before its rows are checked."""
 
     time: FloatArray  # (T,) [s]
     position: FloatArray  # (T, n) [rad]
@@ -90,7 +90,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class UsableRows:
-    """Rows that can be used, what was left out, and what is odd about the rest."""
+    """Usable rows, the rows left out by reason, and warnings about the others."""
 
     rows: NDArray[np.int64]  # (T,)
     left_out: tuple[LeftOut, ...]

@@ -1,4 +1,4 @@
-"""Recorder: stream what a robot measures to disk, so that a killed process keeps its data.
+"""Recorder: stream measurements to disk, so that a killed process keeps its data.
 
 Samples go to `NAME.partial`, an Arrow stream that is complete up to its last batch at any moment;
 `close` turns it into the Parquet file NAME, replacing an older one only then. A `NAME.partial` that
@@ -199,7 +199,7 @@ def read_log(path: Path | str) -> pa.Table:
 
 
 def read_header(table: pa.Table) -> dict[str, Any]:
-    """Return what the recorder was told about a recording; empty for tables from elsewhere.
+    """Return the metadata of a recording; empty for tables from elsewhere.
 
     Raises:
         RecordingError: There is a header, but it is no JSON object.

@@ -35,6 +35,27 @@ class Recording(Displayed):
 
     Velocity is kept as the robot gave it; `motion` computes velocity and acceleration from the
     positions, with a stated bandwidth. Make one with `load` or `from_arrays`, which check the data.
+
+    Args:
+        time: (T,) [s], strictly increasing.
+        position: (T, n) [rad].
+        torque: Measured, (T, n) [N m].
+        velocity: As recorded, (T, n) [rad/s]; None where it was not.
+        extras: What else was measured of each joint, by name, (T, n) each; temperature in °C.
+        source: File it was read from, for messages.
+        rows: Row of the file of each sample, (T,); counted from 0 if not given.
+        rows_total: Rows of the file.
+        left_out: Rows that cannot be used, with the reasons.
+        warnings: What a user should know of the rows that were kept.
+        robot: Name of the robot that was recorded; empty where the file does not say it.
+        torque_resolution: Step of each joint's measured torque, (n,) [N m]; None if not known.
+
+    Raises:
+        ShapeError: The shapes do not fit together, or there is no joint.
+
+    Example:
+        >>> recording = Recording.from_arrays(time, position, torque)
+        >>> recording.motion(10.0).acceleration
     """
 
     time: FloatArray  # (T,) [s], strictly increasing
@@ -68,6 +89,9 @@ class Recording(Displayed):
 
         Rows that cannot be used are left out and named in `left_out`; nothing is repaired.
 
+        Args:
+            path: Its ending says what it is.
+
         Raises:
             RecordingError: Names what cannot be used, where, and what was expected.
         """
@@ -89,9 +113,15 @@ class Recording(Displayed):
         extras: Mapping[str, ArrayLike] | None = None,
         source: str = "",
     ) -> Recording:
-        """Check arrays as `load` checks a file; shapes and units as in the class.
+        """Check arrays as `load` checks a file.
 
-        Time may also be dates, or whole micro- or nanoseconds; `warnings` then says so.
+        Args:
+            time: (T,) [s]; also dates, or whole micro- or nanoseconds, of which `warnings` tells.
+            position: (T, n) [rad].
+            torque: Measured, (T, n) [N m].
+            velocity: (T, n) [rad/s], where it was recorded.
+            extras: What else was measured of each joint, by name, (T, n) each.
+            source: Where it is from, for messages.
 
         Raises:
             RecordingError: The data cannot be used.
@@ -130,7 +160,14 @@ class Recording(Displayed):
         )
 
     def save(self, path: Path | str) -> None:
-        """Write Parquet that `load` reads back, without the rows that were left out."""
+        """Write Parquet that `load` reads back, without the rows that were left out.
+
+        Args:
+            path: To be written.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
         from limo_driver.recordings.file import write_columns
 
         columns = Columns(
@@ -276,11 +313,28 @@ class Recording(Displayed):
         return readonly(filled)
 
     def filtered_torque(self, bandwidth: float) -> FloatArray:
-        """Filter the torque as `motion` filters the positions; (T, n) [N m]."""
+        """Filter the torque as `motion` filters the positions.
+
+        Args:
+            bandwidth: As for `motion` [Hz].
+
+        Returns:
+            Filtered torques, (T, n) [N m].
+
+        Raises:
+            RecordingError: The bandwidth is too high for the sampling rate.
+        """
         return self.filtered(self.torque, bandwidth)
 
     def filtered(self, values: FloatArray, bandwidth: float) -> FloatArray:
-        """Filter values of all samples, (T, k), such as a prediction to compare with the torque.
+        """Filter values of all samples, such as a prediction to compare with the torque.
+
+        Args:
+            values: (T, k), in any unit.
+            bandwidth: As for `motion` [Hz].
+
+        Returns:
+            Filtered values, (T, k), in the same unit.
 
         Raises:
             RecordingError: The bandwidth is too high for the sampling rate.
@@ -288,7 +342,14 @@ class Recording(Displayed):
         return smooth(self.time, values, bandwidth, self.segments)
 
     def edges(self, bandwidth: float) -> NDArray[np.bool_]:
-        """Mark samples so near to an end of a segment that their derivatives are unsure; (T,)."""
+        """Mark samples so near to an end of a segment that their derivatives are unsure.
+
+        Args:
+            bandwidth: Of the filter [Hz].
+
+        Returns:
+            True where they are, (T,).
+        """
         reach = EDGE / bandwidth
         near = np.zeros(len(self), dtype=bool)
         for rows in self.segments:
@@ -296,8 +357,32 @@ class Recording(Displayed):
             near[rows] = (time < time[0] + reach) | (time > time[-1] - reach)
         return near
 
+    def scored(self, bandwidth: float) -> NDArray[np.bool_]:
+        """Mark the samples whose torque can be compared with a prediction: all but `edges`.
+
+        Args:
+            bandwidth: Of the filter on both [Hz].
+
+        Returns:
+            True where they are, (T,).
+
+        Raises:
+            RecordingError: There is none.
+        """
+        scored = ~self.edges(bandwidth)
+        if not scored.any():
+            raise RecordingError(
+                f"is too short to score: the filter of {bandwidth:g} Hz needs more than "
+                f"{2 * EDGE / bandwidth:.2g} s without a gap",
+                path=self.source or None,
+            )
+        return scored
+
     def check_robot(self, model: RobotModel) -> None:
         """Check that the recording can be of this robot.
+
+        Args:
+            model: The robot.
 
         Raises:
             RecordingError: Other name, joint count, or positions that the joints cannot reach; or

@@ -1,4 +1,4 @@
-"""What Ctrl-C and SIGTERM mean to a program that has to end in order."""
+"""Signal handling: let Ctrl-C and SIGTERM end a program in order."""
 
 from __future__ import annotations
 

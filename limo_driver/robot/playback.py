@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from inspect import signature
 from pathlib import Path
@@ -24,7 +24,7 @@ from limo_driver.trajectory import Trajectory
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Generator, Mapping
 
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
@@ -38,7 +38,7 @@ HOLD_TIMEOUT = 10.0  # [s] of robot time in which a hold has to come to rest
 
 @dataclass(frozen=True)
 class PlaybackSummary:
-    """How a run went."""
+    """Result of a run."""
 
     record: str
     samples: int  # rows of the recording
@@ -268,22 +268,65 @@ def follow(
     progress: Callable[[int, int], None] | None,
 ) -> Recording:
     """Play a trajectory on an open robot, and return the recording; see `Robot.follow`."""
-    from limo_driver.recordings.recording import Recording
-
     provenance = {"backend": type(robot).__name__, "trajectory": trajectory.source}
-    with TemporaryDirectory(prefix="limo-") as folder:
-        path = Path(folder) / "run.parquet" if record is None else Path(record)
+    with kept_in(record) as path:
         playback = Playback(trajectory, path, stiffness=stiffness, provenance=provenance)
         summary = playback.run(robot, progress or (lambda _done, _all: None))
-        if summary.interrupted:
-            raise KeyboardInterrupt
-        recording = Recording.load(path)
+        return recorded(summary, "" if record is None else str(record))
+
+
+@contextmanager
+def kept_in(record: Path | str | None) -> Generator[Path]:
+    """Give the file of a recording, or one that is there until the block ends."""
+    if record is not None:
+        yield Path(record)
+        return
+    with TemporaryDirectory(prefix="limo-") as folder:
+        yield Path(folder) / "run.parquet"
+
+
+def recorded(summary: PlaybackSummary, source: str) -> Recording:
+    """Read what a run recorded, with warnings of all that slowed it.
+
+    Args:
+        summary: Of the run; its file is still there.
+        source: What the recording is to call its file.
+
+    Raises:
+        KeyboardInterrupt: The run was interrupted.
+    """
+    from limo_driver.recordings.recording import Recording
+
+    if summary.interrupted:
+        raise KeyboardInterrupt
+    recording = Recording.load(summary.record)
     limited = [f"limited by {name} in {count} cycles" for name, count in summary.limited.items()]
-    return replace(
-        recording,
-        source="" if record is None else str(record),
-        warnings=(*recording.warnings, *limited, *summary.refused),
-    )
+    warnings = (*recording.warnings, *limited, *summary.refused)
+    return replace(recording, source=source, warnings=warnings)
+
+
+def cycles_per_row(rate: float, period: float) -> int:
+    """Return after how many control cycles to record a row.
+
+    Args:
+        rate: Of the rows [Hz], a part of the control rate.
+        period: Of the control cycle [s].
+
+    Raises:
+        ConfigError: The rate is no part of the control rate; names the nearest that is.
+    """
+    control = 1 / period
+    if not 0 < rate < float("inf"):
+        raise ConfigError(f"rate is {rate:g} Hz, expected above 0 and up to {control:g} Hz")
+    if rate > control * (1 + 1e-9):
+        raise ConfigError(f"rate {rate:g} Hz is above the control rate of {control:g} Hz")
+    every = round(control / rate)
+    if abs(control / rate - every) > 1e-6 * every:
+        raise ConfigError(
+            f"rate {rate:g} Hz does not divide the control rate of {control:g} Hz; "
+            f"the nearest that does is {control / every:g} Hz"
+        )
+    return every
 
 
 def open_for(

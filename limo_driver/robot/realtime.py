@@ -1,4 +1,4 @@
-"""What a loop of a millisecond needs of the machine: absolute times, priority, no collector.
+"""Real-time loops at 1 kHz: absolute wake-up times, scheduling priority, garbage collection.
 
     with Realtime(fifo=True) as realtime:
         pace = Pace(period=1e-3)

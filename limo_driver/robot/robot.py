@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import replace
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
@@ -30,17 +29,19 @@ if TYPE_CHECKING:
 class Robot(Closing):
     """An arm that is read and commanded once every cycle.
 
-    ```python
-    with open_robot("mujoco") as robot:
-        state = robot.receive()
-        for position in positions_from(state.position):
-            robot.send(PositionCommand(position=position))
-            state = robot.receive()
-    ```
-
     Args:
         spec: The arm and its limits.
         start_tolerance: How far the first position may be from the measured pose [rad].
+
+    Raises:
+        BackendError: The constructor of a backend cannot open its arm.
+
+    Example:
+        >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
+        ...     state = robot.receive()
+        ...     for position in positions_from(state.position):
+        ...         robot.send(PositionCommand(position=position))
+        ...         state = robot.receive()
     """
 
     simulated: ClassVar[bool] = False  # it can start anywhere, and time is its own
@@ -61,6 +62,9 @@ class Robot(Closing):
         Args:
             timeout: Longest wait [s]; the backend's own if not given.
 
+        Returns:
+            What was measured of all joints, with the cycle's number.
+
         Raises:
             CycleTimeoutError: Nothing was ever measured, or not within `timeout`.
             ConnectionLostError: The robot is closed or gone.
@@ -80,6 +84,9 @@ class Robot(Closing):
 
     def send(self, command: JointCommand) -> JointCommand:
         """Answer the last state with a command; the last one of a cycle counts.
+
+        Args:
+            command: What all joints should do next.
 
         Returns:
             What was really sent: the command within the limits, with the limits that changed it.
@@ -145,7 +152,8 @@ class Robot(Closing):
             >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
             ...     run = robot.follow(Trajectory.load("limo.traj.parquet"))
         """
-        playback = import_module("limo_driver.robot.playback")  # which stands on this
+        from limo_driver.robot import playback  # which stands on this
+
         motion = playback.trajectory_of(trajectory)
         motion.check_robot(self.spec.n, self.spec.name)
         start = motion.position[0]
@@ -155,7 +163,11 @@ class Robot(Closing):
         return playback.follow(self, motion, record, stiffness, progress)
 
     def hold(self, reason: str = "asked to hold") -> None:
-        """Slow down within the limits, then keep the pose; commands are refused until `resume`."""
+        """Slow down within the limits, then keep the pose; commands are refused until `resume`.
+
+        Args:
+            reason: What `HoldingError` will say.
+        """
         self._contract.hold(reason)
 
     def resume(self) -> None:
@@ -189,12 +201,12 @@ class Robot(Closing):
 
     @property
     def standing(self) -> bool:
-        """Whether the arm is told to rest: it holds, or takes no commands yet, without moving."""
+        """Whether the set-point is at rest: the arm holds, or takes no commands yet."""
         return self._contract.standing
 
     @property
     def setpoint(self) -> FloatArray:
-        """The position that the arm is told in this cycle, (n,) [rad]."""
+        """The position set-point of this cycle, (n,) [rad]."""
         return self._contract.setpoint
 
     def close(self) -> None:

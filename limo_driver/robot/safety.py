@@ -56,7 +56,7 @@ _TAKES_NO_WRENCH = WrenchLimits(wrench=_NO_WRENCH, rate=_NO_WRENCH)
 
 
 class Phase(Enum):
-    """Where a robot stands in the contract."""
+    """State of the safety contract."""
 
     IDLE = "idle"
     ACTIVE = "active"
@@ -67,7 +67,7 @@ _IDLE, _ACTIVE, _HOLDING = Phase  # quicker than by their class, and asked for i
 
 
 class _Setpoint(NamedTuple):
-    """What the arm is told in one cycle; each array has shape (n,)."""
+    """Set-point of one cycle; each array has shape (n,)."""
 
     position: FloatArray  # [rad]
     velocity: FloatArray  # [rad/s]
@@ -92,7 +92,7 @@ class _Memory:
 
 
 class SafetyContract:
-    """Decides what is sent in each cycle.
+    """Chooses the set-point of each cycle, within the limits.
 
     Args:
         spec: The robot and its limits.

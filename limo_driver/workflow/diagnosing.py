@@ -32,7 +32,7 @@ def diagnose(
     bandwidth: float = 10.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Diagnosis:
-    """Say where a simulation and recordings differ, what physics was left out, and mend it.
+    """Find where a simulation and recordings differ, which physics is missing, and add it.
 
     Args:
         simulation: What is believed of the arm, with its tolerances.
@@ -68,7 +68,7 @@ def _quiet(_stage: str, _part: float) -> None:
 
 
 def with_next_motion(found: Diagnosis) -> Diagnosis:
-    """Add the motion that tells apart what the recordings cannot, if there is one."""
+    """Add the motion in which effects differ that the recordings cannot distinguish, if any."""
     from estimators.diagnosis.verdict import NEXT_MOTION, NextMotion
     from limopa.separation.separation import motion_for, purpose_of
 
@@ -93,7 +93,7 @@ def with_next_motion(found: Diagnosis) -> Diagnosis:
 def _ambiguous(
     verdict: Verdict, n: int
 ) -> Generator[tuple[tuple[str, str], tuple[int, ...]], None, None]:
-    """Yield pairs of effects that the recordings cannot tell apart, and their joints."""
+    """Yield pairs of effects that are indistinguishable in the recordings, and their joints."""
     every = tuple(range(1, n + 1))
     wanted = verdict.next_motion.separates if verdict.next_motion else ()
     for pair in wanted:
@@ -113,7 +113,7 @@ def _start_poses(recordings: Sequence[Recording]) -> FloatArray:
 
 
 def with_replay(found: Diagnosis) -> Diagnosis:
-    """Add what the simulated robot measures when it follows the recorded motion."""
+    """Add the torque that the simulated robot measures as it follows the recorded motion."""
     try:
         return replace(found, replay=(_replay(found),))
     except LimoError as error:

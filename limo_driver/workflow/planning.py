@@ -9,6 +9,7 @@ from limo_driver.model import RobotModel
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from estimators.rigid_body.conditioning import Conditioning
     from limopa import Excitation, ExcitationRequest, Plan, PlanRequest
 
 
@@ -48,6 +49,7 @@ def excite(
     request: ExcitationRequest | None = None,
     *,
     seed: int = 0,
+    conditioning: Conditioning | None = None,
     progress: Callable[[int, int, float], None] | None = None,
 ) -> Excitation:
     """Find the persistently exciting motion from which `identify` learns most.
@@ -59,6 +61,7 @@ def excite(
         robot: The arm, or its built-in name or URDF.
         request: Duration [s], harmonics of each joint, sampling rate [Hz], surroundings, effort.
         seed: Of every random draw; the same request and seed give the same motion.
+        conditioning: Condition number of this robot, where one is at hand; built if not given.
         progress: Told the iterations done, those at most, and the condition number.
 
     Returns:
@@ -71,11 +74,15 @@ def excite(
     Example:
         >>> excite("iiwa14", ExcitationRequest(duration=30.0)).trajectory.save("excite.parquet")
     """
+    from threadpoolctl import threadpool_limits
+
     import limopa
     from estimators.rigid_body.conditioning import Conditioning
 
     model = model_of(robot)
-    return limopa.excite(model, Conditioning(model), request, seed, progress)
+    with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small; more only wait
+        criterion = conditioning or Conditioning(model)
+        return limopa.excite(model, criterion, request, seed, progress)
 
 
 def model_of(robot: RobotModel | str) -> RobotModel:

@@ -48,7 +48,7 @@ class Sensitivity(Protocol):
 
 
 class Criterion(Protocol):
-    """What the motion is to make small: a condition number."""
+    """Objective that the motion minimises: a condition number."""
 
     def condition(self, motion: Motion) -> float:
         """Return the condition number."""

@@ -1,4 +1,4 @@
-"""Excitation that tells the parameters of an arm apart: Fourier series of the best condition.
+"""Persistently exciting motion: Fourier series of the least condition number.
 
 Each joint moves on harmonics of its own (`fourier.py`). Pose and coefficients are found by L-BFGS
 from several random starts, on a thinned sampling: a smooth bound of the condition number, which the
@@ -56,7 +56,23 @@ _CHECKED = 1e-3  # [s], the control cycle
 
 @dataclass(frozen=True)
 class ExcitationRequest(Declared):
-    """What to find."""
+    """Request for an exciting motion.
+
+    Args:
+        duration: Of the motion, one period of the base frequency [s].
+        harmonics: Of each joint, 2 to 20; no two joints share any.
+        rate: Of the trajectory's samples [Hz], 50 to 1000.
+        surroundings: Margins, clearance [m] and table that every configuration keeps away from.
+        workspace: Where the flange may be, all the time [m].
+        starts: Random motions to begin with, of which the best are refined.
+        iterations: Of each of the last two refinements; 0 leaves a random motion.
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> excite("iiwa14", ExcitationRequest(duration=30.0, harmonics=4), seed=1)
+    """
 
     duration: float = parameter(
         "s",
@@ -91,7 +107,7 @@ class ExcitationRequest(Declared):
 
 @dataclass(frozen=True, repr=False)
 class Excitation(Displayed):
-    """What was found."""
+    """Result of a search."""
 
     request: ExcitationRequest
     seed: int
@@ -120,7 +136,7 @@ def excite(
     Args:
         model: The robot.
         criterion: The condition number, of a regressor that the caller chooses.
-        request: What to find.
+        request: Request for an exciting motion.
         seed: Seed of every random draw.
         progress: Called with the iterations done, those at most, and the condition number.
 
@@ -155,7 +171,7 @@ _STAGES = (
 
 
 class _Search:
-    """Where to search for a motion, and by what."""
+    """Problem of a search: the arm, its limits and the objective."""
 
     def __init__(
         self, model: RobotModel, criterion: Criterion, request: ExcitationRequest, seed: int

@@ -37,7 +37,7 @@ class MotionChain:
 
     @property
     def kinds(self) -> set[str]:
-        """What the parts are, by name."""
+        """Kinds of the parts, by name."""
         return {kind for kind, _ in self._parts}
 
     def move(self, to: FloatArray, speed: float | None = None, kind: str = "transit") -> None:

@@ -1,4 +1,4 @@
-"""Which motion tells two effects apart, and why: the answer to an ambiguous diagnosis."""
+"""Plan the motion in which two effects differ most, to resolve an ambiguous diagnosis."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ _LINK_INERTIA = "link_inertia"  # what a body has wrong, which is no effect of t
 
 
 def separation_of(pair: tuple[str, str]) -> Separation:
-    """Return the kind of motion that tells two effects apart.
+    """Return the kind of motion in which two effects differ most.
 
     What the two do differently stands in the description of one of them.
 
@@ -76,7 +76,7 @@ def separation_of(pair: tuple[str, str]) -> Separation:
         pair: Two effect IDs.
 
     Raises:
-        InfeasiblePathError: No motion tells them apart; says why.
+        InfeasiblePathError: They do not differ in any motion; says why.
     """
     first, second = sorted(pair)
     known = confusion_of(first, second)
@@ -104,7 +104,7 @@ def _shows(effect: str) -> Kind | None:
 
 
 def purpose_of(pair: tuple[str, str], joints: Sequence[int]) -> str:
-    """Say in one sentence what a motion is and what it would decide.
+    """Describe a motion, and the two effects that it would distinguish, in one sentence.
 
     Args:
         pair: Two effect IDs.
@@ -119,7 +119,7 @@ def purpose_of(pair: tuple[str, str], joints: Sequence[int]) -> str:
 def motion_for(
     model: RobotModel, joints: Sequence[int], pair: tuple[str, str], start: FloatArray
 ) -> Trajectory:
-    """Return the motion that tells two effects apart at some joints.
+    """Return the motion in which two effects differ at some joints.
 
     Args:
         model: The robot.
@@ -129,7 +129,7 @@ def motion_for(
             allows the motion is taken.
 
     Raises:
-        InfeasiblePathError: No motion tells them apart, or none is feasible from these poses.
+        InfeasiblePathError: They differ in no motion, or in none that is feasible from these poses.
         ConfigError: The robot's collision shapes cannot be read, or a joint does not exist.
     """
     found = separation_of(pair)

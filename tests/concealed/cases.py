@@ -60,7 +60,7 @@ class Hidden:
         described = {
             "effect": d.effect, "kind": d.kind, "joints": list(d.joints), "law": d.law,
             "equivalent": list(d.equivalent), "amplitude": float(self.amplitude),
-            "parameters": d.parameters(self.amplitude), "foretellable": d.foretellable,
+            "parameters": d.parameters(self.amplitude), "foretellable": d.predictable,
             "size": float(self.sizes.max()), "sizes": [round(float(s), 3) for s in self.sizes],
             "most_affected": int(self.sizes.argmax()) + 1,
         }  # fmt: skip
@@ -119,7 +119,7 @@ class Case:
             "seed": self.seed, "kind": self.kind, "drawn_as": self.drawn_as,
             "effects": [h.as_dict(self.nominal) for h in self.hidden],
             "asked": list(self.asked), "skipped": self.skipped,
-            "foretellable": all(h.draft.foretellable for h in self.hidden),
+            "foretellable": all(h.draft.predictable for h in self.hidden),
             "noise_floor": [float(x) for x in self.floor],
             "rate": self.instruments.rate, "jitter": self.instruments.jitter,
             "segments": list(self.segments),

@@ -31,7 +31,7 @@ class Draft:
     parameters: Callable[[float], dict] = _no_parameters  # those that the catalogue has too
     equivalent: tuple[str, ...] = ()  # IDs that no such recording can tell apart from it
     kind: str = "missing"
-    foretellable: bool = True  # on another motion, by someone who knows this one
+    predictable: bool = True  # on another motion, by someone who knows this one
     law: str = ""  # the plant's own name of it
     scale: float = 1.0  # share of the true effect that the nominal model lacks
     wrong: str = ""  # parameter whose value in the nominal file is wrong

@@ -264,7 +264,7 @@ def torque_drift(at: Place) -> Draft:
         5.0,
         change,
         law=kind,
-        foretellable=kind != "walk",
+        predictable=kind != "walk",
     )
 
 
@@ -300,7 +300,7 @@ def external_contact(at: Place) -> Draft:
     return Draft(
         "external_contact", tuple(range(1, N + 1)), 20 * at.floor, 150.0, change,
         lambda _f: {"windows": [[[a, a + b] for a, b, _ in drawn] for drawn in pushes[:2]]},
-        foretellable=False,
+        predictable=False,
     )  # fmt: skip
 
 

@@ -73,7 +73,7 @@ def _course(at, kind, scale):
         course = Course(at.j, kind, amplitude, scale, seed)
         return replace(w, sensing=replace(w.sensing, courses=(*w.sensing.courses, course)))
 
-    return Draft("unknown", (at.j + 1,), 1.5 * at.floor, 5.0, change, law=kind, foretellable=False)
+    return Draft("unknown", (at.j + 1,), 1.5 * at.floor, 5.0, change, law=kind, predictable=False)
 
 
 def bent_sensor(at: Place) -> Draft:

@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +34,11 @@ FENCE = re.compile(
 PROGRAM = re.compile(
     r"^(limo [a-z]+ --[a-z-]+ \S|limo [a-z]+ \w+\.|python |make |pip )", flags=re.MULTILINE
 )
-RUNS = 4  # of a block whose arm holds
+RUNS = 4  # of a block whose arm holds since something came late
+LATE = re.compile(  # why an arm holds that a busy machine makes hold
+    r"limo: the arm holds \((?P<why>[^\n]*(?:command expired after|no measurement for"
+    r"|has received none of the last|silent for|answer every packet| late)[^\n]*)"
+)
 LONGEST = 1200  # [s] that a block may take before something hangs
 NOT_RUN = {
     "CONTRIBUTING.md": ["runs what runs this"],
@@ -197,6 +202,41 @@ def run(block, folder):
     )  # fmt: skip
 
 
+class HeldWarning(UserWarning):
+    """A block had to run again: nothing is wrong with one on a busy machine, but with many."""
+
+
+def run_in_time(block, folder):
+    """Run a block until no arm held for lack of time; return how it ended, and why arms held.
+
+    On a machine too busy for real time a driver has to hold; its user runs it again. What holds for
+    another reason would hold again, and is a failure.
+    """
+    held = []
+    done = run(block, folder)
+    while done.returncode and (late := LATE.search(done.stdout)) and len(held) + 1 < RUNS:
+        held.append(late["why"])
+        done = run(block, folder)
+    return done, held
+
+
+@pytest.mark.parametrize(
+    ("said", "runs"),
+    [
+        ("the last command expired after 0.1 s); call resume()", RUNS),
+        ("no measurement for 0.11 s); call resume()", RUNS),
+        ("joint 2 is silent for 3 cycles); call resume()", RUNS),
+        ("a safety stop is in force (EXTERNAL)); call resume()", 1),
+    ],
+)
+def test_only_what_holds_for_lack_of_time_is_run_again(said, runs, monkeypatch):
+    text = f"limo: the arm holds ({said} before the next command\n"
+    ended = subprocess.CompletedProcess([], 2, stdout=text)
+    monkeypatch.setitem(globals(), "run", lambda *_: ended)
+    _, held = run_in_time(None, None)
+    assert len(held) + 1 == runs
+
+
 @pytest.fixture
 def reader(having, tmp_path):
     """Make a function that returns the folder of a document's reader."""
@@ -222,15 +262,16 @@ TO_RUN = {
 
 
 @pytest.mark.slow("plans, moves, learns, diagnoses and serves, as the documents do")
+@pytest.mark.filterwarnings("default:.* ran .* times, since the arm held")
 @pytest.mark.parametrize("document", [name for name, found in TO_RUN.items() if found])
 def test_a_document_does_what_it_says(document, reader):
     folder = reader(document)
     for block in TO_RUN[document]:
-        # On a machine too busy for real time a driver has to hold; its user runs it again.
-        for _ in range(RUNS):
-            done = run(block, folder)
-            if done.returncode == 0 or "limo: the arm holds (" not in done.stdout:
-                break
+        done, held = run_in_time(block, folder)
+        if held:
+            listed = "\n".join(held)
+            told = f"{block} ran {len(held) + 1} times, since the arm held:\n{listed}"
+            warnings.warn(told, HeldWarning, stacklevel=1)
         assert done.returncode == 0, f"{block}:\n{done.stdout}"
         assert "Traceback" not in done.stdout, f"{block}:\n{done.stdout}"
 

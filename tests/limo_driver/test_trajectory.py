@@ -40,6 +40,15 @@ def test_resampling_ends_on_the_last_sample(trajectory):
     np.testing.assert_allclose(motion.position[-1], trajectory.position[-1])
 
 
+def test_the_beginning_keeps_the_segments_that_it_holds(trajectory):
+    found = trajectory.first(0.35)
+    assert found.duration == pytest.approx(0.35)
+    assert found.segments == (Segment("reaching", 0, 3),)
+    np.testing.assert_array_equal(trajectory.first(9.0).position, trajectory.position)
+    with pytest.raises(ConfigError, match=r"0\.2 s is shorter than one sample"):
+        trajectory.first(0.2)
+
+
 def test_peaks_are_the_largest_values_between_samples(trajectory):
     fine = np.linspace(0, 1, 100_001)
     peaks = trajectory.peaks()

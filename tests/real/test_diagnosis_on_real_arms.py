@@ -102,7 +102,7 @@ def test_its_mass_is_what_the_current_gains_allow(loaded):
     assert high - low < 0.5
 
 
-def test_the_load_found_once_foretells_another_loaded_run(loaded):
+def test_the_load_found_once_predicts_another_loaded_run(loaded):
     assert (loaded.fall("loaded_20_01_31", slice(1, None)) > 0.6).all()
 
 

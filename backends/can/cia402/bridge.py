@@ -21,7 +21,7 @@ SHARE: Final = 0.05  # of the limits of velocity and acceleration, on top of the
 
 
 class Bridge:
-    """What is added to the set-points of n joints.
+    """Offset that is added to the set-points of n joints.
 
     Args:
         limits: Of the joints.

@@ -1,4 +1,4 @@
-"""What an arm of CiA 402 drives puts on the bus."""
+"""Bus load of an arm of CiA 402 drives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a CiA 402 drive is asked and told before it may be switched on.
+"""Identify and configure a CiA 402 drive before it is switched on.
 
 It has to be the drive that the joint has, and it has to stop by itself when this program falls
 silent: a drive that cannot be told so is refused.

@@ -1,4 +1,4 @@
-"""Who is on the bus: nobody who commands, and every drive that should be."""
+"""Check the CAN bus: every drive answers, and no other program commands drives."""
 
 from __future__ import annotations
 

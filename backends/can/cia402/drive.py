@@ -32,7 +32,7 @@ _NMT_WORDS: Final = {
 
 @dataclass(slots=True)
 class Drive:
-    """What was heard of a drive, and what it was told last.
+    """Latest values heard from a drive, and the last ones sent to it.
 
     A position counts only if the joint can have got there: `reach` counts from the last one.
     """
@@ -135,7 +135,7 @@ class Drive:
         return (self.count - count) / max(self.heard_at - at, period)
 
     def told(self, position: float, velocity: float, torque: float, degree: float) -> DriveStatus:
-        """Return what is known of it.
+        """Return its latest values.
 
         Args:
             position: [rad].

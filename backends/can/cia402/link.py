@@ -232,7 +232,7 @@ class Cia402Link(Link):
         return ""
 
     def drives(self) -> tuple[DriveStatus, ...]:
-        """Return what is known of every drive."""
+        """Return the latest values of every drive."""
         position = self._position()
         velocity = self._codec.velocities(
             [np.nan if drive.speed is None else drive.speed for drive in self._drives]

@@ -47,7 +47,7 @@ FLOATS: Final = {Register.POSITION_RANGE, Register.VELOCITY_RANGE, Register.TORQ
 
 
 class Status(IntEnum):
-    """What a reply says of its motor."""
+    """Status that a motor gives in its reply."""
 
     DISABLED = 0x0
     ENABLED = 0x1
@@ -97,7 +97,7 @@ class MitCommand:
 
 @dataclass(frozen=True)
 class Reply:
-    """What a motor measures."""
+    """Measurements of a motor."""
 
     status: int  # of `Status`, or one that no manual names
     motor: int  # low four bits of its id
@@ -146,7 +146,7 @@ def encode_reply(reply: Reply, ranges: Ranges) -> bytes:
 
 
 def decode_reply(data: bytes, ranges: Ranges) -> Reply:
-    """Return what a motor replied.
+    """Return the content of a motor's reply.
 
     Raises:
         WireFormatError: Another length.

@@ -133,7 +133,7 @@ class DamiaoLink(Link):
         return ""
 
     def drives(self) -> tuple[DriveStatus, ...]:
-        """Return what is known of every motor."""
+        """Return the latest values of every motor."""
         sample = self._sample()
         return tuple(
             DriveStatus(

@@ -35,7 +35,7 @@ class DrivenArm(MujocoRobot):
 
     @property
     def encoders(self) -> FloatArray:
-        """What the encoders read, (n,) [rad]."""
+        """Positions that the encoders read, (n,) [rad]."""
         return self._memory[layout.ENCODER].copy()
 
     def pace(

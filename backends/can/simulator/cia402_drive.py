@@ -123,7 +123,7 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
 
     @property
     def period(self) -> float:
-        """Communication period that it was told [s]; 0 if none."""
+        """Configured communication period [s]; 0 if none."""
         return self.sync_period
 
     @property
@@ -133,7 +133,7 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
 
     @property
     def drive_state(self) -> StatuswordState:
-        """Where the drive stands."""
+        """State of the drive's state machine."""
         return self._drive_state
 
     def reset_application(self) -> None:

@@ -1,4 +1,4 @@
-"""Drive: what the bus, the arm and a scenario can ask of a simulated drive of any convention."""
+"""Drive: interface of a simulated drive to bus, arm and scenario, whatever its protocol."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class SimulatedDrive(ABC):
     @property
     @abstractmethod
     def period(self) -> float:
-        """Communication period that it was told [s]; 0 if none."""
+        """Configured communication period [s]; 0 if none."""
 
     @property
     @abstractmethod

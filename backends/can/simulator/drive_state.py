@@ -1,4 +1,4 @@
-"""The state machine of a CiA 402 drive: what a controlword does in each state.
+"""State machine of a CiA 402 drive: the transitions that each controlword causes.
 
 Source: IEC 61800-7-201 (CiA 402), "Finite state automaton".
 """

@@ -1,4 +1,4 @@
-"""What can go wrong on a bus of simulated drives: one class, one kind of fault.
+"""Faults of a bus of simulated drives, one class for each kind.
 
 Times are in seconds since a drive was first enabled; wrong and swapped ids are there from the
 start.

@@ -1,4 +1,4 @@
-"""A joint as its own drive sees it: what it senses, and what it makes the motor do."""
+"""Interface between a simulated drive and its joint: sensor values in, motor commands out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ AMBIENT = 25.0  # [°C]
 
 
 class Actuation(Enum):
-    """What acts on a joint."""
+    """Way in which a drive acts on its joint."""
 
     BRAKE = "brake"  # closed without power: keeps the position at which it closed
     FREE = "free"  # no power and no brake: the arm falls

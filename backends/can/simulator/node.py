@@ -42,7 +42,7 @@ class NmtState(IntEnum):
 
 
 class CanopenNode:
-    """What every CANopen node does; a subclass adds its device profile.
+    """Base class of CANopen nodes; a subclass adds its device profile.
 
     Args:
         node: Its id.

@@ -98,7 +98,7 @@ class SimulatedPdo:
         self._note(0)
 
     def pack(self) -> bytes:
-        """Return what a TPDO carries now."""
+        """Return the present content of a TPDO."""
         return b"".join([variable.encode() for variable in self._variables])
 
     def unpack(self, data: bytes) -> None:

@@ -39,7 +39,7 @@ class SdoServer:
         self._toggle = 0
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return what a request is answered with; None if it asks for nothing."""
+        """Return the answer to a request; None if it needs none."""
         if len(request) != FRAME:
             return None
         command = request[0] >> 5

@@ -1,4 +1,4 @@
-"""A stream of position set-points, and what a drive does where some are missing."""
+"""Stream of position set-points, in which a drive bridges those that are missing."""
 
 from __future__ import annotations
 

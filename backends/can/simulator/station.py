@@ -33,7 +33,7 @@ TICK: Final = 2e-3  # [s] after which time passes for the drives, whether or not
 
 @dataclass
 class StationCounts:
-    """What happened on the bus so far."""
+    """Counts of what happened on the bus so far."""
 
     heard: int = 0  # frames of others
     sent: int = 0

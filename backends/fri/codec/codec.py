@@ -22,7 +22,7 @@ Version: TypeAlias = FriVersion | Generation
 
 
 def decode_monitoring(data: bytes, version: Version | None = None) -> Monitoring:
-    """Return what the robot says.
+    """Decode the robot's monitoring message.
 
     Args:
         data: One datagram.
@@ -36,7 +36,7 @@ def decode_monitoring(data: bytes, version: Version | None = None) -> Monitoring
 
 
 def decode_command(data: bytes, version: Version) -> Command:
-    """Return what a client answers.
+    """Decode a client's command message.
 
     Raises:
         WireFormatError: No command of that version.
@@ -45,7 +45,7 @@ def decode_command(data: bytes, version: Version) -> Command:
 
 
 def encode_monitoring(message: Monitoring, version: Version) -> bytes:
-    """Return the datagram of what the robot says.
+    """Encode the robot's monitoring message.
 
     Raises:
         WireFormatError: The version has no such value, or it does not fit.
@@ -54,7 +54,7 @@ def encode_monitoring(message: Monitoring, version: Version) -> bytes:
 
 
 def encode_command(message: Command, version: Version) -> bytes:
-    """Return the datagram of what the client answers.
+    """Encode a client's command message.
 
     Raises:
         WireFormatError: The version has no such value, or it does not fit.

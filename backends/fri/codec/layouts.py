@@ -1,4 +1,4 @@
-"""Where each value stands in the messages of each generation, as data that the codec follows.
+"""Field layouts of the messages of each FRI generation, as data that the codec follows.
 
 A `Layout` is one protobuf message: the value it becomes and its `Part`s in the order in which they
 are written, which is that of their numbers. `fri.proto` says the same in protobuf's own language.
@@ -23,7 +23,7 @@ QUATERNION: Final = 7
 
 
 class Kind(Enum):
-    """How a value is written."""
+    """Encoding of a value."""
 
     IDENTIFIER = "identifier of the message"
     UINT32 = "uint32"

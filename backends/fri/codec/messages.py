@@ -1,4 +1,4 @@
-"""What the two FRI messages say, as frozen values; the codec knows how it stands in bytes.
+"""The two FRI messages as frozen values; the codec turns them into bytes and back.
 
 The arm sends a `Monitoring` every send period and the client answers with a `Command`. Joint values
 are tuples of exactly seven floats; what a message leaves out is None. SI units throughout, with the
@@ -26,7 +26,7 @@ Joints: TypeAlias = tuple[float, ...]  # seven values
 
 
 class SessionState(IntEnum):
-    """Where a session stands; each is reached from the one before, and left to any lower one."""
+    """State of a session; each is reached from the one before, and left to any lower one."""
 
     IDLE = 0
     MONITORING_WAIT = 1
@@ -36,7 +36,7 @@ class SessionState(IntEnum):
 
 
 class Quality(IntEnum):
-    """How the controller judges the connection; GOOD is enough for commanding."""
+    """Quality of the connection as the controller judges it; GOOD is enough for commanding."""
 
     POOR = 0
     FAIR = 1
@@ -45,7 +45,7 @@ class Quality(IntEnum):
 
 
 class SafetyState(IntEnum):
-    """What the safety controller demands."""
+    """Demand of the safety controller."""
 
     NORMAL = 0
     STOP0_OR_1 = 1
@@ -70,7 +70,7 @@ class DriveState(IntEnum):
 
 
 class ControlMode(IntEnum):
-    """How the arm's own controller follows a position."""
+    """Mode in which the arm's own controller follows a position."""
 
     POSITION = 0
     CARTESIAN_IMPEDANCE = 1
@@ -79,7 +79,7 @@ class ControlMode(IntEnum):
 
 
 class CommandMode(IntEnum):
-    """What the robot's application lets the client command."""
+    """Quantity that the robot's application lets the client command."""
 
     NONE = 0
     POSITION = 1
@@ -89,7 +89,7 @@ class CommandMode(IntEnum):
 
 
 class OverlayType(IntEnum):
-    """What the client's commands are laid over."""
+    """Motion that the client's commands are superposed on."""
 
     NONE = 0
     JOINT = 1
@@ -112,7 +112,7 @@ class IoDirection(IntEnum):
 
 
 class RedundancyStrategy(IntEnum):
-    """What the redundancy value of a seven-axis arm means."""
+    """Meaning of the redundancy value of a seven-axis arm."""
 
     E1 = 0
     NONE = 4
@@ -170,7 +170,7 @@ class Transformation:
 
 @dataclass(frozen=True)
 class Redundancy:
-    """How a seven-axis arm uses its redundancy (from 2.5 on)."""
+    """Redundancy resolution of a seven-axis arm (from 2.5 on)."""
 
     strategy: RedundancyStrategy
     value: float
@@ -189,7 +189,7 @@ class RobotInfo:
 
 @dataclass(frozen=True)
 class MonitorData:
-    """What the arm measured."""
+    """Measurements of the arm."""
 
     measured_position: Joints | None = None  # [rad]
     measured_torque: Joints | None = None  # [N m]
@@ -205,7 +205,7 @@ class MonitorData:
 
 @dataclass(frozen=True)
 class ConnectionInfo:
-    """How the session stands."""
+    """State of the session and its connection."""
 
     session_state: SessionState
     quality: Quality
@@ -215,7 +215,7 @@ class ConnectionInfo:
 
 @dataclass(frozen=True)
 class IpoData:
-    """What the robot's own application commands at this moment."""
+    """Command of the robot's own application at this moment."""
 
     joint_position: Joints | None = None  # [rad]
     pose: Transformation | None = None  # from 2.5 on
@@ -227,7 +227,7 @@ class IpoData:
 
 @dataclass(frozen=True)
 class EndOfMessage:
-    """What may close a message (up to 2.5)."""
+    """Optional end of a message (up to 2.5)."""
 
     message_length: int | None = None
     crc32: int | None = None
@@ -235,7 +235,7 @@ class EndOfMessage:
 
 @dataclass(frozen=True)
 class Monitoring:
-    """What the arm sends in every send period."""
+    """Message that the arm sends in every send period."""
 
     header: Header
     robot: RobotInfo | None = None
@@ -248,7 +248,7 @@ class Monitoring:
 
 @dataclass(frozen=True)
 class CommandData:
-    """What the client wants."""
+    """Set-points of the client."""
 
     joint_position: Joints | None = None  # [rad]
     wrench: tuple[float, ...] | None = None  # (6,) [Fx Fy Fz τA τB τC], [N, N m]
@@ -261,7 +261,7 @@ class CommandData:
 
 @dataclass(frozen=True)
 class Command:
-    """What the client answers."""
+    """Message that the client answers with."""
 
     header: Header
     data: CommandData | None = None

@@ -51,7 +51,7 @@ class _Part(Protocol):
 
 
 class _Node:
-    """How one message of a layout is put together from the values of a datagram.
+    """Recipe that builds one message of a layout from the values of a datagram.
 
     Args:
         like: The message that the layout was learned from.
@@ -242,14 +242,14 @@ class Template(Generic[Message]):
 
 
 class MonitoringTemplate(Template[Monitoring]):
-    """What the robot says."""
+    """Template of the robot's monitoring message."""
 
     def __init__(self, version: Version) -> None:
         super().__init__(LAYOUTS[version.generation].monitoring, version)
 
 
 class CommandTemplate(Template[Command]):
-    """What the client answers."""
+    """Template of the client's command message."""
 
     def __init__(self, version: Version) -> None:
         super().__init__(LAYOUTS[version.generation].command, version)

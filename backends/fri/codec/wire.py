@@ -29,7 +29,7 @@ _DOUBLE: Final = struct.Struct("<d")
 
 
 class Field(NamedTuple):
-    """Where one field stands; `value` is the integer of a varint, and 0 of any other."""
+    """Place of one field in a datagram; `value` is the integer of a varint, and 0 of any other."""
 
     number: int
     type: int

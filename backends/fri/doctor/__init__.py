@@ -1,1 +1,1 @@
-"""The doctor: what is wrong with a link to a controller, and what to do."""
+"""Doctor: find out why a link to a controller does not work, and how to repair it."""

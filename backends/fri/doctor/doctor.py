@@ -1,4 +1,4 @@
-"""Why an FRI link does not work, in words that someone in the laboratory can act on.
+"""Find out why an FRI link does not work, and say so in words for the laboratory.
 
 First it listens on the port and on FRI's usual ones; where a robot sends, it then answers as the
 driver does, for the quality of a connection shows only in answers. It commands nothing: what it

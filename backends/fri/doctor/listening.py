@@ -18,7 +18,7 @@ from limo_driver.errors import BackendError, WireFormatError
 
 @dataclass
 class Heard:
-    """What came to one port."""
+    """Datagrams that came to one port."""
 
     datagrams: int = 0
     senders: Counter[str] = field(default_factory=Counter[str])

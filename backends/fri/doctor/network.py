@@ -1,4 +1,4 @@
-"""Whether this machine stands in a robot's network, as far as its own tables tell."""
+"""Network of this machine: whether it reaches a robot without a gateway, from its own tables."""
 
 from __future__ import annotations
 

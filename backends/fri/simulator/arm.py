@@ -47,7 +47,7 @@ class Compliance:
 
 @dataclass(frozen=True)
 class ArmState:
-    """What the arm measured last; each array has shape (7,)."""
+    """Last measurements of the arm; each array has shape (7,)."""
 
     position: FloatArray  # [rad]
     velocity: FloatArray  # [rad/s]

@@ -77,7 +77,7 @@ class SimulatedController(Closing):
 
     @property
     def address(self) -> str:
-        """Where the controller listens."""
+        """Address on which the controller listens."""
         return str(self._port.address)
 
     @property

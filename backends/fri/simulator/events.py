@@ -1,4 +1,4 @@
-"""What can happen in a scenario: one class an event, with its parameters, units and bounds."""
+"""Events of a scenario, one class for each kind, with parameters, units and bounds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from limo_driver.parameters import JOINT, Declared, parameter
 
 
 class Direction(Enum):
-    """Which datagrams a disturbance concerns."""
+    """Direction of the datagrams that are disturbed."""
 
     BOTH = "both"
     TO_CLIENT = "to_client"

@@ -1,4 +1,4 @@
-"""What a controller makes of a command: what it may do, what it may not, and why.
+"""Check the commands of a client against the limits of the simulated controller.
 
 The limits are limo's model: KUKA's own 'illegal axis delta' stands in its manual only.
 """
@@ -26,7 +26,7 @@ def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a da
 
 @dataclass(frozen=True)
 class CommandLimits(Declared):
-    """What a command may ask for (limo's model)."""
+    """Limits of a command (limo's model)."""
 
     axis_delta: float = _limit("", "times the velocity limit, from one command to the next", 1.0)
     mirror: float = _limit("rad", "distance from the ipo position that confirms it", 0.01)
@@ -36,7 +36,7 @@ class CommandLimits(Declared):
 
 
 class Wanted(NamedTuple):
-    """What a command asks for."""
+    """Set-point that a command asks for."""
 
     position: FloatArray | None = None  # (7,) [rad]
     torque: FloatArray | None = None  # (7,) [N m]
@@ -62,7 +62,7 @@ class CommandJudge:
         self._wrench = np.array([limits.force] * 3 + [limits.moment] * 3)
 
     def read(self, data: CommandData | None) -> tuple[Wanted, str]:
-        """Return what a command asks for, and why it is left out; empty if it is not."""
+        """Return the set-point of a command, and why it is ignored; empty if it is not."""
         if data is None:
             return Wanted(), "a command without data while the arm is to be commanded"
         parts = {

@@ -1,4 +1,4 @@
-"""What was sent and what came back: every datagram is counted once, as what it turned out to be.
+"""Count every datagram sent and received once: answered in time, late or lost.
 
 One answer is expected in every receive interval from the first answer of a client on. It is in time
 if it comes before the next interval begins and answers a packet of this one; late if it comes
@@ -19,7 +19,7 @@ _NANO: Final = 1e-9
 
 
 class Arrival(Enum):
-    """What an answer is, by its counters."""
+    """Kind of an answer, by its counters."""
 
     IN_TIME = "in time"
     LATE = "late"
@@ -34,7 +34,7 @@ class Arrival(Enum):
 
 @dataclass
 class Ledger:
-    """The books of one run.
+    """Counts of one run.
 
     Args:
         multiplier: Packets in one receive interval.

@@ -16,7 +16,7 @@ _NANO: Final = 1e9
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What happens to datagrams in one direction."""
+    """Disturbances of datagrams in one direction."""
 
     loss: float = 0.0  # fraction that is lost
     delay: float = 0.0  # [s]
@@ -30,7 +30,7 @@ UNDISTURBED: Final = Disturbance()
 
 @dataclass
 class Fates:
-    """How many datagrams met which fate."""
+    """Counts of datagrams by what happened to them."""
 
     passed: int = 0
     lost: int = 0

@@ -1,4 +1,4 @@
-"""What the controller says in every packet."""
+"""Write the monitoring packets of the simulated controller."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _NANO: Final = 1_000_000_000
 
 @dataclass(frozen=True)
 class Standing:
-    """How the session and the arm stand in a cycle."""
+    """State of session and arm in one cycle."""
 
     session: SessionState
     quality: Quality

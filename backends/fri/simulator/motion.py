@@ -1,4 +1,4 @@
-"""How the arm moves: by its own program, or by what the client commands."""
+"""Motion of the simulated arm: by its own program, or by the commands of a client."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the arm is told to be, millisecond by millisecond, between the commands of a client.
+"""Interpolate the set-point of the arm, each millisecond, between the commands of a client.
 
 A command comes once every receive interval. Between p₀, p₁ and the newest p₂ the set-point moves on
 the mean over one interval of the polyline through them: at a fraction u of the interval

@@ -58,7 +58,7 @@ class Address(NamedTuple):
 
 
 class ClientDatagram(NamedTuple):
-    """What came, and when."""
+    """Datagram and its time of arrival."""
 
     data: bytes
     at_ns: int  # when the kernel received it, on CLOCK_MONOTONIC

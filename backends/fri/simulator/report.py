@@ -1,4 +1,4 @@
-"""What the controller tells at its end, as text or as one JSON object."""
+"""Report of a run of the simulated controller, as text or as one JSON object."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UNITS: Final = {"position": "rad", "torque": "N m", "wrench": "N, N m"}
 
 @dataclass
 class Complaint:
-    """What a client did wrong, how often, and when first."""
+    """Mistake of a client, how often it was made, and when first."""
 
     first: float  # [s] since the start
     count: int = 0
@@ -33,7 +33,7 @@ class Complaint:
 
 @dataclass
 class ClientObservations:
-    """What is noted about the client while the controller runs; bounded, however long that is."""
+    """Observations of the client during a run; their size does not grow with its length."""
 
     complaints: dict[str, Complaint] = field(default_factory=dict)
     qualities: Counter[Quality] = field(default_factory=Counter)  # packets sent at each
@@ -78,7 +78,7 @@ class ClientObservations:
 
 @dataclass(frozen=True)
 class ControllerReport:
-    """How a run went."""
+    """Result of a run."""
 
     version: str
     client: str

@@ -84,7 +84,7 @@ class ControllerScenario(Declared):
 
 @dataclass(frozen=True)
 class Now:
-    """What a scenario asks for at one moment."""
+    """State that a scenario asks for at one moment."""
 
     to_client: Disturbance = UNDISTURBED
     to_robot: Disturbance = UNDISTURBED
@@ -97,7 +97,7 @@ class Now:
 
 
 class ScenarioClock:
-    """Says what a scenario asks for, cycle by cycle, at little cost between its events.
+    """Evaluates a scenario, cycle by cycle, at little cost between its events.
 
     Args:
         scenario: The events.

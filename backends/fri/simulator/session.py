@@ -27,7 +27,7 @@ _EPSILON: Final = 1e-9  # [s]
 
 @dataclass(frozen=True)
 class SessionTimes(Declared):
-    """What the robot's application would choose."""
+    """Settings that the robot's application would choose."""
 
     monitor: float = parameter(
         "s", "in MONITORING_READY before an overlay is asked for", lower=0, default=0.5
@@ -50,7 +50,7 @@ class ControllerVisit:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What the session depends on in a cycle."""
+    """Inputs of the session's state machine in one cycle."""
 
     quality: Quality
     confirmed: int  # answers in a row that confirm the set-point
@@ -60,7 +60,7 @@ class Circumstances:
 
 
 class ControllerSession:
-    """Where the session stands.
+    """State machine of the session.
 
     Args:
         times: What the application chose.

@@ -1,4 +1,4 @@
-"""What a simulated controller is set to, and which of it lets a client command."""
+"""Settings of the simulated controller, and whether a client can command with them."""
 
 from __future__ import annotations
 
@@ -74,13 +74,13 @@ class ControllerSettings(Declared):
 
     @property
     def note(self) -> str:
-        """What to know before the first packet, in one line."""
+        """Remark to print before the first packet, in one line."""
         about = f"{self.mode.name.lower()} mode, every {self.period_ms} ms"
         return f"{about}; {self.monitoring_only}" if self.monitoring_only else about
 
     @property
     def control(self) -> ControlMode:
-        """How the arm is controlled while the client commands it."""
+        """Control mode of the arm while the client commands it."""
         return _CONTROL[self.mode]
 
     @property

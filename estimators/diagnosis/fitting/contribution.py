@@ -1,4 +1,4 @@
-"""Contribution: what each member of a set takes off the error, and how much has to be."""
+"""Contribution: the held-out error that each member of a set removes, and its least size."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def without(solution: Solution, member: int) -> Posterior:
 
 
 def contribution(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
-    """Return how much held-out mean square a member takes off each joint, (n,) [N² m²]."""
+    """Return the held-out mean square that a member removes at each joint, (n,) [N² m²]."""
     left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     return taken_off(left, bare, problem.split.held_out)
 
@@ -35,7 +35,7 @@ def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> Fl
 
 
 def material(problem: RegressionProblem, solution: Solution, member: int) -> float:
-    """Return how much error a member takes off the joint where it does most [errors left].
+    """Return the error that a member removes at the joint where it does most [errors left].
 
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.

@@ -105,7 +105,7 @@ def possible(effect: Effect, entries: Sequence[Entry], by: FloatArray) -> Effect
 def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
     """Return an effect with one number a step larger and smaller, and how far those lie apart.
 
-    Where a step leaves what can exist, the effect itself stands for it.
+    Where a step is no longer physically consistent, the effect itself stands for it.
     """
     ends, reached = [effect, effect], [entry.value, entry.value]
     for side, step in enumerate(

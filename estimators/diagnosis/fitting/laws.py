@@ -1,4 +1,4 @@
-"""Laws: which of several equations of one effect the recordings speak for, and how clearly.
+"""Laws: choose among several equations of one effect by their evidence.
 
 Some effects follow one of several laws, as presliding does those of Maxwell slip, LuGre, Dahl, and
 Bouc and Wen. Where the grid of settings of one law lies badly, another looks better than it is; so

@@ -1,4 +1,4 @@
-"""RegressionProblem: what the stages of a diagnosis share, and a set of effects fitted on it."""
+"""RegressionProblem: data and columns that the stages of a diagnosis share, and its solution."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def quiet(_stage: str, _done: float) -> None:
 
 @dataclass
 class RegressionProblem:
-    """What the stages share: observations, columns and who competes."""
+    """Regression problem that the stages share: observations, columns and candidates."""
 
     observed: Observations
     columns: ColumnTable
@@ -72,7 +72,7 @@ class RegressionProblem:
         return cls(observed, columns, nuisance, candidates, split, residual, level, base)
 
     def left(self, fitted: Posterior) -> FloatArray:
-        """Return what a fit leaves, (K, n) [N m]."""
+        """Return the residual of a fit, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
 
     def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Solving: the set of effects that the recordings speak for, fitted, pruned and refined."""
+"""Solving: find the set of effects of most evidence, then fit, prune and refine it."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Improvement:
         self.change = np.zeros((simulation.model.n, PER_LINK))  # of (m, m c, I) of each link
 
     def revise(self, place: int, name: str, relative: float) -> None:
-        """Change a parameter of the effect at a place in the list by a part of itself."""
+        """Add a fraction of its given value to a parameter of the effect at a place in the list."""
         effect: Any = self.effects[place]
         known = next(item for item in effect.parameters() if item.name == name)
         value = getattr(effect, name) + relative * getattr(self.given.effects[place], name)
@@ -50,7 +50,7 @@ class Improvement:
         self.effects.append(effect)
 
     def enter(self, hypothesis: Hypothesis, coefficients: FloatArray) -> None:
-        """Enter what a hypothesis comes to with fitted coefficients."""
+        """Enter a hypothesis with fitted coefficients."""
         if hypothesis.enter is not None:
             self.effects = list(hypothesis.enter(self.effects, coefficients))
             return

@@ -36,7 +36,7 @@ class Response(NamedTuple):
 
 
 class Sharp(NamedTuple):
-    """What has to be filtered for a column, and what makes the column of it."""
+    """Signals to filter for a column, and the function that makes the column of them."""
 
     values: FloatArray  # (T, m)
     read: Callable[[FloatArray], Response]  # from the filtered values on the slow rows, (K, m)

@@ -1,4 +1,4 @@
-"""Revision: other values of what the simulation has already, bodies and parameters of effects.
+"""Revision: change the values of bodies and effects that the simulation already has.
 
 Coefficients are relative: 0 keeps a value, and 0.1 makes it a tenth larger.
 """
@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 
 
 def relative_change(known: Parameter, coefficient: float) -> float:
-    """Return by which part of itself a coefficient changes a parameter.
+    """Return the relative change of a parameter that a coefficient stands for.
 
-    Of a width, the logarithm is what is linear; of a stiffness that winds up, its inverse.
+    The torque is about linear in the logarithm of a width, and in the inverse of a stiffness that
+    winds up; in all others, in the value itself.
     """
     if known.smooths:
         return float(np.clip(np.exp(coefficient), REVISION.narrower, REVISION.wider) - 1.0)
@@ -37,15 +38,15 @@ def relative_change(known: Parameter, coefficient: float) -> float:
 
 
 def beside_stated(known: Parameter, ratio: float) -> tuple[float, float]:
-    """Say what coefficients of the stated value of a parameter are where it has another value.
+    """Convert coefficients of a stated value for a parameter that has another value at hand.
 
     Args:
         known: The parameter.
         ratio: Value at hand over the stated one.
 
     Returns:
-        By how much a coefficient of the value at hand is larger, and the one of the stated value
-        that gives the value at hand.
+        The factor from a coefficient of the stated value to that of the value at hand for the same
+        small change, and the coefficient of the stated value that gives the value at hand.
     """
     if known.smooths:
         return 1.0, float(np.log(ratio))
@@ -55,7 +56,7 @@ def beside_stated(known: Parameter, ratio: float) -> tuple[float, float]:
 
 
 def reviser(place: int, parameters: Sequence[Parameter]) -> Enter:
-    """Return what enters coefficients (c,) of as many parameters of the effect at a place."""
+    """Return a function that enters coefficients (c,) of as many parameters of an effect."""
 
     def enter(improvement: Improvement, c: FloatArray) -> None:
         for known, coefficient in zip(parameters, c, strict=True):
@@ -65,7 +66,7 @@ def reviser(place: int, parameters: Sequence[Parameter]) -> Enter:
 
 
 def derivative(observed: Observations, place: int, name: str) -> Response:
-    """Return what a relative change of 1 of an effect's parameter adds, to first order."""
+    """Return the torque of a relative change of 1 of an effect's parameter, to first order."""
     effect: Any = observed.simulation.effects[place]
     value = getattr(effect, name)
     ahead, behind = (
@@ -76,7 +77,7 @@ def derivative(observed: Observations, place: int, name: str) -> Response:
 
 
 def mover(link: int, scale: FloatArray) -> Enter:
-    """Return what enters relative coefficients (10,) of a link's body (0-based).
+    """Return a function that enters relative coefficients (10,) of a link's body (0-based).
 
     Args:
         link: Which link.

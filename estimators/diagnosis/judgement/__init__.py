@@ -1,1 +1,1 @@
-"""Judgement: what of a fit is named, how sure that is, and what stays unknown."""
+"""Judgement: findings of a fit, their confidence, and what stays unknown."""

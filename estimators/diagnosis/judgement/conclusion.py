@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
-    from estimators.diagnosis.judgement.judgement import Leftover
+    from estimators.diagnosis.judgement.judgement import RemainingResidual
     from estimators.diagnosis.verdict import Finding
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -69,7 +69,7 @@ def rows_of(recordings: Sequence[Recording]) -> RowCount:
 def conclude(
     problem: RegressionProblem,
     solution: Solution,
-    rest: Leftover,
+    remaining: RemainingResidual,
     named: Sequence[int],
     unknown: tuple[int, ...],
     proven: FloatArray,
@@ -81,7 +81,7 @@ def conclude(
     Args:
         problem: What was compared.
         solution: The set, fitted to the rows meant for it.
-        rest: What is left.
+        remaining: Residual that remains.
         named: Members of the set that are findings; the others only stand in for the unknown.
         unknown: Joints (0-based) on which something unknown acts.
         proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
@@ -91,23 +91,23 @@ def conclude(
     alone = rmse(tolerances, problem.split.held_out)
     after = rmse(proven, problem.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
-    found = (*contact, *findings_of(problem, solution, named, rest, alone, after))
-    findings = (*found, *unknown_of(problem, stand_ins, rest, unknown, alone, after))
+    found = (*contact, *findings_of(problem, solution, named, remaining, alone, after))
+    findings = (*found, *unknown_of(problem, stand_ins, remaining, unknown, alone, after))
     if not findings:
         summary = "consistent"
     elif not unknown:
         summary = "explained"
     else:
         summary = "partly_explained" if found else "unexplained"
-    _, share = left_at(unknown, alone, after, rest.floor)
+    _, share = left_at(unknown, alone, after, remaining.floor)
     where = next((item.where for item in findings if item.effect == UNKNOWN), Where())
     return Verdict(
         verdict=summary,
         findings=findings,
         unexplained=Unexplained(tuple(j + 1 for j in unknown), share, where),
-        not_observable=not_observable(problem, solution, rest),
+        not_observable=not_observable(problem, solution, remaining),
         next_motion=None,
-        fit=fit_of(problem, proven, alone, rest.floor),
+        fit=fit_of(problem, proven, alone, remaining.floor),
         rows=rows_of(problem.observed.recordings),
         # of all rows, and beside the given simulation, as the recordings came in
         notes=(
@@ -119,7 +119,7 @@ def conclude(
 
 
 def not_observable(
-    problem: RegressionProblem, solution: Solution, rest: Leftover
+    problem: RegressionProblem, solution: Solution, remaining: RemainingResidual
 ) -> tuple[NotObservable, ...]:
     """Name the effects that could be there at ten noise floors without showing."""
     evidence = solution.search.evidence
@@ -134,7 +134,7 @@ def not_observable(
         joint = candidate.joints[0] if candidate.joints else 0
         torque = float(
             np.min(size[at] * np.sqrt(2 * OBSERVABLE.price / np.maximum(information, 1e-12)))
-            / rest.floor[joint]
+            / remaining.floor[joint]
         )
         known = least.get(candidate.effect)
         if known is None or torque > known[0]:
@@ -142,8 +142,8 @@ def not_observable(
     return tuple(
         NotObservable(
             effect,
-            f"at joint {joint + 1} it would have to add {torque * rest.floor[joint]:.2g} N m RMS "
-            "to show beside what the tolerances allow",
+            f"at joint {joint + 1} it would have to add {torque * remaining.floor[joint]:.2g} N m "
+            "RMS to be distinguishable from the nuisance parameters within their tolerances",
         )
         for effect, (torque, joint) in sorted(least.items())
         if torque > OBSERVABLE.hidden

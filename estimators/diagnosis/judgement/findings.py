@@ -6,13 +6,13 @@ The weights are those of a logistic regression on 63 concealed cases that nothin
 names, of which 65 are right), by `benchmarks/diagnosis/diagnosis_calibration.py`;
 `benchmarks/diagnosis/diagnosis.py` measures on others how well they hold.
 
-Shares: what the error that tolerances leave comes from, as parts that add up to 1 at most.
+Shares: the error that remains within tolerances, divided among the findings; at most 1 in all.
 
-Values that move inside their tolerances may take most of the given simulation's error. Shares are
-of what they leave by themselves on motion held out: its mean square beyond that of the noise floor,
-summed over joints. The set of effects takes a part of it, and the rest stays. Effects overlap: what
-is lost without each of them may add up to more or less than what is lost without all, so the part
-of the set is divided among its members in proportion to what is lost without each.
+Moving values within their tolerances may remove most of the given simulation's error. Shares are of
+the error that then remains on held-out motion: its mean square beyond that of the noise floor,
+summed over joints. The set of effects explains a part of it. Effects overlap: the losses without
+each of them may add up to more or less than the loss without all, so the part of the set is divided
+among its members in proportion to the loss without each.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
-    from estimators.diagnosis.judgement.judgement import Leftover
+    from estimators.diagnosis.judgement.judgement import RemainingResidual
     from estimators.diagnosis.selection.candidates import Candidate
     from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
@@ -48,7 +48,7 @@ def findings_of(
     problem: RegressionProblem,
     solution: Solution,
     named: Sequence[int],
-    leftover: Leftover,
+    remaining: RemainingResidual,
     alone: FloatArray,
     after: FloatArray,
 ) -> tuple[Finding, ...]:
@@ -58,11 +58,11 @@ def findings_of(
         problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         named: Members of the set.
-        leftover: What is left on each joint.
+        remaining: Residual that remains on each joint.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
     """
-    shares = shares_of(problem, solution, alone, after, leftover.floor)
+    shares = shares_of(problem, solution, alone, after, remaining.floor)
     found: list[Finding] = []
     for member in named:
         candidate = problem.candidates[member]
@@ -70,7 +70,7 @@ def findings_of(
         gained = contribution(problem, solution, member)
         everywhere = is_of_bodies(candidate.effect) or not candidate.joints
         own = list(range(problem.observed.n) if everywhere else candidate.joints)
-        joint = own[int(np.argmax((gained / leftover.floor**2)[own]))]
+        joint = own[int(np.argmax((gained / remaining.floor**2)[own]))]
         lead = margin(problem, solution, member, same)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
@@ -99,7 +99,7 @@ def findings_of(
                     joint,
                     float(before[joint]),
                     float(after[joint]),
-                    float(leftover.floor[joint]),
+                    float(remaining.floor[joint]),
                     lead,
                 )
                 + sentence_of(candidate.laws),
@@ -113,8 +113,8 @@ def _sentence(
     candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
 ) -> str:
     return (
-        f"At joint {joint + 1} {signature_of(candidate.effect)}; on motion held out, it brings the "
-        f"error there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
+        f"At joint {joint + 1} {signature_of(candidate.effect)}; on held-out motion it reduces the "
+        f"RMSE there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
         + (
             f"makes the recordings {times(lead)} likelier than the next explanation does."
             if lead > 0
@@ -146,7 +146,7 @@ def _where(problem: RegressionProblem, solution: Solution, member: int, joint: i
 def unknown_of(
     problem: RegressionProblem,
     stand_ins: Sequence[int],
-    rest: Leftover,
+    remaining: RemainingResidual,
     joints: tuple[int, ...],
     alone: FloatArray,
     after: FloatArray,
@@ -156,17 +156,19 @@ def unknown_of(
     Args:
         problem: What was compared.
         stand_ins: Members that improve the prediction, and explain too little to be named.
-        rest: What is left on each joint.
+        remaining: Residual that remains on each joint.
         joints: Where something unknown acts, 0-based.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
     """
     if not joints:
         return ()
-    worst = max(joints, key=lambda j: rest.foretold[j] / rest.floor[j])
+    worst = max(joints, key=lambda j: remaining.predictable[j] / remaining.floor[j])
+    predicted, floor = remaining.predictable[worst], remaining.floor[worst]
     text = (
-        f"At joint {worst + 1} a rest of {rest.foretold[worst]:.3f} N m RMS could be foretold from "
-        f"the motion (noise floor {rest.floor[worst]:.3f} N m), and no known effect foretells it."
+        f"At joint {worst + 1} a black box predicts {predicted:.3f} N m RMS of the remaining "
+        f"residual from the motion (noise floor {floor:.3f} N m), and no effect of the catalogue "
+        "explains it."
     )
     if stand_ins:
         names = (
@@ -178,7 +180,7 @@ def unknown_of(
             "simulation; they are no names for it."
         )
     values = tuple(after.tolist())
-    share, _ = left_at(joints, alone, after, rest.floor)
+    share, _ = left_at(joints, alone, after, remaining.floor)
     return (
         Finding(
             effect=UNKNOWN,
@@ -187,7 +189,7 @@ def unknown_of(
             equivalent=(),
             confidence=CONFIDENCE.of_unknown,
             parameters={},
-            where=where_of(problem.observed, rest.series[:, worst], worst),
+            where=where_of(problem.observed, remaining.series[:, worst], worst),
             share=share,
             heldout_rmse=BeforeAfter(values, values),
             evidence=text,
@@ -197,14 +199,14 @@ def unknown_of(
 
 @dataclass(frozen=True)
 class Signs:
-    """What the confidence of a name is made of."""
+    """Signs from which the confidence of a name is computed."""
 
     lead: float  # evidence over the next explanation [nat]
     material: float  # error that it removes [noise floors]
 
 
 def features(signs: Signs) -> tuple[float, float, float]:
-    """Return what is weighed; the first is 1."""
+    """Return the features of the logistic regression; the first is 1."""
     return 1.0, math.log1p(max(signs.lead, 0.0)), math.log(max(signs.material, 1e-3))
 
 
@@ -217,7 +219,7 @@ def confidence_of(signs: Signs) -> float:
 
 
 def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
-    """Return what is left with values moved inside their tolerances and no effect, (K, n)."""
+    """Return the residual with values moved within their tolerances and no effect, (K, n)."""
     if problem.first is not None:  # columns around what was found say nothing of a set without it
         return left_by_tolerances(problem.first, fitted(problem.first, (), solution.noise))
     search = solution.search

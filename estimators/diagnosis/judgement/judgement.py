@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import contribution, taken_off, without
-from estimators.diagnosis.judgement.surrogate import foretold
+from estimators.diagnosis.judgement.surrogate import predictable_part
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -35,31 +35,31 @@ _TINY = 1e-12  # [N m], that nothing is divided by less than
 
 
 @dataclass(frozen=True)
-class Leftover:
-    """What the chosen set leaves on each joint."""
+class RemainingResidual:
+    """Residual that remains on each joint beside the chosen set."""
 
-    floor: FloatArray  # (n,) RMS of what no black box can foretell [N m]
-    foretold: FloatArray  # (n,) RMS of what one can [N m]
-    series: FloatArray  # (K, n) what one foretells; the whole rest where that is smooth [N m]
+    floor: FloatArray  # (n,) RMS of what no black box can predict [N m]
+    predictable: FloatArray  # (n,) RMS of what one can [N m]
+    series: FloatArray  # (K, n) what one predicts; all that remains where that is smooth [N m]
 
     @property
-    def foretellable(self) -> NDArray[np.bool_]:
-        """Mark the joints (n,) on which a black box foretells clearly more than noise."""
-        return self.foretold > JUDGEMENT.foretold * self.floor
+    def clearly_predictable(self) -> NDArray[np.bool_]:
+        """Mark the joints (n,) on which a black box predicts clearly more than noise."""
+        return self.predictable > JUDGEMENT.predictable * self.floor
 
 
-def leftover(observed: Observations, left: FloatArray) -> Leftover:
-    """Split the rest into what could be foretold and what is noise.
+def remaining_residual(observed: Observations, left: FloatArray) -> RemainingResidual:
+    """Split the remaining residual into a part that the motion predicts and noise.
 
-    Some physics cannot be foretold from the motion (jumps, disturbances in time). It is slow where
-    noise is rough: a rest that is far smoother on one joint than on the others counts, too.
+    Some physics cannot be predicted from the motion (jumps, disturbances in time). It is slow where
+    noise is rough: a residual far smoother on one joint than on the others counts, too.
 
     Args:
         observed: Recordings and simulation.
         left: Residual of the improved simulation, (K, n) [N m].
     """
     moving = observed.faster(ROWS.creep)  # a simulation gets slower friction wrong, unknown or not
-    guesses = [foretold(observed, left[:, joint], joint) for joint in range(observed.n)]
+    guesses = [predictable_part(observed, left[:, joint], joint) for joint in range(observed.n)]
     series = np.stack(guesses, axis=1)
     whole, floor = rmse(left, moving), rmse(left - series, moving)
     rough, moves = roughness(left, moving), moving.any(axis=0)
@@ -69,7 +69,7 @@ def leftover(observed: Observations, left: FloatArray) -> Leftover:
     smooth = (ratio > JUDGEMENT.smoother * usual) & (ratio > JUDGEMENT.smooth)
     floor = np.where(smooth, usual * rough, floor)
     beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
-    return Leftover(floor, beyond, np.where(smooth, left, series))
+    return RemainingResidual(floor, beyond, np.where(smooth, left, series))
 
 
 def equivalents(
@@ -93,7 +93,7 @@ def equivalents(
 
 
 def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
-    """Return what no recording can tell from a member; of links only the last carries a load."""
+    """Return effects indistinguishable from a member; of links only the last carries a load."""
     candidate, last = problem.candidates[member], problem.observed.n - 1
     same = identical_to(candidate.effect)
     if LINK_INERTIA in {candidate.effect, *same} and candidate.joints != (last,):
@@ -121,12 +121,12 @@ def margin(
 
 
 def abstained(
-    problem: RegressionProblem, solution: Solution, rest: Leftover
+    problem: RegressionProblem, solution: Solution, remaining: RemainingResidual
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Take back names that explain too little of a joint's error, and say what stays unknown.
+    """Drop names that explain too little of a joint's error, and return the unknown joints.
 
     A wrong effect often explains part of an unknown one. The right one leaves nothing that a black
-    box could foretell.
+    box can predict.
 
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
@@ -134,27 +134,28 @@ def abstained(
     search = solution.search
     none = search.evidence.posterior(search.prior(()))
     removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
-    explained = removed / np.maximum(removed + rest.foretold**2, 1e-12)
-    unknown = np.flatnonzero(rest.foretellable & (explained < JUDGEMENT.precise))
+    explained = removed / np.maximum(removed + remaining.predictable**2, 1e-12)
+    unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
     doubtful = {int(j) for j in unknown if explained[j] < JUDGEMENT.dominant}
     stay = tuple(
         member
         for member in solution.members
-        if int(np.argmax(contribution(problem, solution, member) / rest.floor**2)) not in doubtful
+        if int(np.argmax(contribution(problem, solution, member) / remaining.floor**2))
+        not in doubtful
     )
     return stay, tuple(int(j) for j in unknown)
 
 
-def gains(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> bool:
+def gains(problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual) -> bool:
     """Say whether held-out motion is surely predicted better than by the given simulation."""
     given = problem.observed.residual
-    gained = (given**2 - proven**2) / np.maximum(rest.floor, _TINY) ** 2
+    gained = (given**2 - proven**2) / np.maximum(remaining.floor, _TINY) ** 2
     return surely_positive(gained, problem.observed, problem.split.held_out)
 
 
-def harms(problem: RegressionProblem, proven: FloatArray, rest: Leftover) -> bool:
-    """Say whether held-out motion of some joint is foretold clearly worse than before."""
-    return worse(problem, proven, problem.observed.residual, rest)
+def harms(problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual) -> bool:
+    """Say whether held-out motion of some joint is predicted clearly worse than before."""
+    return worse(problem, proven, problem.observed.residual, remaining)
 
 
 def least_harmful(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
@@ -170,11 +171,13 @@ def least_harmful(problem: RegressionProblem, solution: Solution) -> tuple[int, 
 
 
 def worse(
-    problem: RegressionProblem, proven: FloatArray, other: FloatArray, rest: Leftover
+    problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
 ) -> bool:
     """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
     rows = problem.split.held_out
-    return bool((rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * rest.floor).any())
+    return bool(
+        (rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * remaining.floor).any()
+    )
 
 
 def _moved(shift: Shift) -> str:
@@ -185,7 +188,7 @@ def _moved(shift: Shift) -> str:
 def remarks(
     shifts: Sequence[Shift], *, members: int, harmful: bool, passing: Sequence[str], doubted: int
 ) -> Iterator[str]:
-    """Yield what a reader should know of the fit, one sentence each."""
+    """Yield notes on the fit, one sentence each."""
     moved = [shift for shift in shifts if abs(shift.sigmas) > JUDGEMENT.worth_a_word][:3]
     if moved and not harmful:
         said = "; ".join(map(_moved, moved))
@@ -200,7 +203,7 @@ def remarks(
         )
     if harmful:
         yield (
-            "What was found foretells motion held out worse than the given simulation does, so "
+            "What was found predicts held-out motion worse than the given simulation does, so "
             "the written simulation is the given one. Do the recordings belong together?"
         )
     if passing:

@@ -1,4 +1,4 @@
-"""Tree: plain questions about what the residual of a joint depends on, one nested in the other.
+"""Tree of nested tests: the variables that the residual of a joint depends on.
 
 Does it remember where the joint turned? If not only that, does it change with speed, with load,
 with position, with time? Each question adds a generic family of columns to those that said yes

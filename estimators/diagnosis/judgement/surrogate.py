@@ -1,7 +1,7 @@
-"""Surrogate: whether what is left over could be foretold at all.
+"""Surrogate: a black box that tells unknown physics from noise in the remaining residual.
 
 What no effect of the catalogue explains is either noise or unknown physics. Unknown physics is a
-function of the motion, so a black box can foretell it on rows that it has not seen; noise it
+function of the motion, so a black box can predict it on rows that it has not seen; noise it
 cannot. The black box is a ridge regression on many features of the joint's own motion, the loads
 and speeds of the others, and time.
 """
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatArray:
-    """Return what a black box foretells of one joint's residual, each row from other rows.
+def predictable_part(observed: Observations, residual: FloatArray, joint: int) -> FloatArray:
+    """Return the part of one joint's residual that a black box predicts, each row from others.
 
     Args:
         observed: Recordings and simulation.
@@ -33,7 +33,7 @@ def foretold(observed: Observations, residual: FloatArray, joint: int) -> FloatA
         joint: 0-based.
 
     Returns:
-        Foretold residual, (K,) [N m]; zero where nothing can be foretold.
+        Predicted residual, (K,) [N m]; zero where nothing can be predicted.
     """
     features = _features(observed, joint) * observed.moving[:, joint, None]
     residual = residual * observed.moving[:, joint]

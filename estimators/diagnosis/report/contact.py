@@ -1,4 +1,4 @@
-"""What pushed: the rest of all joints around each push, and the wrench that explains it."""
+"""Report section on pushes: the residual of all joints around each, and its fitted wrench."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ _FADED = 0.25  # opacity of rows that are not scored
 _BOTH = ("before", "after")
 _SIDES = {
     "before": ("given simulation", BEFORE),
-    "tolerances": ("tolerances alone", TOLERANCES),
+    "tolerances": ("within tolerances", TOLERANCES),
     "after": ("improved simulation", AFTER),
 }
 _LABELS = {
@@ -69,7 +69,7 @@ def summary(fit: Fit) -> Figure:
             "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
         _dots(fit.heldout_rmse_before, joints, "given simulation", {
             "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
-        _dots(fit.heldout_rmse_tolerances, joints, "tolerances alone", {
+        _dots(fit.heldout_rmse_tolerances, joints, "within tolerances", {
             "symbol": "diamond-open", "size": 15, "color": TOLERANCES, "line": {"width": 2}}),
         _dots(fit.heldout_rmse_after, joints, "improved simulation", {
             "symbol": "circle", "size": 11, "color": AFTER}),
@@ -164,7 +164,7 @@ def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
 
 
 def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
-    """What the improved simulation leaves on every joint around a push (in time of a recording)."""
+    """Residual of the improved simulation on every joint around a push (in time of a recording)."""
     near = (traces.time > window[0] - _AROUND) & (traces.time < window[1] + _AROUND)
     rows = np.flatnonzero(near & (traces.recording == recording))
     data = [
@@ -203,7 +203,7 @@ def explanations(
 
 
 def shifts(moved: Sequence[Shift]) -> Figure:
-    """How far nuisance parameters moved, in standard deviations of their prior."""
+    """Figure of how far nuisance parameters moved, in standard deviations of their prior."""
     far = [abs(item.sigmas) > 2 for item in moved]  # noqa: PLR2004  # sigma
     dots = {
         "type": "scatter", "mode": "markers", "y": [item.name for item in moved],

@@ -106,7 +106,7 @@ def _errors(fit: Fit, *, findings: bool) -> str:
     headings = (
         "joint",
         "given [N m]",
-        "tolerances alone [N m]",
+        "within tolerances [N m]",
         "improved [N m]",
         "noise floor [N m]",
         "improved / floor",
@@ -120,8 +120,8 @@ def _errors(fit: Fit, *, findings: bool) -> str:
     )
     meaning = (
         "Held-out: rows of the recordings that no parameter was fitted to, those near rest left "
-        "out. Reducible: mean square above the noise floor. Tolerances alone: known values moved "
-        "inside their tolerances, no effect added."
+        "out. Reducible: mean square above the noise floor. Within tolerances: the given "
+        "simulation with its values moved within their tolerances, no effect added."
     )
     removed += _by_tolerances(fit, findings=findings)
     return (
@@ -138,8 +138,8 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
     taken = reducible_removed(*map(np.array, errors))
     if taken < _WORTH_SAYING:
         return ""
-    said = f" Values that move inside their tolerances take {percent(taken)} of it by themselves"
-    return said + ("; what they leave is what findings are about." if findings else ".")
+    said = f" Moving values within their tolerances removes {percent(taken)} of it"
+    return said + ("; the findings are about the error that remains." if findings else ".")
 
 
 def _rmse(value: float) -> str:
@@ -161,7 +161,7 @@ def _card(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
         facts.append(("held-out RMSE", drop))
     if item.share > 0:  # of a push nothing is: its rows are not scored
         does = "stays" if unknown else "takes"
-        facts.insert(1, (does, f"{meter(item.share)} of the error that tolerances alone leave"))
+        facts.insert(1, (does, f"{meter(item.share)} of the error that remains within tolerances"))
     if item.equivalent:
         names = ", ".join(spoken(e) for e in item.equivalent)
         facts.append(("cannot be told from", escape(names)))

@@ -1,4 +1,4 @@
-"""The evidence under the verdict: where, how, what competed, what is unsure, what comes next."""
+"""Sections below the verdict: residuals, explanations, doubts, next motion, replay."""
 
 from __future__ import annotations
 
@@ -68,10 +68,11 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
     )
     lead = (
         "Residual: recorded minus simulated torque, mean (line) and one standard deviation (band) "
-        "in bins. Orange: the given simulation. Green: tolerances alone. Blue: the improved "
-        "simulation. Dotted: noise floor. Torque curves show 8 s in which tolerances leave much "
-        "and the joint moves little, less the rigid-body torque. Rows near rest are neither fitted "
-        "nor scored: they are not in the bins, and pale in the curves."
+        "in bins. Orange: the given simulation. Green: that with its values moved within their "
+        "tolerances. Blue: the improved simulation. Dotted: noise floor. "
+        "Torque curves show, less the rigid-body torque, 8 s in which the remaining error is large "
+        "and the joint moves little. Rows near rest are neither fitted nor scored: they are not in "
+        "the bins, and pale in the curves."
     )
     return section("Where the difference is", opened + rest, "where", lead)
 
@@ -106,19 +107,20 @@ def _beyond(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
     drawn = [
         charts.place(
             figures.dependence(traces, j, name, floor, ("tolerances", "after")),
-            f"Left {_TITLES[name]}",
+            f"Remaining residual {_TITLES[name]}",
             _NOTES.get(name, ""),
         )
         for name in _QUANTITIES
     ]
     before, after = figures.maps(traces, j, ("tolerances", "after"))
     maps = [
-        charts.place(before, "Left over position and velocity", "tolerances alone"),
-        charts.place(after, "Left over position and velocity", "improved"),
+        charts.place(before, "Remaining residual over position and velocity", "within tolerances"),
+        charts.place(after, "Remaining residual over position and velocity", "improved"),
     ]
     said = (
-        "Green: with values moved inside their tolerances and no effect; what it leaves, findings "
-        "explain. Blue: the improved simulation; what it leaves, nothing explains."
+        "Green: the given simulation with its values moved within their tolerances, and no effect "
+        "added; the findings explain its residual. Blue: the improved simulation; nothing "
+        "explains its residual."
     )
     return (
         f'<div id="beyond-{j + 1}"><h4>Joint {j + 1} beyond tolerances</h4>'
@@ -173,16 +175,17 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
             "explanation",
             "log evidence",
             "to the chosen",
-            "share of the rest",
+            "share of the remaining error",
             "",
         )
         body += table(headings, rows)
     tellable = CONTRIBUTION.tellable
     lead = (
         f"A difference in log evidence of {tellable:g} means odds of {np.exp(tellable):.0f} to 1; "
-        "what is closer than that, these recordings cannot tell apart. More evidence than that of "
-        "the chosen explanation is not enough where motion held out speaks against it. The rest is "
-        "what values inside their tolerances leave by themselves."
+        "these recordings cannot distinguish explanations that are closer than that. One of more "
+        "evidence than the chosen explanation is rejected where held-out motion speaks against it. "
+        "The remaining error is that of the given simulation with its values moved within their "
+        "tolerances."
     )
     return section("What competed", body, "competing", lead)
 
@@ -258,8 +261,9 @@ def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
     ]  # fmt: skip
     listed = table(("parameter", "nominal", "fitted", "unit", "sigmas"), rows)
     said = (
-        "Inertias and friction may move inside their tolerances, so that no missing physics is "
-        "seen where a nominal value is merely a little off."
+        "Nuisance parameters: inertias, friction and sensor errors are fitted beside every effect, "
+        "within their stated tolerances, so that a slightly wrong value is not taken for missing "
+        "physics."
     )
     return (
         "<h3>How far nominal values moved</h3>"

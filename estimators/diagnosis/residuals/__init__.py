@@ -1,1 +1,1 @@
-"""Residuals: recordings beside a simulation, their noise, and what is wrong with a log."""
+"""Residuals: recordings minus a simulation, their noise, and mistakes in logs."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Split:
-    """Which rows are fitted to, and which are held out; none is both, some near an edge neither."""
+    """Rows that are fitted to and rows held out; none is both, some near an edge neither."""
 
     fitted: NDArray[np.bool_]  # (K, n)
     held_out: NDArray[np.bool_]  # (K, n)

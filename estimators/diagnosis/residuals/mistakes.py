@@ -1,4 +1,4 @@
-"""Mistakes: what a log can get wrong about a whole joint, and how to undo each.
+"""Mistakes that a log can hold about a whole joint, such as a wrong sign, and how to undo each.
 
 Columns in the wrong order, signs, units and zeros of another convention are no missing physics, but
 a search for physics would name some.
@@ -142,7 +142,7 @@ Undo: TypeAlias = Callable[[RowSample], RowSample]
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is wrong, in words, and what undoes it."""
+    """Mistake in a log, in words, and the function that undoes it."""
 
     said: str
     undo: Undo

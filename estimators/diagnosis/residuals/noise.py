@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Noise:
-    """Errors of n joints on K rows; row t of a run of used rows is foretold from those before."""
+    """Errors of n joints on K rows; row t of a run of used rows is predicted from those before."""
 
     weight: FloatArray  # (n, order + 1, order): of the last rows, for each number of them known
-    white: FloatArray  # (n, order + 1) deviation of what they do not foretell [N m]
+    white: FloatArray  # (n, order + 1) standard deviation of the prediction error [N m]
     known: NDArray[np.int64]  # (K, n) rows before, at most the order, in the same run
 
     @classmethod
@@ -105,7 +105,7 @@ def _covariance(
 
 
 def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve for the best foretelling from 0 to `order` rows, one after the other."""
+    """Solve for the best linear prediction from 0 to `order` rows, one order after the other."""
     weight, white = np.zeros((NOISE.order + 1, NOISE.order)), np.zeros(NOISE.order + 1)
     variance = float(covariance[0])
     white[0] = np.sqrt(variance)

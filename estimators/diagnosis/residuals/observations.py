@@ -45,7 +45,7 @@ class Observations:
     simulation: Simulation
     recordings: tuple[Recording, ...]
     bandwidth: float  # [Hz]
-    motion: Motion  # (T,) all recordings, one after the other; time starts anew in each
+    motion: Motion  # (T,) all recordings, one after the other; each has its own time
     slow: Motion  # (K,) the same within the bandwidth, on the rows kept
     segments: tuple[slice, ...]  # contiguous stretches of those samples
     recording_of_sample: NDArray[np.int64]  # (T,) which recording each sample is from
@@ -144,12 +144,12 @@ class Observations:
 
     @cached_property
     def recording(self) -> NDArray[np.int64]:
-        """Which recording each kept row is from, (K,)."""
+        """Recording of each kept row, 0-based, (K,)."""
         return self.recording_of_sample[self.kept]
 
     @cached_property
     def segment(self) -> NDArray[np.int64]:
-        """Which contiguous stretch each kept row is from, (K,)."""
+        """Contiguous segment of each kept row, (K,)."""
         return np.searchsorted([rows.stop for rows in self.segments], self.kept, side="right")
 
     @property
@@ -195,12 +195,12 @@ class Observations:
 
     @cached_property
     def predicted(self) -> FloatArray:
-        """What the simulation that columns are taken around says, unfiltered, (T, n) [N m]."""
+        """Torque of the simulation around which columns are computed, unfiltered, (T, n) [N m]."""
         return self.predict(self.reference)
 
     @cached_property
     def simulated(self) -> FloatArray:
-        """What the given simulation says, filtered, (K, n) [N m]."""
+        """Torque of the given simulation, filtered, (K, n) [N m]."""
         given = self.predicted if self.around is None else self.predict(self.simulation)
         return self.filter(given)
 

@@ -91,7 +91,7 @@ def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
 
 
 def notes_on(observed: Observations) -> tuple[str, ...]:
-    """Return what a reader of the verdict should know of the recordings, one sentence each."""
+    """Return notes on the recordings for the verdict, one sentence each."""
     warnings = [
         f"{recording.source or 'A recording'}: {warning}."
         for recording in observed.recordings
@@ -304,7 +304,7 @@ class _BodyFit:
         ]
 
     def misfit(self, which: slice) -> FloatArray:
-        """Return what is left of each joint's torque with some body parameters changed, (n,).
+        """Return the misfit of each joint's torque with some body parameters changed, (n,).
 
         Median over median, which a push does not change.
         """

@@ -1,1 +1,1 @@
-"""Selection: which set of effects the recordings speak for."""
+"""Selection: the set of effects of most evidence."""

@@ -1,4 +1,4 @@
-"""Base friction: what a simulation that gives a joint no friction at all lacks for certain.
+"""Base friction: Coulomb and viscous friction of joints that the simulation gives none.
 
 A bare robot description says nothing of friction, which is not to say that there is none. Beside
 friction that is not in, what is missing besides would not show: so the search starts with Coulomb

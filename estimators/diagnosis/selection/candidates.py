@@ -59,12 +59,12 @@ class Candidate:
 
     @property
     def place(self) -> tuple[str, tuple[int, ...]]:
-        """What is named: effect and joints."""
+        """Name of the candidate: effect and joints."""
         return self.effect, self.joints
 
     @cached_property
     def slot(self) -> tuple[str, tuple[int, ...]]:
-        """What holds one candidate of a set: what one says, the others there would say again."""
+        """Slot that holds at most one candidate of a set, since others there would be redundant."""
         return description_of(self.effect).part_of or self.effect, self.joints
 
 

@@ -1,8 +1,8 @@
-"""Nuisance: what may differ from the simulation without being missing physics.
+"""Nuisance parameters: values that may differ from the simulation within their tolerances.
 
 Inertias and friction are known to the tolerances of `sim.yaml`; sensors have a little offset and
-lag. Each is a column with a prior deviation. Freely refitted, they would swallow nearly all of an
-elasticity or a backlash; ignored, they would look like physics.
+lag. Each is a column with a prior standard deviation. Fitted without a prior, they would absorb
+nearly all of an elasticity or a backlash; ignored, they would look like missing physics.
 """
 
 from __future__ import annotations

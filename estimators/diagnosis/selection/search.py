@@ -1,4 +1,4 @@
-"""Search: which set of effects the recordings speak for.
+"""Search for the set of effects of most evidence.
 
 Greedy addition fails: two effects together can explain what neither does alone, and the first one
 chosen is often a blend of both. So a beam of the best sets is grown, then every member is tried
@@ -64,7 +64,7 @@ class Search:
         return self._settled(self._grown_from(self._needed(self.base)))
 
     def around(self, members: Iterable[int]) -> Explained:
-        """Return the best set near a given one: more may come in, and what is idle goes."""
+        """Return the best set near a given one: others may be added, and idle members removed."""
         return self._needed(self._grown_from(self._needed(tuple(members))).members)
 
     def _grown_from(self, best: Explained) -> Explained:

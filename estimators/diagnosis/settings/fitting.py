@@ -19,7 +19,8 @@ class SolvingSettings:
         "higher underrates the errors of short recordings; lower divides by nearly nothing")
     rounds: int = setting(2, "", "of noise and search in turn",
         "more cost time; fewer search under a noise that has physics in it")
-    curved: float = setting(0.4, "of the rest", "by which a simulation may be off its linear fit",
+    curved: float = setting(0.4, "of the remaining residual",
+        "by which a simulation may be off its linear fit",
         "higher keeps fits that are not what is simulated; lower searches again too often")
 
 
@@ -48,12 +49,12 @@ NEWTON = NewtonSettings()
 
 @dataclass(frozen=True)
 class ContributionSettings:
-    """What a finding has to take off (fitting.contribution)."""
+    """Error that a finding has to remove (fitting.contribution)."""
 
     material: float = setting(0.5, "errors left",
         "that a finding has to take off the error of some joint",
         "higher names less; lower names what hardly matters")
-    tellable: float = setting(4.0, "nat", "within which explanations cannot be told apart",
+    tellable: float = setting(4.0, "nat", "within which explanations are indistinguishable",
         "higher lists more equivalents; lower is sure too soon")
     seen: float = setting(0.5, "of an effect's mean square",
         "that rows held out have to have to judge it",

@@ -55,7 +55,7 @@ RIPPLE = RippleSettings()
 
 @dataclass(frozen=True)
 class RevisionSettings:
-    """How far a stated value moves at once (hypotheses.revision, improvement)."""
+    """Steps in which a stated value moves (hypotheses.revision, improvement)."""
 
     step: float = setting(0.05, "relative", "of derivatives by a parameter",
         "larger is less linear; smaller loses digits")

@@ -1,4 +1,4 @@
-"""Settings: what is named, how surely, and what stays unknown."""
+"""Settings of the judgement: findings, their confidence, and what stays unknown."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from estimators.diagnosis.settings.setting import setting
 class JudgementSettings:
     """Abstention (judgement.judgement)."""
 
-    foretold: float = setting(0.45, "noise floors", "of predictable rest that counts as unknown",
+    predictable: float = setting(0.45, "noise floors",
+        "of predictable residual that counts as unknown",
         "higher overlooks unknown physics; lower abstains too often",
         chosen="by judgement, changed once while developing on concealed cases: from 0.5")
-    smoother: float = setting(1.4, "times the other joints'", "ratio of a rest to its roughness",
+    smoother: float = setting(1.4, "times the other joints'",
+        "ratio of a residual to its roughness",
         "higher takes slow physics for noise; lower noise for physics")
     smooth: float = setting(1.9, "", "that ratio, at least", "as above")
     at_limit: float = setting(0.01, "sigma",
@@ -29,7 +31,7 @@ class JudgementSettings:
         "higher abstains more often; lower names what stands in for the unknown",
         chosen="by judgement, changed once while developing on concealed cases: from 0.7")
     precise: float = setting(0.99, "of a joint's predictable error",
-        "beyond which the rest is imprecision of a law",
+        "beyond which the remainder is imprecision of a law",
         "higher abstains more often; lower overlooks small unknown physics")
 
 
@@ -82,7 +84,7 @@ QUESTIONS = QuestionSettings()
 
 @dataclass(frozen=True)
 class RegionSettings:
-    """Where a finding is said to act (judgement.region)."""
+    """Region in which a finding acts (judgement.region)."""
 
     narrow: float = setting(0.5, "ratio of medians", "below which a region is worth a word",
         "only wording")
@@ -102,7 +104,7 @@ REGION = RegionSettings()
 
 @dataclass(frozen=True)
 class ObservableSettings:
-    """What the motion says nothing of (judgement.conclusion)."""
+    """Effects that the motion does not excite (judgement.conclusion)."""
 
     price: float = setting(10.0, "nat", "that an effect would have to bring", "lower lists less",
         chosen="as for missing physics")
@@ -115,7 +117,7 @@ OBSERVABLE = ObservableSettings()
 
 @dataclass(frozen=True)
 class ConfidenceSettings:
-    """How sure a name is (judgement.findings)."""
+    """Confidence of a name (judgement.findings)."""
 
     weights: tuple[float, float, float] = setting((0.7, 0.25, 1.6), "logit", "of 1, lead and size",
         "fitted, not chosen",

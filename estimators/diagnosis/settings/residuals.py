@@ -12,7 +12,7 @@ from estimators.diagnosis.settings.setting import setting
 
 @dataclass(frozen=True)
 class RowSettings:
-    """Which rows of recordings count (residuals.observations)."""
+    """Rows of recordings that count (residuals.observations)."""
 
     per_bandwidth: float = setting(2.5, "rows/(s Hz)", "rows of the slow grid",
         "more cost time; fewer than 2 lose information",

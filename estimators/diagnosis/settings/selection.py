@@ -1,4 +1,4 @@
-"""Settings: what is believed before any data, and how sets of effects are searched."""
+"""Settings of the selection: priors, and the search for sets of effects."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ CANDIDATES = CandidateSettings()
 
 @dataclass(frozen=True)
 class ToleratedSettings:
-    """What may differ anyway (selection.nuisance)."""
+    """Nuisance parameters: values that may differ within their tolerances (selection.nuisance)."""
 
     sensor_lag: float = setting(3e-4, "s",
         "1 sigma of a torque sensor's filter against the encoder's",

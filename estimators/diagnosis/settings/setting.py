@@ -1,4 +1,4 @@
-"""Settings: numbers that somebody chose, each with unit, reason, and what it trades."""
+"""Setting: a chosen constant with unit, trade-off and reason."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothin
 
 @dataclass(frozen=True)
 class ChosenNumber:
-    """What is known of a number."""
+    """Documentation of a setting."""
 
     name: str
     value: Any

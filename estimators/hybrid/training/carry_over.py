@@ -1,4 +1,4 @@
-"""How much of what a network learns carries over to motion that it was not trained on."""
+"""Estimate how much of a network's torque carries over to motion it was not trained on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CarryOver:
-    """What of a network's torque carries over, and what is off then."""
+    """Part of a network's torque that carries over, and the error that remains then."""
 
     gain: FloatArray  # (n,) in [0, 1], without unit
     rmse: FloatArray  # (n,) [N m], of g F_NN on stretches left out; NaN if none was
@@ -88,7 +88,7 @@ def _without(data: TrainingData, rows: NDArray[np.bool_]) -> TrainingData:
 
 
 def _scan(data: TrainingData, network: Network) -> FloatArray:
-    """Predict all rows, (T, n), normalised; memory starts anew in each stretch."""
+    """Predict all rows, (T, n), normalised; memory is reset at the start of each stretch."""
     y = np.empty(data.targets.shape)
     for rows in data.stretches:
         memory = network.init(data.stride)

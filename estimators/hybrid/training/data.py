@@ -125,7 +125,7 @@ def inputs_and_torque(
 ) -> tuple[NDArray[np.float32], FloatArray]:
     """Compute what the network of a hybrid is given, not normalised, and the rigid body's part.
 
-    Memory starts anew in each segment. A network that stands alone is given no tau_RBD: it is zero.
+    Memory is reset at each segment. A network that stands alone is given no tau_RBD: it is zero.
 
     Args:
         simulation: Gives tau_RBD.

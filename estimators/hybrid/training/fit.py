@@ -38,7 +38,7 @@ _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes a
 
 @dataclass(frozen=True)
 class Epoch:
-    """What one pass over the training motion gave; losses are MSE of the normalised residual."""
+    """Result of one pass over the training motion; losses are MSE of the normalised residual."""
 
     number: int  # from 1
     training_loss: float

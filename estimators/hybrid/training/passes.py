@@ -221,7 +221,7 @@ class BlockPasses(SequencePasses):
 
     @cached_property
     def given(self) -> Tensor:
-        """What it gave for each row in the epoch before, (T, n); written to as it goes."""
+        """Its output for each row in the epoch before, (T, n); written to as it goes."""
         return torch.zeros_like(self.targets)
 
     def _predict(

@@ -1,4 +1,4 @@
-"""How the network of a hybrid is trained: one frozen value, checked when it is made."""
+"""Training settings of a hybrid's network: one frozen value, checked when it is made."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _above_zero(unit: str, description: str, default: float):  # noqa: ANN202  #
 
 @dataclass(frozen=True)
 class TrainingSettings(Declared):
-    """How to train; `paper_settings` gives the paper's protocol.
+    """Settings of training; `paper_settings` gives the paper's protocol.
 
     `split` says how motion is held out: as "blocks" of seconds, as "recordings", of which some are
     held out whole, or as the paper's "sequences", a random choice among neighbouring sub-sequences

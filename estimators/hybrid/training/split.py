@@ -1,4 +1,4 @@
-"""Who sees which rows of the recordings: training, or the judgement of what it learned."""
+"""Split the rows of recordings into training and held-out motion."""
 
 from __future__ import annotations
 

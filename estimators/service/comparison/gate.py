@@ -1,4 +1,4 @@
-"""Whether a challenger is better than the champion, on errors at the same instants.
+"""Promotion gate: whether a challenger is better than the champion, with intervals.
 
 Squared errors are averaged over blocks of some seconds, which hardly depend on each other. Let a_k
 and b_k be these means of challenger and champion in block k of K, and a and b the means of all.
@@ -89,7 +89,7 @@ class Comparison:
 
     @property
     def reason(self) -> str:
-        """What speaks for it or against it, in a sentence."""
+        """Reason for or against promotion, in a sentence."""
         found = (
             f"mean ratio of squared errors {self.mean_ratio.value:.3g} "
             f"({self.mean_ratio.low:.3g} to {self.mean_ratio.high:.3g})"

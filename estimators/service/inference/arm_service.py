@@ -35,7 +35,7 @@ _STRONGEST: Final = 1e5  # [N m] that no joint has felt
 
 
 class Outlet(Protocol):
-    """Where results go; none of it may wait."""
+    """Receiver of results; none of its methods may block."""
 
     external_wanted: bool  # whether anyone listens to external torques, which estimates hold, too
 
@@ -72,7 +72,7 @@ class Window:
 
 @dataclass(frozen=True)
 class ServedArm:
-    """What is served, and how."""
+    """Arm that is served, and how its answers are limited and remembered."""
 
     name: str
     joint_names: tuple[str, ...]
@@ -298,7 +298,7 @@ class ArmService:
         count, self._untold_resets = self._untold_resets, 0
         self._next_reset = time.monotonic() + _RESET_PAUSE
         times = f", {count} times since it was last told" if count > 1 else ""
-        self._outlet.event("reset", f"memory begins anew {why}{times}", Level.WARN, count=count)
+        self._outlet.event("reset", f"memory is reset {why}{times}", Level.WARN, count=count)
 
     def _cut_contacts_off(self) -> None:
         for contact in self.watchdog.restart():
@@ -387,9 +387,9 @@ def _possible(state: JointStateMessage) -> bool:
 
 
 def _why_anew(gap: float, longest: float, *, measured: bool) -> str:
-    """Return why memory cannot go on over a gap between two stamps [s]."""
+    """Return why memory cannot be kept over a gap between two stamps [s]."""
     if gap <= 0:
         return f"after stamps went back by {-gap:.3f} s"
     if gap <= longest:
-        return f"since torque {'came with' if measured else 'left'} the states"
+        return f"because states {'now' if measured else 'no longer'} carry torque"
     return f"after a gap of {gap:.3f} s"

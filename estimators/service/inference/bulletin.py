@@ -1,4 +1,4 @@
-"""What the service of one arm tells of itself, from before it is on the network: phases, events."""
+"""Publish phases and events of one arm's service, also those from before it joined a network."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Bulletin:
         self._publishers: tuple[zenoh.ext.AdvancedPublisher, ...] = ()
 
     def join(self, session: zenoh.Session) -> None:
-        """Publish from now on, and what was told before; a second call does nothing."""
+        """Publish everything so far, and all that follows; a second call does nothing."""
         with self._lock:
             if self._publishers:
                 return

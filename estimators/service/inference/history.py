@@ -58,7 +58,7 @@ class History:
         self.count += 1
 
     def restart(self) -> None:
-        """Note that memory starts anew with the next state."""
+        """Note that memory is reset before the next state."""
         self.began = self.count
 
     @property

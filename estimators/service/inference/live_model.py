@@ -22,7 +22,7 @@ _ROWS: Final = 1000  # copied at once, so that whoever answers the next state ne
 
 @dataclass(frozen=True)
 class Answer:
-    """What the service says of one state; arrays are (n,).
+    """Answer of the service to one state; arrays are (n,).
 
     The drives resist what pushes the arm, so that external torque is -Jᵀ F of the wrench F that the
     environment exerts.
@@ -63,7 +63,7 @@ class LiveModel:
         return bounded(estimate, self.bound)
 
     def prime(self, rows: StateRows) -> None:
-        """Make memory what it would be had the model answered these states from the first on."""
+        """Set memory as if the model had answered these states from the first on."""
         self.state = self.stream.init()
         self.follow(rows)
 

@@ -1,6 +1,7 @@
-"""Where the results of one arm go: the network, and the log.
+"""Publish and log the results of one arm.
 
-Whether the log is being written: said in the status, told when it stops, and tried again.
+The status says whether the log is being written; an event tells when writing stops, and it is
+tried again.
 """
 
 from __future__ import annotations

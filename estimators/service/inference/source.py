@@ -1,4 +1,4 @@
-"""Which source of joint states is followed, and whether states come at all."""
+"""Follow one source of joint states, and notice when none come."""
 
 from __future__ import annotations
 
@@ -64,5 +64,5 @@ class StateSilence:
 
     @property
     def limit(self) -> float:
-        """Time after which silence is told [s]."""
+        """Time without states after which silence is reported [s]."""
         return _DEAD

@@ -1,8 +1,8 @@
-"""Drift: what a model leaves of the torque has become larger, and stays so.
+"""Drift detection: a lasting increase of a model's residual.
 
 Page and Hinkley's test on x, the logarithm of a joint's mean squared residual over a window of
-about a second: it sums x - mean(x) - `STEP`, and tells drift where the sum has risen by `THRESHOLD`
-above its minimum. Doubling the residual moves x by log 4 = 1.39, of which `STEP` is half.
+about a second: it sums x - mean(x) - `STEP`, and reports drift where the sum has risen by
+`THRESHOLD` above its minimum. Doubling the residual moves x by log 4 = 1.39, twice `STEP`.
 
 On recordings of real arms (KUKA LWR4+ and UR10e, `joint-physics`, motion held out), x scatters by
 0.6 to 1.35 from window to window, correlated by at most 0.5 with the next one. With that, printed
@@ -13,8 +13,8 @@ by `benchmarks/service/drift.py` for one joint:
      1.00        0.4               0.0               51 s, 94 s
      1.35        0.5               0.6               52 s, 121 s
 
-Other motion leaves other residuals: a detector cannot tell a task that is harder to foretell from a
-joint that changed. What drift starts is judged against the champion before it may serve.
+Other motion has other residuals: the detector cannot distinguish a task that is harder to predict
+from a joint that changed. A challenger trained for it has to beat the champion before it serves.
 
 Source: E. S. Page, "Continuous inspection schemes", Biometrika 41, 1954; package `river`.
 

@@ -87,13 +87,13 @@ class Judge:
                 told = "nothing could be judged" if verdict is None else verdict.reason
                 raise LimoError(f"undecided after {limit:g} s: {told}")
 
-    def probation(self, old: str, new: str, foretold: FloatArray) -> Generator[None]:
+    def probation(self, old: str, new: str, predicted: FloatArray) -> Generator[None]:
         """Send the new champion back if it is worse than the old one, or fails.
 
         Args:
             old: The champion before.
             new: The champion.
-            foretold: Squared errors of the new one beside those of the old one, at most, (n,).
+            predicted: Squared errors of the new one beside those of the old one, at most, (n,).
 
         Raises:
             LimoError: Somebody else changed what serves, or it could not be sent back.
@@ -118,7 +118,7 @@ class Judge:
             if shadow.seconds < due:
                 continue
             found = shadow.comparison()
-            if found is not None and (why := _broken(found, foretold)):
+            if found is not None and (why := _broken(found, predicted)):
                 yield from self._send_back(old, new, f"version {new} on probation: {why}")
                 return
             if shadow.seconds >= self._settings.probation:
@@ -190,15 +190,15 @@ class Judge:
         return Shadow(self._service, *models)
 
 
-def _broken(found: Comparison, foretold: FloatArray) -> str:
+def _broken(found: Comparison, predicted: FloatArray) -> str:
     """Return in which way a new champion is worse than the old one; nothing if it is not.
 
-    A joint counts if it is worse beyond its interval, and beyond what the shadow foretold.
+    A joint counts if it is worse beyond its interval, and beyond what the shadow predicted.
     """
     if found.blocks < FEWEST_BLOCKS:
         return ""
     if found.mean_ratio.low > 1.0:
         return f"worse than before: {found.reason}"
-    worse = found.ratio.low > np.maximum(1.0, foretold)
+    worse = found.ratio.low > np.maximum(1.0, predicted)
     joints = ", ".join(str(int(j) + 1) for j in np.flatnonzero(worse))
-    return f"worse on joint {joints} than before and than foretold" if joints else ""
+    return f"worse on joint {joints} than before and than predicted" if joints else ""

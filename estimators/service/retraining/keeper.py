@@ -54,7 +54,7 @@ class Keeper:
         self._retraining.close()
 
     def status(self) -> dict[str, Any]:
-        """Return the stage and what is known of it, as JSON values."""
+        """Return the stage of retraining and its facts, as JSON values."""
         return self._retraining.stage.as_values()
 
     def ask(self, reason: str) -> dict[str, Any]:
@@ -68,11 +68,11 @@ class Keeper:
         return self.status()
 
     def watch(self, window: Window) -> None:
-        """Take what the service summed up over the last second or so."""
+        """Take the service's summary of the last second or so."""
         self._retraining.watch(window)
 
     def tick(self) -> None:
-        """Take the next step; a failure of this program is told, and life begins anew."""
+        """Take the next step; report a failure of this program, and begin again."""
         try:
             if self._server.service is not self._kept:
                 self._begin_anew()
@@ -86,7 +86,7 @@ class Keeper:
             self._life = self._retraining.recover()
 
     def _begin_anew(self) -> None:
-        """Go on with states of another rate, as a service does that begins anew."""
+        """Go on with states of another rate, like a service that has just started."""
         if self._kept is not None:
             self._life.close()
             self._life = self._retraining.begin_anew()

@@ -53,7 +53,7 @@ _ASKED: Final = ("idle", GATHERING)  # stages in which a training can be asked f
 
 
 class Retraining:
-    """What happens when, each step taken when it is asked for the next; `Keeper` asks.
+    """Sequence of retraining, one step each time that `Keeper` asks for the next.
 
     Args:
         server: Of the arm.
@@ -103,7 +103,7 @@ class Retraining:
             self._asked = reason
 
     def watch(self, window: Window) -> None:
-        """Take what the service summed up over the last second or so."""
+        """Take the service's summary of the last second or so."""
         if self._drift is not None:
             contact = bool(window.contacts) or bool(self._service.watchdog.active.any())
             self._drift.take(window, contact=contact)
@@ -173,8 +173,8 @@ class Retraining:
             "probation", f"probation of {new} begins anew with the service", version=new
         )
         n = len(self._service.arm.joint_names)
-        foretold = [np.inf if v is None else float(v) for v in left.foretold or ()]
-        ratios = np.array(foretold) if len(foretold) == n else np.full(n, np.inf)
+        predicted = [np.inf if v is None else float(v) for v in left.foretold or ()]
+        ratios = np.array(predicted) if len(predicted) == n else np.full(n, np.inf)
         yield from self._probation(old, new, ratios)
 
     def _train_anew(self, left: Unfinished) -> Generator[None]:
@@ -341,17 +341,17 @@ class Retraining:
         )
         yield
         verdict = yield from self._judge.shadow(champion, version)
-        foretold = verdict.ratio.high
+        predicted = verdict.ratio.high
         # Kept before it is so: a service that ends in between does not let it off probation.
-        self._note(_on_probation(champion, version, reason, foretold))
+        self._note(_on_probation(champion, version, reason, predicted))
         server.promote(version, f"{reason}; {verdict.reason}", instead_of=champion)
-        yield from self._probation(champion, version, foretold)
+        yield from self._probation(champion, version, predicted)
 
-    def _probation(self, old: str, new: str, foretold: FloatArray) -> Generator[None]:
+    def _probation(self, old: str, new: str, predicted: FloatArray) -> Generator[None]:
         self.stage.enter(PROBATION, self._now, champion=new, before=old)
-        yield from self._judge.probation(old, new, foretold)
+        yield from self._judge.probation(old, new, predicted)
 
 
-def _on_probation(old: str, new: str, reason: str, foretold: FloatArray) -> Unfinished:
-    ratios = [float(v) if np.isfinite(v) else None for v in foretold]
+def _on_probation(old: str, new: str, reason: str, predicted: FloatArray) -> Unfinished:
+    ratios = [float(v) if np.isfinite(v) else None for v in predicted]
     return Unfinished(PROBATION, reason, 0, int(new), int(old), ratios)

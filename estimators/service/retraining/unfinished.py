@@ -1,11 +1,11 @@
-"""What retraining was at, kept beside the versions, so that the next service can go on with it.
+"""Keep the unfinished stage of retraining on disk, so that the next service can resume it.
 
     models/<robot>/retraining-<arm>.json
 
 A challenger that is judged is kept by its alias; what else has to survive is that the arm changed
 and nothing was learned from it yet, and that a champion is on probation.
 
-The stage that retraining is in, written by one thread and read by others.
+Also the current stage of retraining, written by one thread and read by others.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Unfinished:
     tries: int = 0  # trainings that may still begin for this reason
     champion: int | None = None  # on probation
     before: int | None = None  # that it goes back to
-    # Its squared errors beside those before, at most, as the shadow foretold; None: not known.
+    # Its squared errors beside those before, at most, as the shadow predicted; None: not known.
     foretold: list[float | None] | None = None
 
 
@@ -104,7 +104,7 @@ class Stage:
 
     @property
     def name(self) -> str:
-        """What it is called, for example `idle`."""
+        """Its name, for example `idle`."""
         return self._facts["stage"]
 
     @property

@@ -1,4 +1,4 @@
-"""What is put into a version's folder, and what its version.json says of it."""
+"""Gather the files of a new version of a model, and write its version.json."""
 
 from __future__ import annotations
 

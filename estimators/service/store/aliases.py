@@ -1,4 +1,4 @@
-"""Which version serves, which one is tried, and how that came about."""
+"""Aliases of model versions: champion, challenger, former champions, and their history."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A motion that is kept with a model, and what the model answered to it live."""
+"""Golden motion: a motion kept with a model, and the torque that the model predicted for it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _DIMENSIONS: Final = {"time": 1, "position": 2, "torque": 2, "rate": 0, "delay":
 
 @dataclass(frozen=True)
 class StreamReplay:
-    """What a stream answered, step by step, and what each step cost."""
+    """Answers of a stream, step by step, and the time that each step took."""
 
     torque: FloatArray  # (T, n) [N m]
     cost: FloatArray  # (T,) [s] of CPU, which the load of other processes does not add to

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class RemoteStore:
-    """What `ModelStore` says of versions, asked of the service that serves them.
+    """`ModelStore` of a running service: its versions, asked over the network.
 
     Every call asks anew, since the service and others change it meanwhile.
 
@@ -63,7 +63,7 @@ class RemoteStore:
         return tuple(Version(Path(str(record["version"])), record) for record in records)
 
     def open(self, which: int | str) -> Version:
-        """Return what a version says of itself.
+        """Return the record of a version.
 
         Args:
             which: Its number, `champion` or `challenger`.

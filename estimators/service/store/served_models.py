@@ -1,4 +1,4 @@
-"""What can serve an arm: the physics, and the models of a store or of one folder."""
+"""Models that can serve an arm: the physics alone, and those of a store or of one folder."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class ServedModels(Protocol):
-    """Where models come from; versions are called by their numbers or names."""
+    """Source of models; versions are called by their numbers or names."""
 
     @property
     def physics(self) -> Simulation:
-        """What serves where no model does."""
+        """Simulation that serves where no model does."""
         ...
 
     @property
@@ -36,7 +36,7 @@ class ServedModels(Protocol):
         ...
 
     def number(self, which: str) -> str:
-        """Return what a version given by an alias is called."""
+        """Return the name of the version that an alias stands for."""
         ...
 
     def load(self, version: str) -> ResidualModel[Any]:
@@ -139,7 +139,7 @@ class StoreModels:
 
     @property
     def physics(self) -> Simulation:
-        """What was given, or what the first candidate that can be read learned the residual of.
+        """The given simulation, or that of the first candidate that can be read.
 
         Raises:
             ModelStoreError: Nothing was given, and no version can be read.

@@ -108,7 +108,7 @@ class ModelStore:
         return tuple(self.open(number) for number in self.numbers())
 
     def open(self, which: int | str) -> Version:
-        """Read what a version says of itself; `Version.load` gives the model.
+        """Read the record of a version; `Version.load` gives the model.
 
         Args:
             which: Its number, `champion` or `challenger`.

@@ -1,4 +1,4 @@
-"""One version of a model: a folder that says what it is and never changes.
+"""One version of a model: a folder with its own record, which never changes.
 
 <robot>/<n>/
 ├── manifest.json, model.safetensors, sim.yaml   the model folder, as `limo train` writes it
@@ -162,7 +162,7 @@ def digest(path: Path) -> str:
 
 
 def check_record(file: Path, record: object) -> None:
-    """Check what a version.json holds, before any of it is used.
+    """Check the content of a version.json before any of it is used.
 
     Raises:
         ModelStoreError: It is not what one holds, or is of another folder's version.

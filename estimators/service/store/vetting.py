@@ -1,4 +1,4 @@
-"""What has to hold before a version may serve, checked in a process of its own.
+"""Check in a process of its own that a version of a model is fit to serve.
 
     python -m estimators.service.store.vetting models 3 --rate 1000 --delay 0.1
 
@@ -45,7 +45,7 @@ _COMMAND: Final = (sys.executable, "-m", "estimators.service.store.vetting")
 
 @dataclass(frozen=True)
 class Vetted:
-    """Whether a version may serve, and the figures that were found on the way."""
+    """Result of vetting: whether a version may serve, and the figures found on the way."""
 
     ok: bool
     refused: str | None = None  # corrupt, incompatible, changed, diverging, slow, hanging, crashed
@@ -59,7 +59,7 @@ class Vetted:
 
 @dataclass(frozen=True)
 class Demand:
-    """What the service needs of a version."""
+    """Requirements of the service on a version."""
 
     rate: float  # of the stream [Hz]
     delay: float  # of the stream [s]

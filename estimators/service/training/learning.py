@@ -1,4 +1,4 @@
-"""Which kind of model a challenger is, and how it learns."""
+"""Train a challenger of a given kind of model."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def check_kind(kind: str) -> None:
 
 
 def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> ResidualModel[Any]:
-    """Return a model of what the champion's simulation leaves of the torque of a recording.
+    """Return a model fitted to the residual of the champion's simulation on a recording.
 
     Args:
         kind: `same` as the champion, with the settings that it was trained with; an estimator that

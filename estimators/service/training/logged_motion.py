@@ -1,4 +1,4 @@
-"""What a service logged: the newest motion of an arm, without what leaned on it."""
+"""Read the newest motion of an arm from the logs of its service, without contacts."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NAME_ENDS: Final = "_%Y%m%dT%H%M%S.%fZ"  # of a log file: when it began
 
 @dataclass(frozen=True)
 class Span:
-    """Which of the logged motion is meant."""
+    """Span of the logged motion."""
 
     seconds: float  # of the newest
     rate: float | None = None  # [Hz] of the states; that of the newest ones if not given

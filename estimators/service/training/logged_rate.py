@@ -72,7 +72,7 @@ class LoggedRates:
 
     @property
     def _bounds(self) -> list[int]:
-        """Where stretches begin, in which numbers and stamps go on, and the end of the last."""
+        """Starts of the segments in which numbers and stamps are contiguous, and the last end."""
         stamps = np.diff(np.array(self._stamps, dtype=np.int64))
         numbers = np.diff(np.array(self._numbers, dtype=np.int64)) % _NUMBERS
         goes_on = (stamps > 0) & (stamps < _SILENCE) & (numbers > 0) & (numbers < _SILENCE)

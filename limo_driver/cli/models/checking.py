@@ -1,4 +1,4 @@
-"""`limo models verify` and `sign`: whether a version is what it was, and whose it is."""
+"""`limo models verify` and `sign`: check that a version is unchanged, and sign it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`limo models list` and `show`: what is in a store."""
+"""`limo models list` and `show`: the versions in a store."""
 
 from __future__ import annotations
 

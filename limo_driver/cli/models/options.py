@@ -1,4 +1,4 @@
-"""What the commands of `limo models` share: where the versions are, and how they print."""
+"""Options shared by the commands of `limo models`: where versions are, and how to print them."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def opened(store: Path, robot: str | None, trust: list[Path] | None = None) -> M
 
 @dataclass(frozen=True)
 class VersionSource:
-    """Where versions are: in a store, or with the running service of an arm."""
+    """Source of versions: a store, or the running service of an arm."""
 
     store: StoreOption = MODELS
     robot: RobotOption = None

@@ -49,7 +49,7 @@ _RECORDED: Final = 4  # control cycles of 1 ms for each row of a recording
 
 @dataclass(frozen=True)
 class Size:
-    """How much motion is made."""
+    """Amount of motion that is simulated."""
 
     scaffolds: int  # of the LIMOPA motion; 150 last about an hour
     excitation: ExcitationRequest

@@ -1,4 +1,4 @@
-"""What a person sees while trials run: which, how far, and for how long."""
+"""Show the progress of `limo reproduce` while its trials run."""
 
 from __future__ import annotations
 

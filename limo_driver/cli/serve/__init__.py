@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-import gc
-from contextlib import ExitStack
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from limo_driver.cli.serve.options import (
-    SigningKeys,
-    load_models,
-    log_limits,
-    per_joint,
-    retraining_of,
-    stores_of,
-)
-from limo_driver.cli.serve.showing import COMPILING, Bulletins, status_printer
+from limo_driver.cli.serve.options import log_limits, retraining_of, settings_of, stores_of
+from limo_driver.cli.serve.showing import status_printer, teller
 from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
-
-if TYPE_CHECKING:
-    from estimators.service.arm_server import ArmServer
-    from estimators.service.settings import RetrainingSettings
-    from limo_driver.logs.mcap_log import McapLog
 
 
 def command(
@@ -155,79 +141,30 @@ def command(
             --connect tcp/127.0.0.1:7447
         limo serve --arm left=models/left --arm right=models/right
     """
-    from limo_driver.errors import ConfigError
-    from limo_driver.machine_code import compilation
-    from limo_driver.network.readiness import ServicePhase
     from limo_driver.network.ros import RosTopic
-    from limo_driver.network.streaming import Presence
+    from limo_driver.workflow.serving import serve
 
-    topic = None if ros is None else RosTopic(ros, ros_domain)
-    if topic is not None and config is not None:
-        from limo_driver.network.config import require_passage
-
-        require_passage(config, topic.key_of_any_hash, "ingress", "--ros")
-    keys = SigningKeys(tuple(trust or ()), sign)
-    keys.check(model)
-    stores = stores_of(arm, store, model, sim)
-    if topic is not None and len(stores) > 1:
-        raise ConfigError(f"--ros is the topic of one arm, and {len(stores)} are to be served")
+    stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
-    bulletins = Bulletins(list(stores), as_json=as_json)
-    bulletins.enter(ServicePhase.LOADING, "loading models and physics")
-    with ExitStack() as open_:
-        ends = connect or (), listen or (), config
-        presence = open_.enter_context(
-            Presence(list(stores), "service", *ends, joined=bulletins.join)
-        )
-        # While links come about, what the first estimates need is imported and loaded; nearly all
-        # of that stays, so that looking for garbage in it would only take time.
-        gc.disable()
-        open_.callback(gc.enable)
-        from estimators.service.arm_server import ArmServer
-        from estimators.service.opening import rehearse
-        from estimators.service.server import serve
-        from estimators.service.settings import ServiceSettings
-        from limo_driver.logs.mcap_log import McapLog
-
-        with compilation.told(bulletins.tell_compiled):  # loading compiles, too
-            arms = {name: load_models(own, model, sim, keys) for name, own in stores.items()}
-            settings = ServiceSettings(
-                rate=rate,
-                delay=delay,
-                bound=bound,
-                contact_torque=per_joint("--contact", contact, "N m", arms),
-                contact_duration=per_joint("--contact-for", contact_for, "s", arms),
-            )
-            presence.check()  # rather than after the rehearsal
-            bulletins.enter(ServicePhase.COMPILING, COMPILING)
-            for models in arms.values():
-                rehearse(models, settings)
-        session = presence.session()
-        servers: list[ArmServer] = []
-        for name, models in arms.items():
-            kept = None if log is None else McapLog(log, name, limits)
-            if kept is not None:
-                open_.callback(_close, kept)
-            servers.append(ArmServer(session, bulletins.of[name], models, settings, kept, topic))
-            open_.callback(servers[-1].close)
-            if retraining is not None:
-                _keep(servers[-1], log, retraining)
-        serve(servers, duration, status_printer(as_json=as_json))
-
-
-def _close(log: McapLog) -> None:
-    """Finish a log, and say where its end could not be written."""
-    log.close()
-    if log.failure is not None:
-        typer.echo(f"log: ends before the service did: {log.failure}", err=True)
-
-
-def _keep(server: ArmServer, log: Path | None, settings: RetrainingSettings) -> None:
-    from estimators.service.retraining.keeper import Keeper
-    from estimators.service.store.served_models import StoreModels
-
-    assert isinstance(server.models, StoreModels)  # noqa: S101  # checked by `_retraining`
-    assert log is not None  # noqa: S101
-    server.keeper = Keeper(server, server.models.store, log, settings)
-    server.keeper.start()
+    with serve(
+        stores,
+        model=model,
+        simulation=sim,
+        settings=settings_of(rate, delay, bound, contact, contact_for),
+        log=log,
+        log_limits=limits,
+        retraining=retraining,
+        trust=tuple(trust or ()),
+        sign=sign,
+        ros=None if ros is None else RosTopic(ros, ros_domain),
+        connect=connect or (),
+        listen=listen or (),
+        config=config,
+        told=teller(several=len(stores) > 1, as_json=as_json),
+        show=status_printer(as_json=as_json),
+    ) as service:
+        service.wait(duration)
+    for kept in service.logs.values():
+        if kept.failure is not None:
+            typer.echo(f"log: ends before the service did: {kept.failure}", err=True)

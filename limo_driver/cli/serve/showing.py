@@ -1,4 +1,4 @@
-"""What `limo serve` prints of events and status."""
+"""Print events and status of `limo serve`."""
 
 from __future__ import annotations
 
@@ -8,57 +8,12 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
-    import zenoh
-
-    from limo_driver.machine_code.compilation import Compilation
     from limo_driver.network.messages import Event
-    from limo_driver.network.readiness import ServicePhase
-
-COMPILING = "compiling what the first estimate needs, or reading it from the cache"
 
 
-class Bulletins:
-    """What a service tells of all its arms, from before it is on the network.
-
-    Args:
-        arms: Their names.
-        as_json: Print events as JSON.
-    """
-
-    def __init__(self, arms: Sequence[str], *, as_json: bool) -> None:
-        from estimators.service.inference.bulletin import Bulletin
-        from limo_driver.network.streaming import Keys
-
-        several = len(arms) > 1
-        self.of = {
-            arm: Bulletin(Keys(arm), teller(arm if several else None, as_json=as_json))
-            for arm in arms
-        }
-        self._state = ""
-
-    def join(self, session: zenoh.Session) -> None:
-        """Publish from now on, and what was told before."""
-        for bulletin in self.of.values():
-            bulletin.join(session)
-
-    def enter(self, phase: ServicePhase, text: str, state: str = "") -> None:
-        """Tell how far the service of every arm is."""
-        self._state = state
-        for bulletin in self.of.values():
-            bulletin.enter(phase, text, state=state)
-
-    def tell_compiled(self, how_far: Compilation) -> None:
-        """Let the status say how much is compiled."""
-        from limo_driver.network.readiness import ServicePhase
-
-        state = f"compiling, {how_far.done} of at most {how_far.most} functions done"
-        if state != self._state:
-            self.enter(ServicePhase.COMPILING, COMPILING, state)
-
-
-def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
+def teller(*, several: bool, as_json: bool) -> Callable[[str, Event], None]:
     """Return what shows an event to whoever watches the service, with the arm if it has several.
 
     For people, how far the service is comes on standard output, everything else on standard error.
@@ -69,14 +24,14 @@ def teller(arm: str | None, *, as_json: bool) -> Callable[[Event], None]:
 
     console = terminal(stderr=not as_json)
 
-    def tell(event: Event) -> None:
+    def tell(arm: str, event: Event) -> None:
         if as_json:
             line = {"event": event.kind, "time_ns": event.stamp_ns, "text": event.text}
-            line |= {} if arm is None else {"arm": arm}
+            line |= {"arm": arm} if several else {}
             typer.echo(json.dumps({**line, **event.facts}))
             return
         style = {10: "dim", 20: "", 30: "yellow", 40: "red", 50: "bold red"}[event.level]
-        line = f"{'' if arm is None else f'{arm}: '}{event.kind}: {event.text}"
+        line = f"{f'{arm}: ' if several else ''}{event.kind}: {event.text}"
         if "phase" in event.facts:
             with suppress(OSError):  # who reads that may have gone, for example once it serves
                 typer.echo(line)

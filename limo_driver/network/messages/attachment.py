@@ -1,4 +1,4 @@
-"""What travels beside a payload: sequence number, time of the source, and flags or identity."""
+"""Attachments of network messages: sequence number, source time, and flags or identity."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _INT64 = range(-(2**63), 2**63)
 
 @dataclass(frozen=True)
 class Attachment:
-    """What limo attaches on its own keys.
+    """Attachment on limo's own keys.
 
     Little-endian: version 1 and flags, a byte each; sequence and time, 64 bits each; then the
     version of the model in UTF-8, to the end.
@@ -73,7 +73,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class RosAttachment:
-    """What rmw_zenoh attaches: sequence and time, the length of the identity, and the identity."""
+    """Attachment of rmw_zenoh: sequence, time, length of the identity, and the identity."""
 
     sequence: int
     stamp_ns: int  # Unix time [ns]

@@ -68,7 +68,7 @@ class CdrWriter:
 
 
 class RobotCodec:
-    """What messages about the joints of one robot begin with, encoded once, and their layouts.
+    """Common head of all messages about the joints of one robot, encoded once, and layouts.
 
     Args:
         names: Joints, in the order of the arrays.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Level(IntEnum):
-    """How grave an event is; the numbers are those of ROS."""
+    """Severity of an event, with the numbers of ROS."""
 
     DEBUG = 10
     INFO = 20

@@ -1,4 +1,4 @@
-"""limo_msgs/msg/TorqueEstimate as CDR: what a model says of one joint state, and how surely."""
+"""limo_msgs/msg/TorqueEstimate as CDR: torque and standard deviation of one joint state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may do what on the network: roles, certificates, and Zenoh's configuration for each role."""
+"""Access control on the network: roles, certificates, and Zenoh's configuration for each role."""
 
 from limo_driver.network.trust.folder import TrustFolder, write_trust
 from limo_driver.network.trust.hosts import Host

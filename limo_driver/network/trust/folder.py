@@ -40,7 +40,7 @@ _PRIVATE_FOLDER: Final = 0o700
 
 @dataclass(frozen=True)
 class TrustFolder:
-    """What was written."""
+    """Files that were written."""
 
     path: Path
     configurations: dict[str, Path]  # by role

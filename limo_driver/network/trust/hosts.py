@@ -1,4 +1,4 @@
-"""Where a role is reached."""
+"""Network address of a role."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ _ALL_MESSAGES: Final = (
 
 @dataclass(frozen=True)
 class Role:
-    """What a session may send; any role may hear everything of `limo/`."""
+    """Role of a session: what it may send. Any role may receive everything under `limo/`."""
 
     name: str  # common name of its certificate, and its user name
     purpose: str

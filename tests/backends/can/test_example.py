@@ -18,6 +18,7 @@ def config(tmp_path):
         ("port: 43113", f"port: {free_port()}"),
         ("watchdog: 0.1", "watchdog: 5"),
         ("rate: 250", "rate: 100"),
+        ("hold_after: 25", "hold_after: 200"),
     ):
         assert old in text
         text = text.replace(old, new)
@@ -28,7 +29,7 @@ def config(tmp_path):
 
 @pytest.mark.slow("an arm and its drives in two processes, at the pace of a real arm")
 def test_the_example_runs(config, tmp_path, monkeypatch, capfd):
-    given = {"out": tmp_path / "out", "config": config, "duration": 1.0, "hold-after": 200}
+    given = {"out": tmp_path / "out", "config": config, "duration": 1.0}
     words = [word for name, value in given.items() for word in (f"--{name}", str(value))]
     monkeypatch.setattr(sys, "argv", ["can_arm.py", *words])
     runpy.run_path(str(EXAMPLES / "can_arm.py"), run_name="__main__")

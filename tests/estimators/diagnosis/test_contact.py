@@ -9,7 +9,7 @@ import pytest
 from wandering import wander
 
 from estimators.diagnosis.contact import Push, contact_of
-from estimators.diagnosis.judgement.judgement import Leftover
+from estimators.diagnosis.judgement.judgement import RemainingResidual
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation
 from limo_driver.recordings.recording import Recording
@@ -32,8 +32,8 @@ def observed():
 
 
 def finding_of(found, observed):
-    rest = Leftover(FLOOR, 0 * FLOOR, 0 * observed.residual)
-    (finding,) = contact_of(found, observed, observed.residual, rest)
+    remaining = RemainingResidual(FLOOR, 0 * FLOOR, 0 * observed.residual)
+    (finding,) = contact_of(found, observed, observed.residual, remaining)
     return finding
 
 

@@ -14,11 +14,11 @@ import pytest
 from table_data import RATE, robot, write_data
 
 from estimators.reproduction import rows as r
-from estimators.reproduction.bench import Bench, ScoringMotion
 from estimators.reproduction.data import RECORDINGS, TableData
 from estimators.reproduction.rigid_body import physics_digest, rigid_body
 from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, Row, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES, Protocol, Trial, TrialStore
+from estimators.reproduction.trial_runner import ScoringMotion, TrialRunner
 from estimators.reproduction.workers import Advanced, Failed, Finished, Job, run_trials
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.model import RobotModel
@@ -45,8 +45,8 @@ def data(folder: Path) -> TableData:
 
 
 @pytest.fixture(scope="module")
-def bench(data: TableData) -> Bench:
-    return Bench(data, robot(), "cpu")
+def runner(data: TableData) -> TrialRunner:
+    return TrialRunner(data, robot(), "cpu")
 
 
 def trial_of(data: TableData, row: Row, split: str = SEQUENCES, run: int = 0) -> Trial:
@@ -179,7 +179,7 @@ def test_an_arm_of_other_joints_than_the_papers_is_trained_and_scored(
     data = TableData.load(write_data(tmp_path / "data", arm))
     assert data.robot == "arm"
     simulation = Simulation.load(rigid_body(data, tmp_path))
-    result = Bench(data, simulation, "cpu").run(trial_of(data, row, SCAFFOLDS))
+    result = TrialRunner(data, simulation, "cpu").run(trial_of(data, row, SCAFFOLDS))
     assert [len(result.mse[part]) for part in PARTS] == [2, 2, 2]
     assert np.isfinite(list(result.mse.values())).all()
 
@@ -236,11 +236,11 @@ def test_every_subsequence_starts_from_zero_memory_and_all_samples_count() -> No
     assert np.isnan(errors[~scored]).all()
 
 
-def test_the_rigid_body_is_scored_by_what_it_leaves(bench: Bench, data: TableData) -> None:
-    result = bench.run(trial_of(data, r.RBD))
+def test_the_rigid_body_is_scored_by_what_it_leaves(runner: TrialRunner, data: TableData) -> None:
+    result = runner.run(trial_of(data, r.RBD))
 
     def squares(recording: Recording) -> FloatArray:
-        left = recording.filtered_torque(10.0) - bench.simulation.predict(recording.motion(10.0))
+        left = recording.filtered_torque(10.0) - runner.simulation.predict(recording.motion(10.0))
         return left[~recording.edges(10.0)] ** 2
 
     np.testing.assert_allclose(
@@ -251,24 +251,28 @@ def test_the_rigid_body_is_scored_by_what_it_leaves(bench: Bench, data: TableDat
     assert result.epochs == 0
 
 
-def test_runs_differ_by_their_seed_alone(bench: Bench, data: TableData) -> None:
-    first, again = (bench.run(trial_of(data, r.FCL100_FULL)) for _ in range(2))
+def test_runs_differ_by_their_seed_alone(runner: TrialRunner, data: TableData) -> None:
+    first, again = (runner.run(trial_of(data, r.FCL100_FULL)) for _ in range(2))
     assert first.mse == again.mse
     assert first.epochs == 1
-    other = bench.run(trial_of(data, r.FCL100_FULL, run=1))
+    other = runner.run(trial_of(data, r.FCL100_FULL, run=1))
     assert other.mse["validation"] != first.mse["validation"]
 
 
-def test_a_standalone_network_answers_for_the_whole_torque(bench: Bench, data: TableData) -> None:
-    alone, hybrid = (bench.run(trial_of(data, row)) for row in (r.MLP, r.MLP_HYBRID))
+def test_a_standalone_network_answers_for_the_whole_torque(
+    runner: TrialRunner, data: TableData
+) -> None:
+    alone, hybrid = (runner.run(trial_of(data, row)) for row in (r.MLP, r.MLP_HYBRID))
     assert np.mean(alone.mse["validation"]) > 3 * np.mean(hybrid.mse["validation"])
 
 
-def test_the_split_by_scaffold_tests_on_whole_scaffolds(bench: Bench, data: TableData) -> None:
-    rigid = bench.run(trial_of(data, r.RBD, SCAFFOLDS))
+def test_the_split_by_scaffold_tests_on_whole_scaffolds(
+    runner: TrialRunner, data: TableData
+) -> None:
+    rigid = runner.run(trial_of(data, r.RBD, SCAFFOLDS))
     possible: list[FloatArray] = []
     for piece in data.scaffolds():
-        left = piece.filtered_torque(10.0) - bench.simulation.predict(piece.motion(10.0))
+        left = piece.filtered_torque(10.0) - runner.simulation.predict(piece.motion(10.0))
         possible.append(np.mean(left[~piece.edges(10.0)] ** 2, axis=0))
     assert any(np.allclose(rigid.mse["test"], mse, rtol=1e-4) for mse in possible)
 
@@ -276,10 +280,12 @@ def test_the_split_by_scaffold_tests_on_whole_scaffolds(bench: Bench, data: Tabl
 # Where finished trials are kept
 
 
-def test_a_finished_trial_is_read_back(bench: Bench, data: TableData, tmp_path: Path) -> None:
+def test_a_finished_trial_is_read_back(
+    runner: TrialRunner, data: TableData, tmp_path: Path
+) -> None:
     store, trial = TrialStore(tmp_path, "one"), trial_of(data, r.MLP_FULL)
     assert store.load(trial) is None
-    result = bench.run(trial)
+    result = runner.run(trial)
     store.save(result)
     assert store.load(trial) == result
     assert set(result.packages) >= {"limo", "numpy", "torch"}
@@ -287,11 +293,11 @@ def test_a_finished_trial_is_read_back(bench: Bench, data: TableData, tmp_path: 
 
 
 def test_a_trial_on_another_rigid_body_is_not_finished(
-    bench: Bench, data: TableData, tmp_path: Path
+    runner: TrialRunner, data: TableData, tmp_path: Path
 ) -> None:
     trial = trial_of(data, r.RBD)
     store, another = TrialStore(tmp_path, "one"), TrialStore(tmp_path, "another")
-    result = bench.run(trial)
+    result = runner.run(trial)
     store.save(result)
     assert another.load(trial) is None
     path = tmp_path / trial.file_name
@@ -408,8 +414,8 @@ def test_workers_are_stopped_when_nobody_listens(job: Job, data: TableData) -> N
     assert job.store().load(endless) is None
 
 
-def test_sequences_longer_than_the_motion_are_refused(bench: Bench, data: TableData) -> None:
+def test_sequences_longer_than_the_motion_are_refused(runner: TrialRunner, data: TableData) -> None:
     trial = trial_of(data, r.FCL500_FULL)
     long = replace(trial, settings=replace(trial.settings, sequence_length=5000))
     with pytest.raises(RecordingError, match="nothing is left to train on"):
-        bench.run(long)
+        runner.run(long)

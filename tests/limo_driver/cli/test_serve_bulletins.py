@@ -2,15 +2,16 @@
 
 import json
 
-from limo_driver.cli.serve.showing import COMPILING, Bulletins
+from limo_driver.cli.serve.showing import teller
 from limo_driver.machine_code import compilation
 from limo_driver.machine_code.compilation import Compilation
 from limo_driver.network.readiness import ServicePhase
+from limo_driver.workflow.serving import COMPILING, Bulletins
 
 
 def test_a_service_that_compiles_while_it_loads_is_compiling_from_then_on(capsys, monkeypatch):
     monkeypatch.setattr(compilation, "_last", None)  # of this process, put back at the end
-    bulletins = Bulletins(["iiwa14"], as_json=True)
+    bulletins = Bulletins(["iiwa14"], teller(several=False, as_json=True))
     told = bulletins.of["iiwa14"]
     bulletins.enter(ServicePhase.LOADING, "loading models and physics")
     with compilation.told(bulletins.tell_compiled):

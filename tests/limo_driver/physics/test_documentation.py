@@ -25,7 +25,7 @@ def test_every_effect_and_parameter_is_described(name):
     for parameter in CATALOGUE[name].parameters():
         unit = parameter.unit.replace("^2", "²").replace("^3", "³")
         assert f"| `{parameter.name}` | {unit} |" in text
-    for word in ("*Gives it away:*", "*Excited by:*", "*Confused with:*", "*Source:*"):
+    for word in ("*Signature:*", "*Excited by:*", "*Confused with:*", "*Source:*"):
         assert word in text.replace("\n", " ")
 
 

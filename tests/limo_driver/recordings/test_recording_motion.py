@@ -190,3 +190,10 @@ def test_a_bandwidth_that_cannot_be_is_refused(bandwidth):
     recording = record(np.arange(0, 4, 0.01), 0.5)
     with pytest.raises(RecordingError, match=r"sampled at 100 Hz; give more than 0 and at most 40"):
         recording.motion(bandwidth)
+
+
+def test_what_is_scored_is_all_but_the_edges_and_has_to_be_something():
+    recording = record(np.arange(0.0, 2.0, 0.01), 0.5)
+    np.testing.assert_array_equal(recording.scored(10.0), ~recording.edges(10.0))
+    with pytest.raises(RecordingError, match="too short to score: the filter of 10 Hz needs"):
+        recording[:8].scored(10.0)

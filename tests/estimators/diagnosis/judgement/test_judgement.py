@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.judgement.judgement import (
-    Leftover,
+    RemainingResidual,
     abstained,
     harms,
     identical,
-    leftover,
+    remaining_residual,
     remarks,
 )
 from estimators.diagnosis.residuals.observations import Observations
@@ -30,9 +30,9 @@ def problem_of(effect="viscous_friction", joints=(0,)):
 
 
 @pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])
-def test_a_fit_harms_where_one_joint_is_foretold_clearly_worse(error, harmful):
+def test_a_fit_harms_where_one_joint_is_predicted_clearly_worse(error, harmful):
     proven = np.column_stack([np.full(100, 0.1), np.full(100, error)])
-    assert harms(problem_of(), proven, Leftover(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
+    assert harms(problem_of(), proven, RemainingResidual(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
 
 
 @pytest.mark.parametrize(
@@ -50,24 +50,24 @@ def test_what_no_recording_tells_apart_is_named_together(effect, joint, same):
 
 
 def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_beside_little():
-    """Both joints keep the same rest; at the first one, effects explain 99.6 % of the error."""
+    """Both joints keep the same residual; at the first one, effects explain 99.6 % of the error."""
     bare, fitted = np.tile([1.0, 0.2], (100, 1)), np.full((100, 2), 0.06)
     problem = problem_of()
     problem.left = {"nothing": bare, "all": fitted}.get
     evidence = SimpleNamespace(posterior=lambda _prior: "nothing")
     search = SimpleNamespace(evidence=evidence, prior=lambda members: members)
     solution = SimpleNamespace(search=search, fitted="all", members=())
-    rest = Leftover(FLOOR, np.full(2, 0.06), fitted)
-    assert abstained(problem, solution, rest) == ((), (1,))
-    quiet = Leftover(FLOOR, np.full(2, 0.04), fitted)
+    remaining = RemainingResidual(FLOOR, np.full(2, 0.06), fitted)
+    assert abstained(problem, solution, remaining) == ((), (1,))
+    quiet = RemainingResidual(FLOOR, np.full(2, 0.04), fitted)
     assert abstained(problem, solution, quiet) == ((), ())
 
 
-def test_what_could_be_foretold_is_kept_as_a_series(rigid, training_recording):
+def test_the_predictable_part_is_kept_as_a_series(rigid, training_recording):
     observed = Observations.of(rigid, [training_recording], 10.0)
     rows, noise = observed.moving, np.random.default_rng(0).standard_normal(observed.moving.shape)
     planted = np.column_stack([np.tanh(observed.slow.velocity[:, 0] / 0.04), 0 * noise[:, 0]])
-    found = leftover(observed, planted + 0.1 * noise)
+    found = remaining_residual(observed, planted + 0.1 * noise)
     assert found.floor == pytest.approx(0.1, rel=0.1)
     assert np.corrcoef(found.series[rows[:, 0], 0], planted[rows[:, 0], 0])[0, 1] > 0.98
     assert np.abs(found.series[:, 1]).max() < 0.1

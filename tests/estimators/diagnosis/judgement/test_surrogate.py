@@ -1,4 +1,4 @@
-"""Surrogate: foretells what is a function of the motion, and nothing of noise."""
+"""Surrogate: predicts what is a function of the motion, and nothing of noise."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.diagnosis.judgement.surrogate import foretold
+from estimators.diagnosis.judgement.surrogate import predictable_part
 from estimators.diagnosis.residuals.observations import Observations
 
 
@@ -27,40 +27,42 @@ def explained(residual, guess, rows):
     return 1 - np.mean((residual - guess)[rows] ** 2) / np.mean(residual[rows] ** 2)
 
 
-def test_foretells_a_function_of_another_joints_load(observed):
+def test_predicts_a_function_of_another_joints_load(observed):
     load = observed.load[:, 1]
     sign = np.tanh(observed.motion.velocity[:, 0] / 0.002)
     planted = observed.filter((0.3 * sign * np.abs(load) / np.abs(load).max())[:, None])[:, 0]
     residual = planted + 0.03 * coloured(observed, 0)
     rows = observed.moving[:, 0]
-    guess = foretold(observed, residual, 0)
+    guess = predictable_part(observed, residual, 0)
     assert explained(planted, guess, rows) > 0.95
 
 
-def test_foretells_hysteresis_of_a_width_that_is_no_feature(observed, true_arm, rigid):
+def test_predicts_hysteresis_of_a_width_that_is_no_feature(observed, true_arm, rigid):
     residual = observed.filter(observed.predict(true_arm) - observed.predict(rigid))[:, 0]
     rows = observed.moving[:, 0]
-    assert explained(residual, foretold(observed, residual, 0), rows) > 0.8
+    assert explained(residual, predictable_part(observed, residual, 0), rows) > 0.8
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_foretells_nothing_of_coloured_noise(observed, seed):
+def test_predicts_nothing_of_coloured_noise(observed, seed):
     residual = coloured(observed, seed)
     rows = observed.moving[:, 1]
-    assert 0 <= explained(residual, foretold(observed, residual, 1), rows) < 0.1
+    assert 0 <= explained(residual, predictable_part(observed, residual, 1), rows) < 0.1
 
 
-def test_no_row_is_foretold_from_itself(observed):
-    """A pulse on rows of one fold is not foretold: nothing else in the recording is like it."""
+def test_no_row_is_predicted_from_itself(observed):
+    """A pulse on rows of one fold is not predicted: nothing else in the recording is like it."""
     random = np.random.default_rng(2)
     residual = np.zeros(observed.kept.size)
     residual[400:403] = 1.0
     residual += 1e-3 * random.standard_normal(residual.size)
-    guess = foretold(observed, residual, 0)
+    guess = predictable_part(observed, residual, 0)
     assert np.abs(guess[400:403]).max() < 0.2
 
 
 def test_rows_at_rest_are_not_looked_at(observed):
     residual = coloured(observed, 3)
     spoilt = np.where(observed.moving[:, 0], residual, 1e6)
-    np.testing.assert_array_equal(foretold(observed, residual, 0), foretold(observed, spoilt, 0))
+    np.testing.assert_array_equal(
+        predictable_part(observed, residual, 0), predictable_part(observed, spoilt, 0)
+    )

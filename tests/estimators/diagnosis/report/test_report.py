@@ -276,8 +276,8 @@ def test_the_first_screen_tells_tolerances_from_findings(parsed, diagnosis):
         np.array(e) for e in (fit.heldout_rmse_before, fit.heldout_rmse_tolerances, fit.noise_floor)
     )
     taken = np.sum(before**2 - alone**2) / np.sum(before**2 - floor**2)
-    assert f"inside their tolerances take {100 * taken:.0f} % of it by themselves" in text
-    assert "87 % of the error that tolerances alone leave" in text
+    assert f"Moving values within their tolerances removes {100 * taken:.0f} % of it" in text
+    assert "87 % of the error that remains within tolerances" in text
 
 
 def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(diagnosis):
@@ -288,7 +288,7 @@ def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(dia
     page = render(replace(diagnosis, verdict=replace(diagnosis.verdict, findings=(unknown,))))
     assert page.count('id="beyond-2"') == 1
     assert page.count('id="beyond-1"') == 0
-    assert page.count(">Left over") == 7
+    assert page.count(">Remaining residual over") == 7
     assert "3.0 to 5.5 s of seed 2" in page
     stretch = loop_stretch(diagnosis.traces, 1, 8.0)
     assert f"{stretch.stop:.1f} s of seed {stretch.recording + 1}" in page

@@ -90,7 +90,7 @@ def test_a_residual_of_nothing_has_a_noise():
     assert np.all(np.isfinite(noise.whiten(np.ones(300), 0)))
 
 
-def test_noise_that_never_forgets_is_foretold_with_care():
+def test_noise_that_never_forgets_is_predicted_with_care():
     """A ramp is not stationary; its autoregression must not explode."""
     ramp = np.linspace(-1, 1, 400)[:, None]
     noise = Noise.of(ramp, np.ones((400, 1), dtype=bool), np.zeros(400, np.int64))

@@ -140,5 +140,5 @@ def test_a_killed_driver_leaves_its_recording_and_the_service_follows_the_next_o
             answers.sequences.clear()
             with running(network, motion, tmp_path / "2.parquet"):
                 answers.later(50)
-            wait_for(lambda: any(b"memory begins anew" in payload for payload in told))
+            wait_for(lambda: any(b"memory is reset" in payload for payload in told))
         events.undeclare()

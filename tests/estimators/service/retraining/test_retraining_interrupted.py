@@ -321,7 +321,7 @@ class TestFile:
         assert "No space left on device" in run.event("failure").text
         assert run.kinds.count("training") == 1
 
-    def test_keeps_what_was_not_foretold(self, store: ModelStore) -> None:
+    def test_keeps_a_ratio_that_is_not_known(self, store: ModelStore) -> None:
         what = Unfinished(PROBATION, "drift", 0, 2, 1, [1.5, None])
         assert left(store, what).read() == what
 

@@ -76,8 +76,8 @@ class ScoringMotion:
 
 
 @dataclass(frozen=True)
-class Bench:
-    """What all trials share: the data and the rigid body.
+class TrialRunner:
+    """Trains and scores trials, which share data and rigid body.
 
     Args:
         data: The recordings.

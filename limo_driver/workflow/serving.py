@@ -1,0 +1,287 @@
+"""Serve arms on the network: states in, estimates out, models kept up to date."""
+
+from __future__ import annotations
+
+import gc
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Mapping, Sequence
+
+    import zenoh
+
+    from estimators.residual_model import ResidualModel
+    from estimators.service.server import Service
+    from estimators.service.settings import RetrainingSettings, ServiceSettings
+    from estimators.service.store.served_models import ServedModels
+    from limo_driver.logs.mcap_log import LogLimits
+    from limo_driver.machine_code.compilation import Compilation
+    from limo_driver.network.messages import Event
+    from limo_driver.network.readiness import ServicePhase
+    from limo_driver.network.ros import RosTopic
+    from limo_driver.physics import Simulation
+
+COMPILING = "compiling what the first estimate needs, or reading it from the cache"
+
+
+@contextmanager
+def serve(
+    arms: Mapping[str, Path | str | None] | Sequence[str] | str,
+    *,
+    store: Path | str | None = None,
+    model: ResidualModel[Any] | Path | str | None = None,
+    simulation: Simulation | Path | str | None = None,
+    settings: ServiceSettings | None = None,
+    log: Path | str | None = None,
+    log_limits: LogLimits | None = None,
+    retraining: RetrainingSettings | None = None,
+    trust: Sequence[Path] = (),
+    sign: Path | None = None,
+    ros: RosTopic | None = None,
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    config: Path | str | None = None,
+    told: Callable[[str, Event], None] | None = None,
+    show: Callable[[dict[str, Any]], None] | None = None,
+) -> Generator[Service]:
+    """Answer joint states of arms with estimates of their torque, until the block ends.
+
+    Args:
+        arms: Names, as their drivers publish them; a mapping gives each a store of its own.
+        store: Of the models of every arm that has none of its own; its champion serves.
+        model: Serves instead of a store; a folder or a fitted model.
+        simulation: Serves where no model does, or its file; a model brings its own.
+        settings: How estimates are made and judged; the usual ones if not given.
+        log: Folder for logs (MCAP) of states, estimates and events.
+        log_limits: Of each arm's log; none if not given.
+        retraining: Train challengers from the logs as this says; needs stores and `log`.
+        trust: Public keys (PEM); versions that none of these signed are refused.
+        sign: Private key (PEM), with which challengers are signed that are trained.
+        ros: Take the joint states of the one arm from this topic of ROS 2.
+        connect: Endpoints to reach, for example `tcp/192.168.1.2:7447`.
+        listen: Endpoints to be reached at.
+        config: Zenoh's own configuration file (JSON5).
+        told: Told the arm and the event of all that happens; a new phase is one, with `phase`
+            among its facts. From any thread.
+        show: Told the status of each arm once a second, and when its phase changes.
+
+    Yields:
+        The running service: `phases`, `wait` for Ctrl-C or a time, `stop`.
+
+    Raises:
+        ConfigError: The options contradict each other, an arm is served already, or the network
+            cannot be used so.
+        ModelStoreError: A store has no version that can be read, or a folder does not fit together.
+
+    Example:
+        >>> with serve("iiwa14", model="model/") as service:
+        ...     service.wait(60.0)
+    """
+    from limo_driver.machine_code import compilation
+    from limo_driver.network.readiness import ServicePhase
+    from limo_driver.network.streaming import Presence
+
+    if ros is not None and config is not None:
+        from limo_driver.network.config import require_passage
+
+        require_passage(Path(config), ros.key_of_any_hash, "ingress", "--ros")
+    stores = _stores(arms, store, model, simulation)
+    _check_signing(trust, sign, model)
+    if ros is not None and len(stores) > 1:
+        raise ConfigError(f"--ros is the topic of one arm, and {len(stores)} are to be served")
+    if retraining is not None:
+        _check_retraining(stores, log, retraining)
+    bulletins = Bulletins(list(stores), told or (lambda _arm, _event: None))
+    bulletins.enter(ServicePhase.LOADING, "loading models and physics")
+    with ExitStack() as open_:
+        presence = open_.enter_context(
+            Presence(list(stores), "service", connect, listen, config, joined=bulletins.join)
+        )
+        # While links come about, what the first estimates need is imported and loaded; nearly all
+        # of that stays, so that looking for garbage in it would only take time.
+        collecting = gc.isenabled()
+        gc.disable()
+        open_.callback(gc.enable if collecting else gc.disable)
+        from estimators.service.arm_server import ArmServer
+        from estimators.service.opening import rehearse
+        from estimators.service.server import Service, as_before
+        from estimators.service.settings import ServiceSettings
+        from limo_driver.logs.mcap_log import McapLog
+
+        chosen = settings or ServiceSettings()
+        with compilation.told(bulletins.tell_compiled):  # loading compiles, too
+            served = {
+                name: _models(own, model, simulation, trust, sign) for name, own in stores.items()
+            }
+            _check_contacts(chosen, served)
+            presence.check()  # rather than after the rehearsal
+            bulletins.enter(ServicePhase.COMPILING, COMPILING)
+            for models in served.values():
+                rehearse(models, chosen)
+        session = presence.session()
+        open_.enter_context(as_before())
+        servers: list[ArmServer] = []
+        logs: dict[str, McapLog] = {}
+        for name, models in served.items():
+            if log is not None:
+                logs[name] = open_.enter_context(McapLog(log, name, log_limits))
+            arm = ArmServer(session, bulletins.of[name], models, chosen, logs.get(name), ros)
+            open_.callback(arm.close)
+            servers.append(arm)
+            if retraining is not None:
+                _keep(arm, Path(log or ""), retraining)
+        service = open_.enter_context(Service(servers, show or (lambda _status: None), logs))
+        if collecting:
+            gc.enable()
+        yield service
+
+
+class Bulletins:
+    """What a service tells of all its arms, from before it is on the network.
+
+    Args:
+        arms: Their names.
+        told: Told the arm and the event of all that happens.
+    """
+
+    def __init__(self, arms: Sequence[str], told: Callable[[str, Event], None]) -> None:
+        from functools import partial
+
+        from estimators.service.inference.bulletin import Bulletin
+        from limo_driver.network.streaming import Keys
+
+        self.of = {arm: Bulletin(Keys(arm), partial(told, arm)) for arm in arms}
+        self._state = ""
+
+    def join(self, session: zenoh.Session) -> None:
+        """Publish from now on, and what was told before."""
+        for bulletin in self.of.values():
+            bulletin.join(session)
+
+    def enter(self, phase: ServicePhase, text: str, state: str = "") -> None:
+        """Tell how far the service of every arm is."""
+        self._state = state
+        for bulletin in self.of.values():
+            bulletin.enter(phase, text, state=state)
+
+    def tell_compiled(self, how_far: Compilation) -> None:
+        """Let the status say how much is compiled."""
+        from limo_driver.network.readiness import ServicePhase
+
+        state = f"compiling, {how_far.done} of at most {how_far.most} functions done"
+        if state != self._state:
+            self.enter(ServicePhase.COMPILING, COMPILING, state)
+
+
+def _stores(
+    arms: Mapping[str, Path | str | None] | Sequence[str] | str,
+    store: Path | str | None,
+    model: object,
+    simulation: object,
+) -> dict[str, Path | None]:
+    """Return the store of each arm by name, None where one model serves instead.
+
+    Raises:
+        ConfigError: An arm has no store, or two, or cannot be called so.
+    """
+    from collections.abc import Mapping
+
+    from limo_driver.network.streaming import Keys
+
+    if model is not None and simulation is not None:
+        raise ConfigError("--model brings its own simulation; --sim is for --store")
+    names = [arms] if isinstance(arms, str) else list(arms)
+    given = arms if isinstance(arms, Mapping) else dict.fromkeys(names)
+    stores: dict[str, Path | None] = {}
+    for name in names:
+        Keys(name)  # refuses what cannot be part of a key
+        own = given[name] or store
+        if (own is None) == (model is None):
+            raise ConfigError("give --arm NAME=STORE, --store or --model, one of them")
+        stores[name] = None if own is None else Path(own)
+    if not stores:
+        raise ConfigError("no arm is named, expected one or more")
+    return stores
+
+
+def _check_signing(trust: Sequence[Path], sign: Path | None, model: object) -> None:
+    """Check before anything is opened that keys can be used, and that they are for something."""
+    if model is not None and (trust or sign is not None):
+        raise ConfigError("--trust and --sign are for the versions of a --store")
+    if sign is not None:
+        from estimators.service.store.signature import check_signing
+
+        check_signing(sign, trust)
+
+
+def _check_retraining(
+    stores: Mapping[str, Path | None], log: Path | str | None, settings: RetrainingSettings
+) -> None:
+    """Check that there is what to learn from, and a store for each arm.
+
+    In one store, one arm would let the other's models serve.
+    """
+    if log is None or None in stores.values():
+        raise ConfigError("--retrain needs --store for the models and --log to learn from")
+    arms: dict[Path, str] = {}
+    for name, store in stores.items():
+        assert store is not None  # noqa: S101  # see above
+        other = arms.setdefault(store.resolve(), name)
+        if other != name:
+            raise ConfigError(
+                f"arms {other} and {name} share the store {store}, which has one champion: give "
+                "each a store of its own, or --no-retrain"
+            )
+    if settings.kind != "same":
+        from estimators.service.training.learning import check_kind
+
+        check_kind(settings.kind)
+
+
+def _models(
+    store: Path | None,
+    model: ResidualModel[Any] | Path | str | None,
+    simulation: Simulation | Path | str | None,
+    trust: Sequence[Path],
+    sign: Path | None,
+) -> ServedModels:
+    """Load the physics of an arm, and with it what serves."""
+    from estimators.service.store.served_models import OneFolder, StoreModels
+    from estimators.service.store.store import ModelStore
+    from limo_driver.physics import Simulation
+
+    if model is not None:
+        is_path = isinstance(model, (Path, str))
+        return OneFolder.open(Path(model)) if is_path else OneFolder("model", model)
+    known = Simulation.load(simulation) if isinstance(simulation, (Path, str)) else simulation
+    robot = None if known is None else known.model.name
+    models = StoreModels(ModelStore(store or Path(), robot, tuple(trust), sign), known)
+    _ = models.physics  # refuses an empty store
+    return models
+
+
+def _check_contacts(settings: ServiceSettings, served: Mapping[str, ServedModels]) -> None:
+    """Refuse what a contact is to be, where it is said of another number of joints."""
+    import numpy as np
+
+    said = {"--contact": settings.contact_torque, "--contact-for": settings.contact_duration}
+    for option, values in said.items():
+        size = np.size(values)
+        for name, models in served.items():
+            n = models.physics.model.n
+            if size not in {1, n}:
+                raise ConfigError(
+                    f"{option} has {size} values, expected one, or one for each of the {n} joints "
+                    f"of {name}"
+                )
+
+
+def _keep(arm: Any, log: Path, settings: RetrainingSettings) -> None:  # noqa: ANN401  # ArmServer
+    from estimators.service.retraining.keeper import Keeper
+
+    arm.keeper = Keeper(arm, arm.models.store, log, settings)
+    arm.keeper.start()
