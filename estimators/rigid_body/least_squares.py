@@ -117,8 +117,11 @@ def _reweighted(equations: ArmEquations, base: BaseParameters, nominal: FloatArr
     """Solve, and where joints count by their errors, solve again until these settle."""
     start = base.reduce(nominal)
     scale_of_torque = np.sqrt(equations.energy / np.maximum(equations.count, 1))
-    floor = np.maximum(_SMALLEST_ERROR * scale_of_torque, 1e-12)
-    weight = 1.0 / np.maximum(scale_of_torque, 1e-12) ** 2
+    # Torque that reads zero throughout is below what the drive can tell, and no exact measurement.
+    silent = equations.energy == 0
+    scale_of_torque[silent] = max(float(scale_of_torque.max()), 1e-12)
+    floor = np.where(silent, scale_of_torque, _SMALLEST_ERROR * scale_of_torque)
+    weight = 1.0 / scale_of_torque**2
     solution = _solve(equations, base, start, weight)
     rmse = np.maximum(equations.rmse(base.expand(solution.parameters)), floor)
     for _ in range(_ROUNDS if equations.weighting == "error" else 0):

@@ -329,6 +329,16 @@ def test_a_still_joint_keeps_its_inertia_and_is_told(iiwa):
     assert found.links[6].mass == pytest.approx(1.2, rel=0.2)
 
 
+def test_a_torque_that_reads_zero_throughout_is_no_exact_measurement(iiwa):
+    """As a drive whose torque is below what it can tell; the others are known as well as before."""
+    measured = record(Simulation("iiwa14", FRICTION), T=3000)
+    torque = measured.torque.copy()
+    torque[:, 6] = 0.0
+    found = identify(iiwa, [Recording(measured.time, measured.position, torque)])
+    other = record(Simulation("iiwa14", FRICTION), T=3000, seed=5)
+    assert (found.simulation.score(other).rmse[:6] < 2 * NOISE).all()
+
+
 def test_friction_never_drives_the_joint(iiwa):
     simulation = Simulation("iiwa14", FRICTION[2:])  # joint 1 has none
     found = identify(iiwa, [record(simulation, T=2000)], PAPER)
