@@ -33,6 +33,7 @@ _BACKWARDS = 0.5  # share of steps back in time above which the rows are in reve
 # rad (a hundred turns are 628), rad/s, N m: what no arm does. What this arm cannot do is seen once
 # the arm is known, by `Recording.check_robot`.
 _IMPOSSIBLE = {"position": 1e3, "velocity": 1e3, "torque": 1e6}
+_IMPOSSIBLE_TORQUE = (1e3, 1e3)  # times a joint's median torque, and at least so many N m
 _IMPOSSIBLE_TIME = 10.0  # of the recording's length, from its middle
 _IMPOSSIBLE_EXTRA = 1e6  # of any other quantity
 _UNIT_HINT = {
@@ -174,9 +175,12 @@ class _Gate:
         bad = np.zeros(self.rows.size, dtype=bool)
         for quantity, values in self._quantities().items():
             limit = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
-            beyond = np.abs(values[self.rows]) > limit  # NaN compares false
-            self._refuse_systematic(quantity, beyond, limit)
-            bad |= beyond.any(axis=1)
+            size = np.abs(values[self.rows])
+            self._refuse_systematic(quantity, size > limit, limit)  # NaN compares false
+            if quantity == "torque" and size.size:
+                factor, least = _IMPOSSIBLE_TORQUE
+                limit = np.minimum(limit, np.maximum(factor * np.median(size, axis=0), least))
+            bad |= (size > limit).any(axis=1)
         return bad
 
     def _refuse_systematic(self, quantity: str, beyond: Mask, limit: float) -> None:

@@ -20,6 +20,7 @@ from limo_driver.physics import (
     PreslidingHysteresis,
     Simulation,
     Tolerances,
+    TorqueDrift,
     TorqueGain,
     ViscousFriction,
 )
@@ -231,6 +232,25 @@ def test_the_chosen_explanation_is_the_likeliest(hysteresis):
     assert explanations[0].joints == ((2,),)
     evidence = [item.log_evidence for item in explanations]
     assert evidence == sorted(evidence, reverse=True)
+
+
+def test_a_drift_is_named_and_not_handed_on(given):
+    """Another recording drifts in another way, or not at all."""
+    times = tuple(np.linspace(0.0, 60.0, 7).tolist())
+    drift = TorqueDrift(joint=2, times=times, offset=(0.0, 0.2, 0.5, 0.3, -0.1, -0.4, -0.2))
+    found = diagnose(given, [record(plus(given, drift), 1)])
+    assert ("torque_drift", "missing", (2,)) in names(found)
+    assert not any(effect.name == "torque_drift" for effect in found.after.effects)
+    assert any("not written into the improved simulation" in note for note in found.verdict.notes)
+
+
+def test_six_seconds_are_enough_for_what_they_show(given):
+    found = diagnose(given, [record(plus(given, TorqueGain(joint=1, gain=0.3)), 1, 6.0)])
+    assert ("torque_gain", "missing", (1,)) in names(found) or any(
+        "torque_gain" in item.equivalent for item in found.verdict.findings
+    )
+    none = diagnose(given, [record(given, 2, 6.0)])
+    assert none.verdict.findings == ()
 
 
 def test_a_gain_is_named_at_its_joint(given):

@@ -91,7 +91,7 @@ def test_inertials_override_only_what_they_give(load):
         (
             "robot: iiwa14\neffects:\n  - {effect: viscous_friction, joint: 1, f_v: -1}",
             3,
-            "f_v is -1 N m s/rad, expected a number from 0 to 10000 N m s/rad",
+            "f_v is -1 N m s/rad, expected a number from 0 to 10000000 N m s/rad",
         ),
         (
             "robot: iiwa14\neffects:\n  - {effect: viscous_friction, joint: 1, f_v: x}",

@@ -163,7 +163,7 @@ def refuse(change, message, tmp_path, T=400):
         (lambda c: c | {"time": c["time"] % 2.0}, "runs backwards at row 200"),
         (lambda c: c | {"time": c["time"][::-1]}, "runs backwards in 399 of 400 rows, at row 1"),
         (lambda c: c | {"position_2": np.degrees(c["position_2"])}, "degrees"),
-        (lambda c: c | {"torque_1": c["torque_1"] * 1e3}, "torque_1 is beyond ±1000.*N mm"),
+        (lambda c: c | {"torque_1": c["torque_1"] * 1e7}, "torque_1 is beyond ±1e\\+06.*N mm"),
         (lambda c: c | {"torque_1": np.full(400, np.nan)}, "has 0 usable rows of 400"),
         (lambda c: c | {"torque_1": [str(v) for v in c["torque_1"]]}, "torque_1 holds string"),
         (lambda c: {k: v[:15] for k, v in c.items()}, "has 15 usable rows of 15"),
@@ -285,6 +285,27 @@ def test_recording_of_another_robot_is_refused(tmp_path):
     recording = Recording.load(write(columns, tmp_path / "far.parquet"))
     with pytest.raises(RecordingError, match=r"position_4 spans -4 to 4 rad, but joint 4"):
         recording.check_robot(model)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e4])
+def test_torques_beyond_what_the_drives_can_do_are_of_another_unit(factor):
+    t = np.arange(100) / RATE
+    model = RobotModel.load("iiwa14")
+    torque = np.tile(0.3 * model.limits.torque, (100, 1))
+    Recording(t, np.zeros((100, 7)), torque, source="run").check_robot(model)
+    torque[:, 2] *= factor
+    with pytest.raises(
+        RecordingError, match=r"^run: torque_3 is .* N m in the median, [\d.e+]+ times"
+    ):
+        Recording(t, np.zeros((100, 7)), torque, source="run").check_robot(model)
+
+
+def test_torques_of_an_arm_of_a_tonne_are_read(tmp_path):
+    columns = make_columns()
+    columns["torque_1"] *= 5e4
+    recording = Recording.load(write(columns, tmp_path / "large.parquet"))
+    assert np.abs(recording.torque[:, 0]).max() > 1e4
+    assert recording.left_out == ()
 
 
 def test_recording_that_names_another_robot_is_refused():

@@ -61,6 +61,16 @@ def test_a_ripple_is_offered_where_the_joint_turns_through_half_of_it(rigid):
         assert all(h.joints == (0,) for h in offered)
 
 
+@pytest.mark.parametrize(("seconds", "offered"), [(60.0, True), (20.0, False)])
+def test_warming_and_drift_are_offered_where_a_recording_lasts(
+    rigid, training_recording, seconds, offered
+):
+    part = training_recording[: int(seconds * training_recording.rate)]
+    names = {h.effect for h in every(Observations.of(rigid, [part], 10.0))}
+    assert ("torque_drift" in names) is offered
+    assert ("temperature_dependent_friction" in names) is offered
+
+
 def test_coupling_is_offered_between_neighbours_and_every_other_joint():
     t = np.arange(0.0, 20.0, 0.01)
     position = 0.5 * np.sin(t[:, None] + np.arange(7))

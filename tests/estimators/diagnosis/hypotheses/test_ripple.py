@@ -96,6 +96,30 @@ def test_harmonics_are_offered_together() -> None:
     assert len(both.terms) == 4
 
 
+def test_all_lines_of_a_motor_are_found() -> None:
+    """Pole pairs, slots, and what they have in common."""
+    cycles, amplitude = (28, 48, 56, 84, 112, 144), (0.2, 0.06, 0.08, 0.13, 0.07, 0.05)
+    o = observed(
+        TorqueRipple(joint=2, cycles_per_rev=cycles, amplitude=amplitude, phase=(0.5,) * 6)
+    )
+
+    found = max((h.settings for h in ripples(o, o.residual)), key=len)
+
+    resolution = 2 * np.pi / np.ptp(motion(1).position[:, 1])  # [1/rev]
+    assert [N for N in cycles if min(abs(line - N) for line in found) > 0.3 * resolution] == []
+
+
+def test_lines_are_found_beside_those_that_are_known() -> None:
+    true = TorqueRipple(joint=2, cycles_per_rev=(40.0,), amplitude=(0.05,), phase=(1.0,))
+    o = observed(true)
+
+    found = ripples(o, o.residual, {1: (20.0,)})
+
+    assert found
+    assert all(h.settings[0] == 20.0 for h in found if h.joints == (1,))
+    assert any(abs(line - 40.0) < 0.15 for h in found for line in h.settings)
+
+
 def test_a_ripple_realises_as_the_sum_of_its_terms() -> None:
     o = observed(TorqueRipple(joint=2, cycles_per_rev=(20,), amplitude=(0.06,), phase=(0.4,)))
     (found,) = ripples(o, o.residual)

@@ -79,10 +79,10 @@ def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
         Shift("lag of sensor 5", 0, -9e-4, "s", -3.0),
         Shift("mass", 0, 0.01, "kg", 0.5),
     )
-    said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, doubted=2))
+    said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, passing=(), doubted=2))
     assert "tau_c of joint 2 by +2.4 sigma; lag of sensor 5 by -3.0 sigma (as far as" in said[0]
     assert said[0].endswith("What a sensor adds is written into no simulation.")
     assert "mass" not in said[0]
     assert f"stopped at {SEARCH.largest} effects" in said[1]
     assert said[2].startswith("2 short stretches")
-    assert tuple(remarks((), members=1, harmful=False, doubted=0)) == ()
+    assert tuple(remarks((), members=1, harmful=False, passing=(), doubted=0)) == ()

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.diagnosis.residuals.held_out import Split, bootstrap, reducible_removed, rmse
+from estimators.diagnosis.residuals.held_out import (
+    Split,
+    block_of,
+    bootstrap,
+    guard_of,
+    reducible_removed,
+    rmse,
+    surely_positive,
+)
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
@@ -109,3 +117,34 @@ def test_a_joint_without_held_out_rows_does_not_spoil_the_interval(observed):
     low, high = bootstrap(residual, 0.1 * residual, 0.01 * np.ones(2), observed, rows)
     assert np.isfinite([low, high]).all()
     assert 0.9 < low <= high <= 1.0
+
+
+def test_a_short_recording_is_not_spent_on_guards():
+    """Of 6 s, four guards of 1 s left 18 % of the rows to fit to."""
+    assert guard_of(60.0, 10.0) == 1.0
+    assert guard_of(6.0, 10.0) == pytest.approx(0.2)  # the reach of the filter
+    assert 4 * guard_of(20.0, 10.0) < 0.15 * 20.0
+    assert guard_of(6.0, 2.0) == pytest.approx(1.0)  # of a slower one
+
+
+def test_a_short_recording_has_blocks_to_resample(rigid, test_recording):
+    short = Observations.of(rigid, [test_recording[:600]], 10.0)
+    length = block_of(short, 3.0)
+    assert length.max() == pytest.approx(short.recordings[0].duration / 16)
+    whole = Observations.of(rigid, [test_recording], 10.0)
+    assert block_of(whole, 1.0).min() == 1.0
+
+
+@pytest.mark.parametrize(("gained", "sure"), [(1.0, True), (-1.0, False)])
+def test_a_gain_everywhere_is_sure(observed, split, gained, sure):
+    rows = np.full(split.held_out.shape, gained)
+    assert surely_positive(rows, observed, split.held_out) is sure
+
+
+def test_a_gain_in_one_moment_is_not_sure(observed, split):
+    """Another recording need not have that moment, whatever it weighs in this one."""
+    rows = np.full(split.held_out.shape, -0.01)
+    first = np.flatnonzero(split.held_out.any(axis=1))[:3]
+    rows[first] = 100.0
+    assert rows[split.held_out].sum() > 0
+    assert not surely_positive(rows, observed, split.held_out)

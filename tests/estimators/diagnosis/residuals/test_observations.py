@@ -23,6 +23,18 @@ def observed(rigid, training_recording):
     return Observations.of(rigid, [training_recording], BANDWIDTH)
 
 
+def test_rest_is_slower_than_the_sign_of_the_stated_friction(rigid, training_recording):
+    """A joint whose friction is stated over 0.02 rad/s says nothing of 0.005 rad/s."""
+    wide = CoulombFriction(joint=1, tau_c=1.0, v_eps=0.02)
+    sharp, smooth = (
+        Observations.of(replace(rigid, effects=effects), [training_recording], 10.0)
+        for effects in ((), (wide,))
+    )
+    assert smooth.sign_width.tolist() == [0.02, *sharp.sign_width[1:]]
+    assert smooth.moving[:, 0].sum() < sharp.moving[:, 0].sum()
+    assert (smooth.moving[:, 1:] == sharp.moving[:, 1:]).all()
+
+
 def test_torque_and_columns_pass_the_same_filter(observed, training_recording):
     """A column that equals the recorded torque explains it entirely, noise and all."""
     np.testing.assert_allclose(
@@ -123,7 +135,7 @@ def test_a_gap_makes_two_segments_in_one_recording(rigid, training_recording):
 
 def test_too_short_is_refused_in_one_line(rigid, training_recording):
     with pytest.raises(RecordingError, match=r"leave \d+ independent rows .* record for longer"):
-        Observations.of(rigid, [training_recording[:600]], BANDWIDTH)
+        Observations.of(rigid, [training_recording[:200]], BANDWIDTH)
 
 
 def test_a_bandwidth_that_the_sampling_does_not_allow_is_refused(rigid, training_recording):
