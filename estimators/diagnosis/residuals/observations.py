@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import binary_opening, maximum_filter1d
 
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.rigid_body.regressor import RegressorChain
@@ -271,14 +271,19 @@ class Observations:
     def faster(self, widths: float) -> NDArray[np.bool_]:
         """Mark the rows, (K, n), on which a joint does not get slower than some sign widths.
 
-        Nor does it within the reach of the filter, and nothing pushes.
+        Nor does it within the reach of the filter, and nothing pushes. Where friction is stated
+        over a wide range of speeds, a reversal passes through it and shows much; only where a
+        joint dwells there does it hold anything.
         """
-        still = np.abs(self.motion.velocity) < widths * self.sign_width
-        near = np.zeros_like(still)
+        speed = np.abs(self.motion.velocity)
+        near = np.zeros(speed.shape, dtype=bool)
         for rows in self.segments:
             period = float(np.median(np.diff(self.motion.time[rows])))
+            long = max(1, round(ROWS.dwell / self.bandwidth / period))
+            dwells = binary_opening(speed[rows] < widths * self.sign_width, np.ones((long, 1)))
+            still = dwells | (speed[rows] < widths * SIGN_WIDTH)
             reach = max(1, round(ROWS.near_rest / self.bandwidth / period))
-            near[rows] = maximum_filter1d(still[rows], 2 * reach + 1, axis=0)
+            near[rows] = maximum_filter1d(still, 2 * reach + 1, axis=0)
         moving = ~near[self.kept]
         return moving if self.disturbed is None else moving & ~self.disturbed[:, None]
 

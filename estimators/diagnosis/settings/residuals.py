@@ -33,6 +33,9 @@ class RowSettings:
         "speed below which nothing is judged unknown",
         "higher overlooks unknown friction; lower takes the smoothing of a sign for physics",
         chosen="from the width of the smoothed sign, within which it is no sign")
+    dwell: float = setting(5.0, "1/bandwidth", "of such slow motion that is a rest",
+        "longer fits friction that holds anything; shorter leaves out reversals, and presliding",
+        chosen="presliding of two real arms was lost where reversals within the width were left out")
     repeated: float = setting(0.0015, "rad/s", "RMS speed below which a motion is no repeat",
         "higher misses slow repeats; lower pairs joints at rest")
     near_rest: float = setting(1.0, "1/bandwidth", "left out before and after a rest",
