@@ -74,13 +74,16 @@ def _require_different(recordings: Sequence[Recording]) -> None:
     for one, other in combinations(recordings, 2):
         pairs = ((x.time, x.position, x.torque) for x in (one, other))
         if all(map(np.array_equal, *pairs)):
-            raise RecordingError(f"{one.source} and {other.source} are the same; give it once")
+            names = " and ".join(filter(None, (one.source, other.source))) or "two recordings"
+            raise RecordingError(f"{names} are the same; give it once")
 
 
 def observe(
     simulation: Simulation, recordings: Sequence[Recording], bandwidth: float
 ) -> Observations:
     """Check that the recordings can be of the simulation's robot, and filter them."""
+    if not recordings:
+        raise RecordingError("no recording to diagnose")
     for recording in recordings:
         recording.check_robot(simulation.model)
     _require_different(recordings)

@@ -44,9 +44,7 @@ def link_table(found: Identification) -> Table:
     """Return how far each link's inertia moved from the robot description."""
     table = Table(title="Links: change from the robot description", title_justify="left")
     for heading in ("link", "mass [kg]", "was [kg]", "com moved [mm]", "inertia ratio"):
-        table.add_column(
-            heading.replace("[", r"\["), justify="left" if heading == "link" else "right"
-        )
+        table.add_column(heading, justify="left" if heading == "link" else "right")
     for link in found.links:
         table.add_row(
             link.link,

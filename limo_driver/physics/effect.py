@@ -355,5 +355,6 @@ class Hypothesis:
         def realise(c: FloatArray) -> tuple[Effect, ...]:
             return (replace(effect, **{name: float(c[0] * unit)}),)
 
-        joint = getattr(effect, "joint", 0)
-        return cls(effect.name, (joint - 1,), (effect,), realise, **more)
+        joint = getattr(effect, "joint", None)
+        joints = () if joint is None else (joint - 1,)
+        return cls(effect.name, joints, (effect,), realise, **more)

@@ -189,7 +189,10 @@ def train(
     if estimator is not None:
         if settings is not None:
             raise ConfigError(f"settings are of networks; {model} has no such choice")
-        return estimator.unfitted(simulation, bandwidth or BANDWIDTH).fit(recordings)
+        width = BANDWIDTH if bandwidth is None else bandwidth
+        if not width > 0:
+            raise ConfigError(f"a bandwidth of {width:g} Hz, expected a positive number")
+        return estimator.unfitted(simulation, width).fit(recordings)
     from estimators.hybrid import HybridModel
     from estimators.hybrid.model import train as fitted
     from estimators.hybrid.training.settings import TrainingSettings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from estimators.diagnosis.hypotheses.improvement import Improvement
-from estimators.diagnosis.residuals.held_out import Split, rmse
+from estimators.diagnosis.residuals.held_out import Split, rmse, rotations
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import base_of, with_friction
 from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
@@ -17,7 +17,7 @@ from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.fitting import SOLVING
-from estimators.regression.evidence import Evidence, Posterior
+from estimators.regression.evidence import Evidence, Posterior, posterior
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
 
@@ -53,6 +53,9 @@ class RegressionProblem:
         None  # around the given simulation and tolerances, where this one is not
     )
     _sums: dict[bool, tuple[Noise, NormalEquations]] = field(default_factory=dict, init=False)
+    _turns: tuple[Noise, tuple[tuple[Split, NormalEquations], ...]] | None = field(
+        default=None, init=False
+    )
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> RegressionProblem:
@@ -74,6 +77,22 @@ class RegressionProblem:
     def left(self, fitted: Posterior) -> FloatArray:
         """Return the residual of a fit, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
+
+    def left_in_turn(self, solution: Solution, members: tuple[int, ...]) -> FloatArray:
+        """Return what a set leaves of each row when fitted without its block of time, (K, n)."""
+        of, known = self._turns or (None, ())
+        if of is not solution.noise or known[0][1].product.size < self.columns.count:
+            known = tuple(
+                (split, normal_equations(self.columns, self.target, solution.noise, split.fitted))
+                for split in rotations(self.observed)
+            )
+            self._turns = solution.noise, known
+        left = self.target.copy()
+        prior = solution.search.prior(members)
+        for split, products in known:
+            fit = posterior(products, self.nuisance.prior, prior)
+            left = np.where(split.held_out, self.left(fit), left)
+        return left
 
     def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:
         """Return how much larger errors are than what a fit leaves of them, (n,).

@@ -69,11 +69,15 @@ def derivative(observed: Observations, place: int, name: str) -> Response:
     """Return the torque of a relative change of 1 of an effect's parameter, to first order."""
     effect: Any = observed.simulation.effects[place]
     value = getattr(effect, name)
+    known = next(item for item in effect.parameters() if item.name == name)
     ahead, behind = (
-        replace(effect, **{name: value * (1 + sign * REVISION.step)}) for sign in (1, -1)
+        float(np.clip(value * (1 + sign * REVISION.step), known.lower, known.upper))
+        for sign in (1, -1)
     )
-    joints, values = difference(ahead, behind, observed)
-    return Response(joints, values / (2 * REVISION.step))
+    joints, values = difference(
+        replace(effect, **{name: ahead}), replace(effect, **{name: behind}), observed
+    )
+    return Response(joints, values * value / (ahead - behind))
 
 
 def mover(link: int, scale: FloatArray) -> Enter:

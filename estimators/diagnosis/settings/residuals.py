@@ -35,7 +35,7 @@ class RowSettings:
         chosen="from the width of the smoothed sign, within which it is no sign")
     dwell: float = setting(5.0, "1/bandwidth", "of such slow motion that is a rest",
         "longer fits friction that holds anything; shorter leaves out reversals, and presliding",
-        chosen="presliding of two real arms was lost where reversals within the width were left out")
+        chosen="presliding of two real arms was lost where such reversals were left out")
     repeated: float = setting(0.0015, "rad/s", "RMS speed below which a motion is no repeat",
         "higher misses slow repeats; lower pairs joints at rest")
     near_rest: float = setting(1.0, "1/bandwidth", "left out before and after a rest",
@@ -80,6 +80,10 @@ class HeldOutSettings:
     which: tuple[int, ...] = setting((2, 5), "", "blocks held out, from 0",
         "more leave less to fit to",
         chosen="in the middle, so that effects that change with time are not extrapolated")
+    few: int = setting(4000, "rows",
+        "of all recordings, below which blocks are held out in turn to judge what is sure",
+        "more cost time; fewer judge short recordings by a quarter of them",
+        chosen="so that recordings of minutes, of which a quarter is enough, cost no more")
     resamples: int = setting(400, "", "of the interval of the error removed",
         "more cost time; fewer are a rough interval")
     block: float = setting(3.0, "s", "of a stretch that is resampled whole",

@@ -10,7 +10,9 @@ import pytest
 from limo_driver.physics import (
     CATALOGUE,
     CoulombFriction,
+    Hypothesis,
     JointElasticity,
+    Payload,
     PreslidingHysteresis,
     Recorded,
     TimeDelay,
@@ -91,3 +93,9 @@ def test_two_of_one_kind_are_one_where_that_has_a_meaning():
     assert slip.with_more(slip) is None
     assert soft.with_more(dry) is None
     assert TimeDelay(joint=1, delay=0.01).with_more(TimeDelay(joint=1, delay=0.01)) is None
+
+
+def test_one_effect_of_the_whole_arm_belongs_to_no_joint():
+    load = Payload(mass=1.0, com=(0.0, 0.0, 0.1), inertia=(1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
+    assert Hypothesis.of_one(load, "mass").joints == ()
+    assert Hypothesis.of_one(CoulombFriction(joint=3, tau_c=1.0), "tau_c").joints == (2,)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import limo_driver as limo
-from limo_driver.errors import ConfigError, JointLimitError
+from limo_driver.errors import ConfigError, JointLimitError, RecordingError
 from limo_driver.physics import CoulombFriction, Payload, Sensors, ViscousFriction
 
 SNIPPET = """
@@ -179,3 +179,10 @@ def test_a_diagnosis_on_values_is_the_one_of_the_command(planned):
     assert found.simulation.score(run).rmse.sum() < 0.5 * TRUE.score(run).rmse.sum()
     assert "payload" in str(found)
     assert "held-out RMSE before" in found._repr_html_()
+
+
+def test_a_diagnosis_of_nothing_and_a_filter_without_width_are_refused(recorded):
+    with pytest.raises(RecordingError, match="no recording to diagnose"):
+        limo.diagnose(TRUE, [])
+    with pytest.raises(ConfigError, match="a bandwidth of 0 Hz, expected a positive number"):
+        limo.train(TRUE, [recorded], bandwidth=0.0)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.diagnosis.hypotheses.improvement import Improvement, body_of, payload_of
+from estimators.diagnosis.hypotheses.revision import derivative
+from estimators.diagnosis.residuals.observations import Observations
 from estimators.rigid_body.regressor import parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
@@ -177,3 +181,13 @@ def test_a_payload_keeps_mass_and_centre_and_is_a_body():
 def test_a_payload_without_mass_is_refused():
     with pytest.raises(ConfigError, match="a payload has to have mass"):
         payload_of(np.array([-0.1, *(9 * (0.0,))]))
+
+
+def test_a_value_at_its_bound_has_a_derivative(rigid, training_recording):
+    """A sign as wide as any may be: one step further, there is no such friction."""
+    wide = CoulombFriction(joint=1, tau_c=1.0, v_eps=1.0)
+    observed = Observations.of(replace(rigid, effects=(wide,)), [training_recording], 10.0)
+    by_width = derivative(observed, 0, "v_eps").values
+    by_size = derivative(observed, 0, "tau_c").values
+    # slow motion is linear in the inverse of so wide a sign; taken from one side of it
+    assert by_width == pytest.approx(-by_size, rel=0.06, abs=1e-3)
