@@ -53,7 +53,7 @@ class RegressionProblem:
         None  # around the given simulation and tolerances, where this one is not
     )
     _sums: dict[bool, tuple[Noise, NormalEquations]] = field(default_factory=dict, init=False)
-    _turns: tuple[Noise, tuple[tuple[Split, NormalEquations], ...]] | None = field(
+    _turns: tuple[Noise, int, tuple[tuple[Split, NormalEquations], ...]] | None = field(
         default=None, init=False
     )
 
@@ -80,19 +80,23 @@ class RegressionProblem:
 
     def left_in_turn(self, solution: Solution, members: tuple[int, ...]) -> FloatArray:
         """Return what a set leaves of each row when fitted without its block of time, (K, n)."""
-        of, known = self._turns or (None, ())
-        if of is not solution.noise or known[0][1].product.size < self.columns.count:
-            known = tuple(
-                (split, normal_equations(self.columns, self.target, solution.noise, split.fitted))
-                for split in rotations(self.observed)
-            )
-            self._turns = solution.noise, known
         left = self.target.copy()
         prior = solution.search.prior(members)
-        for split, products in known:
+        for split, products in self._products_in_turn(solution.noise):
             fit = posterior(products, self.nuisance.prior, prior)
             left = np.where(split.held_out, self.left(fit), left)
         return left
+
+    def _products_in_turn(self, noise: Noise) -> tuple[tuple[Split, NormalEquations], ...]:
+        """Return each rotation with the sums over the rows that it fits to; kept for one noise."""
+        known = self._turns
+        if known is None or known[0] is not noise or known[1] < self.columns.count:
+            sums = tuple(
+                (split, normal_equations(self.columns, self.target, noise, split.fitted))
+                for split in rotations(self.observed)
+            )
+            known = self._turns = noise, self.columns.count, sums
+        return known[2]
 
     def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:
         """Return how much larger errors are than what a fit leaves of them, (n,).

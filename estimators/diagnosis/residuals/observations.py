@@ -280,7 +280,8 @@ class Observations:
         for rows in self.segments:
             period = float(np.median(np.diff(self.motion.time[rows])))
             long = max(1, round(ROWS.dwell / self.bandwidth / period))
-            dwells = binary_opening(speed[rows] < widths * self.sign_width, np.ones((long, 1)))
+            slow = speed[rows] < widths * self.sign_width
+            dwells = np.asarray(binary_opening(slow, np.ones((long, 1))), dtype=bool)
             still = dwells | (speed[rows] < widths * SIGN_WIDTH)
             reach = max(1, round(ROWS.near_rest / self.bandwidth / period))
             near[rows] = maximum_filter1d(still, 2 * reach + 1, axis=0)
