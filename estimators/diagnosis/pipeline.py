@@ -34,6 +34,7 @@ from estimators.diagnosis.judgement.judgement import (
     worse,
 )
 from estimators.diagnosis.judgement.questions import tests_of
+from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
@@ -295,7 +296,9 @@ class _Judged:
     def harmless(self) -> tuple[_Judged, bool]:
         """Return this without what makes motion held out worse.
 
-        First the values that moved inside their tolerances, then stand-ins, then one by one.
+        First the values that moved inside their tolerances, then stand-ins, then one by one. Where
+        that leaves nothing, a set that makes one joint somewhat worse and the arm surely better is
+        the lesser harm.
 
         Returns:
             What is left, and whether that is nothing since all of it harms.
@@ -306,13 +309,19 @@ class _Judged:
             problem = problem.with_stated_values()
             noise = judged.solution.noise
             judged = _Judged.of(problem, fitted(problem, judged.solution.members, noise))
+        tried: list[_Judged] = []
         while harms(problem, judged.proven, judged.remaining) and judged.solution.members:
+            tried.append(judged)
             fewer = judged.named
             if fewer == judged.solution.members:
                 fewer = least_harmful(problem, judged.solution)
             judged = _Judged.of(problem, fitted(problem, fewer, judged.solution.noise))
         if not harms(problem, judged.proven, judged.remaining):
             return judged, False
+        better = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
+        if better:
+            rows = problem.split.held_out
+            return min(better, key=lambda one: float(np.sum(rmse(one.proven, rows) ** 2))), False
         given, nothing = problem.observed.residual, fitted(problem, (), judged.solution.noise)
         remaining = remaining_residual(problem.observed, given)
         return _Judged(

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.residuals.held_out import rmse, surely_positive
+from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.settings.residuals import HELD_OUT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,35 +40,6 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
     """
-    part, _ = _parts(problem, solution, member)
-    return float(np.sqrt(max(part.max(), 0.0)))
-
-
-def is_sure(problem: RegressionProblem, solution: Solution, member: int) -> bool:
-    """Say whether a member takes error off whichever blocks of time had been recorded.
-
-    Of a short recording, each block is predicted from the others in turn.
-    """
-    part, misses = _parts(problem, solution, member)
-    joint = int(np.argmax(part))
-    if problem.observed.kept.size < HELD_OUT.few:
-        rest = tuple(i for i in solution.members if i != member)
-        left, bare = (problem.left_in_turn(solution, some) for some in (solution.members, rest))
-        rows = problem.observed.moving
-    else:
-        left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
-        rows = problem.observed.moving if misses[joint] else problem.split.held_out
-    gained = bare[:, [joint]] ** 2 - left[:, [joint]] ** 2
-    return surely_positive(gained, problem.observed, rows[:, [joint]])
-
-
-def _parts(
-    problem: RegressionProblem, solution: Solution, member: int
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return what a member takes off each joint's mean square, in what is left of it, (n,).
-
-    And whether it misses most rows held out there, (n,), so that all rows were counted.
-    """
     left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     moving, held_out = problem.observed.moving, problem.split.held_out
     gained, proven = taken_off(left, bare, moving), taken_off(left, bare, held_out)
@@ -77,7 +47,8 @@ def _parts(
     part = np.where(
         misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0
     )
-    return np.where(misses, part, proven / _square(left, held_out)), misses
+    part = np.where(misses, part, proven / _square(left, held_out))
+    return float(np.sqrt(max(part.max(), 0.0)))
 
 
 def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:

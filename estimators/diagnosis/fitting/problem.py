@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from estimators.diagnosis.hypotheses.improvement import Improvement
-from estimators.diagnosis.residuals.held_out import Split, rmse, rotations
+from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import base_of, with_friction
 from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
@@ -17,7 +17,7 @@ from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.fitting import SOLVING
-from estimators.regression.evidence import Evidence, Posterior, posterior
+from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
 
@@ -53,9 +53,6 @@ class RegressionProblem:
         None  # around the given simulation and tolerances, where this one is not
     )
     _sums: dict[bool, tuple[Noise, NormalEquations]] = field(default_factory=dict, init=False)
-    _turns: tuple[Noise, int, tuple[tuple[Split, NormalEquations], ...]] | None = field(
-        default=None, init=False
-    )
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> RegressionProblem:
@@ -77,26 +74,6 @@ class RegressionProblem:
     def left(self, fitted: Posterior) -> FloatArray:
         """Return the residual of a fit, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
-
-    def left_in_turn(self, solution: Solution, members: tuple[int, ...]) -> FloatArray:
-        """Return what a set leaves of each row when fitted without its block of time, (K, n)."""
-        left = self.target.copy()
-        prior = solution.search.prior(members)
-        for split, products in self._products_in_turn(solution.noise):
-            fit = posterior(products, self.nuisance.prior, prior)
-            left = np.where(split.held_out, self.left(fit), left)
-        return left
-
-    def _products_in_turn(self, noise: Noise) -> tuple[tuple[Split, NormalEquations], ...]:
-        """Return each rotation with the sums over the rows that it fits to; kept for one noise."""
-        known = self._turns
-        if known is None or known[0] is not noise or known[1] < self.columns.count:
-            sums = tuple(
-                (split, normal_equations(self.columns, self.target, noise, split.fitted))
-                for split in rotations(self.observed)
-            )
-            known = self._turns = noise, self.columns.count, sums
-        return known[2]
 
     def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:
         """Return how much larger errors are than what a fit leaves of them, (n,).

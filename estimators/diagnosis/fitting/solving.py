@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import is_sure, material
+from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     Progress,
@@ -167,11 +167,8 @@ def refined(problem: RegressionProblem, solution: Solution, progress: Progress) 
 
 
 def settled(problem: RegressionProblem, solution: Solution, progress: Progress) -> Solution:
-    """Prune and refine a set, and keep what surely takes error off at its best settings."""
-    solution = pruned(problem, refined(problem, pruned(problem, solution), progress))
-    while unsure := [m for m in solution.members if not is_sure(problem, solution, m)]:
-        solution = _less(solution, (min(unsure, key=lambda m: material(problem, solution, m)),))
-    return solution
+    """Prune and refine a set."""
+    return pruned(problem, refined(problem, pruned(problem, solution), progress))
 
 
 def settled_around(

@@ -10,8 +10,6 @@ import numpy as np
 from estimators.diagnosis.settings.residuals import HELD_OUT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
@@ -26,8 +24,8 @@ class Split:
     held_out: NDArray[np.bool_]  # (K, n)
 
     @classmethod
-    def of(cls, observed: Observations, which: Sequence[int] = HELD_OUT.which) -> Split:
-        """Hold out some blocks of each recording, numbered from 0 in time."""
+    def of(cls, observed: Observations) -> Split:
+        """Hold out blocks of each recording."""
         held_out = np.zeros(observed.kept.size, dtype=bool)
         near = np.zeros(observed.kept.size, dtype=bool)
         for recording in range(len(observed.recordings)):
@@ -37,18 +35,12 @@ class Split:
             time = observed.slow.time[rows]
             edges = np.linspace(time[0], time[-1], HELD_OUT.blocks + 1)
             guard = guard_of(float(edges[-1] - edges[0]), observed.bandwidth)
-            for block in which:
+            for block in HELD_OUT.which:
                 low, high = edges[block], edges[block + 1]
                 held_out[rows] |= (time >= low) & (time < high)
                 near[rows] |= (time >= low - guard) & (time < high + guard)
         moving = observed.moving
         return cls(~near[:, None] & moving, held_out[:, None] & moving)
-
-
-def rotations(observed: Observations) -> tuple[Split, ...]:
-    """Return splits that together hold out every row once; two blocks far apart in each."""
-    half = HELD_OUT.blocks // 2
-    return tuple(Split.of(observed, (first, first + half)) for first in range(half))
 
 
 def guard_of(duration: float, bandwidth: float) -> float:

@@ -80,10 +80,6 @@ class HeldOutSettings:
     which: tuple[int, ...] = setting((2, 5), "", "blocks held out, from 0",
         "more leave less to fit to",
         chosen="in the middle, so that effects that change with time are not extrapolated")
-    few: int = setting(4000, "rows",
-        "of all recordings, below which blocks are held out in turn to judge what is sure",
-        "more cost time; fewer judge short recordings by a quarter of them",
-        chosen="so that recordings of minutes, of which a quarter is enough, cost no more")
     resamples: int = setting(400, "", "of the interval of the error removed",
         "more cost time; fewer are a rough interval")
     block: float = setting(3.0, "s", "of a stretch that is resampled whole",
