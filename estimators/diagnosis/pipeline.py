@@ -169,13 +169,10 @@ def diagnose(
 
 
 def _lasting(improved: Simulation, given: Simulation) -> Simulation:
-    """Return the improved simulation without what was found and no other recording has."""
-    kept = [item for item in improved.effects if item.lasts or item.place in _places(given)]
-    return replace(improved, effects=tuple(kept))
-
-
-def _places(simulation: Simulation) -> set[str]:
-    return {effect.place for effect in simulation.effects}
+    """Return the improved simulation without found effects that other recordings do not share."""
+    stated = {effect.place for effect in given.effects}
+    kept = tuple(item for item in improved.effects if item.lasts or item.place in stated)
+    return replace(improved, effects=kept)
 
 
 def _without_pushes(
