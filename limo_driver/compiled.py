@@ -15,6 +15,7 @@ All that limo knows about the inside of numba stands in this file.
 # pyright: reportArgumentType=false
 from __future__ import annotations
 
+import threading
 import time
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -68,6 +69,10 @@ def _take_read_only(dispatcher: Dispatcher, reads: tuple[str, ...]) -> None:
     names = list(dispatcher.py_func.__code__.co_varnames)
     places = {names.index(name) for name in reads}
     compile_as_asked = dispatcher.compile
+    # What numba finds at once. Two equal entries would be ambiguous to it: it would ask for every
+    # call again, a hundred times slower, and two threads may ask at the same time.
+    known: set[tuple[int, ...]] = set()
+    one_at_a_time = threading.Lock()
 
     def compile_one(sig: Any) -> Any:  # noqa: ANN401
         asked, _ = sigutils.normalize_signature(sig)
@@ -76,8 +81,11 @@ def _take_read_only(dispatcher: Dispatcher, reads: tuple[str, ...]) -> None:
             for k, each in enumerate(asked)
         )
         entry = compile_as_asked(taken)
-        if taken != asked:  # found at once from now on, as if it had been compiled for these
-            dispatcher._insert([each._code for each in asked], entry, False)
+        codes = tuple(each._code for each in asked)
+        with one_at_a_time:
+            if taken != asked and codes not in known:  # as if it had been compiled for these
+                dispatcher._insert(list(codes), entry, False)
+                known.add(codes)
         return entry
 
     dispatcher.compile = compile_one

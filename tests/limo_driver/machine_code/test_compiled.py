@@ -7,10 +7,13 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from limo_driver.compiled import compiled
 from limo_driver.console.compilation_line import compilation_line
 from limo_driver.machine_code import compilation, kept_code
 
@@ -98,6 +101,33 @@ def test_code_is_compiled_once(folder):
     assert ask(folder) == (6.0, True)
     assert ask(folder) == (6.0, False)
     assert len(kept(folder)) == 1
+
+
+def test_what_two_threads_asked_for_at_once_is_found_at_once_ever_after(monkeypatch):
+    """An entry that is there twice is ambiguous to numba, which then asks at every call."""
+
+    @compiled(reads=("values",))
+    def first(values):
+        return values[0]
+
+    asked, gate, compile_one = [], threading.Barrier(2), first.compile
+
+    def compile_when_both_asked(signature):
+        asked.append(signature)
+        if len(asked) <= 2:
+            gate.wait(10.0)
+        return compile_one(signature)
+
+    monkeypatch.setattr(first, "compile", compile_when_both_asked)
+    values = np.ones(3)
+    threads = [threading.Thread(target=first, args=(values,)) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(asked) == 2
+    assert first(values) == 1.0
+    assert len(asked) == 2
 
 
 @pytest.mark.parametrize("change", [{"factor": 4.0}, {"offset": 2.0}], ids=["called", "own"])
@@ -252,6 +282,7 @@ def test_a_full_disk_costs_one_line_and_leaves_no_file(folder, caplog, monkeypat
     assert list((folder / "cache" / "limo").iterdir()) == []
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_without_a_home_and_beside_modules_that_cannot_be_written(folder):
     """A file stands where Python's own cache of these modules would."""
     (folder / "__pycache__").write_text("")
