@@ -110,13 +110,15 @@ class Keys:
 
 
 def open_session(
-    connect: Sequence[str] = (), listen: Sequence[str] = (), config: Path | str | None = None
+    connect: Sequence[str] | str = (),
+    listen: Sequence[str] | str = (),
+    config: Path | str | None = None,
 ) -> zenoh.Session:
     """Open a Zenoh session: a peer that finds others on its network, unless told otherwise.
 
     Args:
-        connect: Endpoints to reach, for example `tcp/192.168.1.2:7447`.
-        listen: Endpoints to be reached at.
+        connect: Endpoint or endpoints to reach, for example `tcp/192.168.1.2:7447`.
+        listen: Endpoint or endpoints to be reached at.
         config: Zenoh's own configuration file (JSON5), for routers, TLS, users and access control;
             its paths are relative to it.
 
@@ -126,20 +128,32 @@ def open_session(
     """
     zenoh.try_init_log_from_env()  # RUST_LOG=zenoh=debug tells why a link is refused
     settings = zenoh.Config() if config is None else read_config(Path(config))
+    connect, listen = ([x] if isinstance(x, str) else list(x) for x in (connect, listen))
     try:
         settings.insert_json5("timestamping/enabled", "true")  # caches need it
         for role, endpoints in (("connect", connect), ("listen", listen)):
             if endpoints:
-                settings.insert_json5(f"{role}/endpoints", json.dumps(list(endpoints)))
+                settings.insert_json5(f"{role}/endpoints", json.dumps(endpoints))
     except zenoh.ZError as error:
         raise ConfigError(
             f"endpoint {', '.join([*connect, *listen])}: {explained(error, located=False)}"
         ) from None
     try:
-        return zenoh.open(settings)
+        return _opened(settings)
     except zenoh.ZError as error:
         ends = ", ".join([*connect, *listen]) or "any peer"
         raise ConnectionLostError(f"no Zenoh session with {ends}: {explained(error)}") from None
+
+
+def _opened(settings: zenoh.Config) -> zenoh.Session:
+    """Open a session, without shared memory on a computer that has none (no /dev/shm to write)."""
+    try:
+        return zenoh.open(settings)
+    except zenoh.ZError as error:
+        if " shm " not in str(error):
+            raise
+    settings.insert_json5("transport/shared_memory/enabled", "false")
+    return zenoh.open(settings)
 
 
 class JointStatePublisher(Closing):
@@ -244,8 +258,8 @@ class Presence(Closing):
         self,
         arms: Sequence[str],
         part: str,
-        connect: Sequence[str] = (),
-        listen: Sequence[str] = (),
+        connect: Sequence[str] | str = (),
+        listen: Sequence[str] | str = (),
         config: Path | str | None = None,
         joined: Callable[[zenoh.Session], None] | None = None,
     ) -> None:
@@ -277,8 +291,8 @@ class Presence(Closing):
         self,
         arms: Sequence[Keys],
         part: str,
-        connect: Sequence[str],
-        listen: Sequence[str],
+        connect: Sequence[str] | str,
+        listen: Sequence[str] | str,
         config: Path | str | None,
         joined: Callable[[zenoh.Session], None] | None,
     ) -> zenoh.Session:

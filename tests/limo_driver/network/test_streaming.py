@@ -1,6 +1,8 @@
 """Keys, counting of arrivals, and joint states between two real Zenoh sessions."""
 
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -301,3 +303,23 @@ class TestRunning:
         np.testing.assert_array_equal(np.diff(stamps), 10_000_000 * np.diff(sequences))
         heard = np.array([arrived for _, arrived in got])
         assert (heard - began >= 10_000_000 * sequences).all()  # no state before its time
+
+
+def test_one_endpoint_is_as_good_as_a_list_of_one():
+    for endpoints in ("nonsense", ["nonsense"]):
+        with pytest.raises(ConfigError, match=r"^endpoint nonsense:"):
+            open_session(connect=endpoints)
+
+
+def test_a_computer_without_shared_memory_has_sessions_all_the_same():
+    """In a mount namespace of its own, where nothing can be written to /dev/shm."""
+    code = (
+        "from limo_driver.network.streaming import open_session\n"
+        "with open_session(listen='tcp/127.0.0.1:0') as session: print(session.is_closed())"
+    )
+    mounted = 'mount -t tmpfs -o ro none /dev/shm && exec "$0" "$@"'
+    command = ["unshare", "--map-root-user", "--mount", "sh", "-c", mounted, sys.executable]
+    if subprocess.run([*command, "-c", ""], capture_output=True, check=False).returncode:
+        pytest.skip("no mount namespace can be made here")
+    ended = subprocess.run([*command, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.stdout, ended.returncode) == ("False\n", 0), ended.stderr

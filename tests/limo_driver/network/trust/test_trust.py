@@ -301,8 +301,8 @@ class TestPassage:
             ("driver", RosTopic().key, "egress"),
             ("service", RosTopic().key_of_any_hash, "ingress"),
         ):
-            with pytest.raises(ConfigError, match="--ros would reach nobody"):
-                require_passage(trust.configurations[role], topic, flow, "--ros")
+            with pytest.raises(ConfigError, match="`ros_domain` would reach nobody"):
+                require_passage(trust.configurations[role], topic, flow, "`ros_domain`")
             require_passage(trust.configurations[role], KEYS.joints, flow, "--stream")
 
     @pytest.mark.parametrize(
@@ -378,7 +378,7 @@ class TestFolder:
     def test_nothing_is_written_over_without_force(self, tmp_path):
         write_trust(tmp_path, self.HOSTS)
         before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-        with pytest.raises(ConfigError, match=r"certificate\.pem: is there already.*--force"):
+        with pytest.raises(ConfigError, match=r"certificate\.pem: is there already.*`force`"):
             write_trust(tmp_path, self.HOSTS)
         assert {path: path.read_bytes() for path in before} == before
         write_trust(tmp_path, self.HOSTS, force=True)
