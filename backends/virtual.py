@@ -19,6 +19,7 @@ from backends.simulated import (
     start_position,
 )
 from limo_driver.errors import BackendError
+from limo_driver.parameters import seed_of
 from limo_driver.robot.safety import START_TOLERANCE
 from limo_driver.types import (
     ImpedanceCommand,
@@ -64,7 +65,7 @@ class VirtualRobot(SimulatedRobot):
         self._velocity = np.zeros(self.spec.n)
         self._place(start_position(self.simulation.model, initial_position))
         self._effects = self.simulation.init()
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(seed_of(seed))
 
     def _check(self, command: JointCommand) -> None:
         if isinstance(command, ImpedanceCommand):

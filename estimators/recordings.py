@@ -11,10 +11,15 @@ from limo_driver.errors import RecordingError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
 
 _STILL: Final = 2e-3  # [rad], range of an arm that does not move
+_RUN: Final = 10  # samples alike, one after the other, that sensors do not give twice by chance
+_SHARED: Final = 0.01  # of the shorter of two recordings, in such runs: cuts of one recording
+_NEXT: Final = np.uint64(0x9E3779B97F4A7C15)  # odd: the key of a run depends on its order
 
 
 def check_recordings(recordings: Sequence[Recording], model: RobotModel) -> None:
@@ -36,14 +41,37 @@ def check_recordings(recordings: Sequence[Recording], model: RobotModel) -> None
             "friction",
             path=_sources(recordings),
         )
+    check_different(recordings)
+
+
+def check_different(recordings: Sequence[Recording]) -> None:
+    """Check that no recording holds samples of another, at the same times or at others.
+
+    A copy would count as new evidence: its noise would repeat like physics, and errors on it would
+    not be those of other motion. Clocks may start anywhere, so times are not looked at.
+
+    Raises:
+        RecordingError: Two hold the same samples, or are cuts of one recording that overlap.
+    """
+    keys: list[NDArray[np.uint64]] = []
     for second, recording in enumerate(recordings):
-        for first in recordings[:second]:
-            if _same(first, recording):
+        own = _runs(recording)
+        for first, known in zip(recordings[:second], keys, strict=True):
+            if first.n != recording.n:
+                continue
+            same = _same(first, recording)
+            both = np.intersect1d(own, known, assume_unique=True).size
+            if same or both > _SHARED * min(len(first), len(recording)):
+                part = (both + _RUN - 1) / len(recording)
+                what = (
+                    "holds the same samples as" if same else f"shares {part:.0%} of its rows with"
+                )
                 raise RecordingError(
-                    f"holds the same samples as {first.source or 'another recording'}, and would "
-                    "count as new evidence; give it once",
+                    f"{what} {first.source or 'another recording'}, and would count as new "
+                    "evidence; give it once",
                     path=recording.source or None,
                 )
+        keys.append(own)
 
 
 def _check_torque(recordings: Sequence[Recording]) -> None:
@@ -63,5 +91,22 @@ def _sources(recordings: Sequence[Recording]) -> str | None:
 def _same(first: Recording, second: Recording) -> bool:
     return all(
         np.array_equal(getattr(first, name), getattr(second, name))
-        for name in ("time", "position", "torque")
+        for name in ("position", "torque")
     )
+
+
+def _runs(recording: Recording) -> NDArray[np.uint64]:
+    """Return a key of each run of samples that the recording holds but once, in rising order.
+
+    Single precision is enough to tell samples apart, and finds a copy that was kept in it. What
+    occurs more than once, such as rest before coarse sensors, may well occur in another recording.
+    """
+    samples = np.concatenate([recording.position, recording.torque], axis=1)
+    bits = (samples.astype(np.float32) + np.float32(0)).view(np.uint32).astype(np.uint64)  # no -0
+    factor = np.random.default_rng(0).integers(0, 2**63, bits.shape[1], np.uint64)
+    key = bits @ (2 * factor + 1)  # modulo 2^64
+    run = np.zeros(max(len(recording) - _RUN + 1, 0), np.uint64)
+    for back in range(_RUN if run.size else 0):
+        run = run * _NEXT + key[back : back + run.size]
+    keys, count = np.unique(run, return_counts=True)
+    return keys[count == 1]

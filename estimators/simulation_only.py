@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from estimators.base import Estimate
+from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from estimators.base import State
@@ -23,7 +24,7 @@ class SimulationOnly:
     """
 
     simulation: Simulation
-    bandwidth: float = 10.0
+    bandwidth: float = BANDWIDTH
 
     @property
     def n(self) -> int:

@@ -3,24 +3,33 @@
 ```python
 import limo_driver as limo
 
-data = limo.Recording.from_arrays(time, position, torque)
-sim = limo.identify("iiwa14", [data]).simulation
-found = limo.diagnose(sim, [other])
+sim = limo.identify("iiwa14", "run.parquet").simulation
+found = limo.diagnose(sim, "other.parquet")
 print(found)
 found.save("diagnosis/")
 ```
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
 and commands. What to do with them: plan, excite, run, identify, predict, train, evaluate, diagnose,
-serve.
+serve. Requests and settings say how: PlanRequest, Rows, TrainingSettings, ServiceSettings, ...
+
+Where a recording is taken, so is the path of its file, and where several are, one alone or any
+iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
+a `LimoError` that says what was given and what was expected. Examples in the help assume this
+import, and `import numpy as np`.
 
 The names are imported when they are first used, so that `import limo_driver` stays cheap.
 """
 
 TYPE_CHECKING = False  # as in `typing`, which takes 10 ms, in which Ctrl-C would not be answered
 if TYPE_CHECKING:
+    from estimators.hybrid.training.settings import TrainingSettings
+    from estimators.rigid_body import JointTerms, Rows
+    from estimators.service.settings import RetrainingSettings, ServiceSettings
     from limo_driver.errors import LimoError
+    from limo_driver.logs.mcap_log import LogLimits
     from limo_driver.model import RobotModel
+    from limo_driver.network.ros import RosTopic
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.robot.registry import open_robot
@@ -39,25 +48,36 @@ if TYPE_CHECKING:
     from limo_driver.workflow.planning import excite, plan
     from limo_driver.workflow.running import Streaming, run
     from limo_driver.workflow.serving import serve
-    from limopa import ExcitationRequest, PlanRequest
+    from limopa import ExcitationRequest, Exploring, PlanRequest, Reaching, Surroundings, Workspace
 
     __version__: str
 
 _HOME = {
     "ExcitationRequest": "limopa",
+    "Exploring": "limopa",
     "ImpedanceCommand": "limo_driver.types",
     "JointState": "limo_driver.types",
+    "JointTerms": "estimators.rigid_body",
     "LimoError": "limo_driver.errors",
+    "LogLimits": "limo_driver.logs.mcap_log",
     "Motion": "limo_driver.types",
     "PlanRequest": "limopa",
     "PositionCommand": "limo_driver.types",
+    "Reaching": "limopa",
     "Recording": "limo_driver.recordings.recording",
+    "RetrainingSettings": "estimators.service.settings",
     "Robot": "limo_driver.robot.robot",
     "RobotModel": "limo_driver.model",
+    "RosTopic": "limo_driver.network.ros",
+    "Rows": "estimators.rigid_body",
+    "ServiceSettings": "estimators.service.settings",
     "Simulation": "limo_driver.physics",
     "Streaming": "limo_driver.workflow.running",
+    "Surroundings": "limopa",
     "TorqueCommand": "limo_driver.types",
+    "TrainingSettings": "estimators.hybrid.training.settings",
     "Trajectory": "limo_driver.trajectory",
+    "Workspace": "limopa",
     "WrenchCommand": "limo_driver.types",
     "diagnose": "limo_driver.workflow.diagnosing",
     "evaluate": "limo_driver.workflow.learning",
@@ -74,19 +94,30 @@ _HOME = {
 
 __all__ = [
     "ExcitationRequest",
+    "Exploring",
     "ImpedanceCommand",
     "JointState",
+    "JointTerms",
     "LimoError",
+    "LogLimits",
     "Motion",
     "PlanRequest",
     "PositionCommand",
+    "Reaching",
     "Recording",
+    "RetrainingSettings",
     "Robot",
     "RobotModel",
+    "RosTopic",
+    "Rows",
+    "ServiceSettings",
     "Simulation",
     "Streaming",
+    "Surroundings",
     "TorqueCommand",
+    "TrainingSettings",
     "Trajectory",
+    "Workspace",
     "WrenchCommand",
     "diagnose",
     "evaluate",
@@ -116,4 +147,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, "__version__"})
+    return sorted({*__all__, "__version__", *(name for name in globals() if name[:2] == "__")})

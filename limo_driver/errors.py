@@ -1,5 +1,7 @@
 """Errors of limo: each builds its own message and keeps the facts as attributes.
 
+A message names arguments of the library in backticks; commands call them by their options.
+
 LimoError
 ├── PlacedError                         knows the file and the line of the mistake
 │   ├── ConfigError (ValueError)        a file or option that cannot be used
@@ -41,8 +43,8 @@ class LimoError(Exception):
 
     Example:
         >>> try:
-        ...     Recording.load("run.csv")
-        ... except LimoError as error:
+        ...     limo.Recording.load("run.csv")
+        ... except limo.LimoError as error:
         ...     print(error)
     """
 
@@ -159,7 +161,7 @@ class ServiceNotReadyError(BackendError, TimeoutError):
     def __init__(self, arm: str, until: str, waited: float, heard: str) -> None:
         self.arm, self.until, self.waited, self.heard = arm, until, waited, heard
         what = "no service" if arm == "*" else f"no service of arm {arm!r}"
-        advice = "start one with `limo serve`, or say where it is with --connect or --zenoh-config"
+        advice = "start one with `limo serve`, or say where it is with `connect` or `config`"
         super().__init__(
             f"{what} was {until} within {waited:g} s: {heard or f'none was heard; {advice}'}"
         )

@@ -17,7 +17,8 @@ import pinocchio as pin
 
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
-from limo_driver.types import FloatArray, JointLimits, readonly
+from limo_driver.types import FloatArray, JointLimits, as_numbers, readonly
+from limo_driver.urdf import last_frame, link_of_joint, read_chain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,6 +28,7 @@ ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
 JERK_PER_VELOCITY = 50.0  # [1/s^2]
 TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
 _ROUNDING = 1e-9  # of the largest second moment
+_MOTION = ("position", "velocity", "acceleration")
 _MANY = 1000  # samples, from which on another thread is worth waking
 
 
@@ -100,7 +102,8 @@ class RobotModel(Displayed):
     """Rigid-body model of an arm with n revolute joints in series.
 
     Joints that are not revolute (a gripper's) are locked at their neutral position and their
-    bodies added to the link that carries them.
+    bodies added to the link that carries them. A continuous joint has limits of half a turn to
+    either side, within which motion is planned; recordings may count any number of turns.
 
     Args:
         urdf: URDF file.
@@ -110,10 +113,11 @@ class RobotModel(Displayed):
 
     Raises:
         ConfigError: The file is missing, is no URDF, has no revolute joint, or an inertial names
-            no moving link or no possible body.
+            no moving link or no possible body; or gravity is not finite.
+        ShapeError: The gravity is not (3,).
 
     Example:
-        >>> arm = RobotModel.load("iiwa14")
+        >>> arm = limo.RobotModel.load("iiwa14")
         >>> arm.gravity_torque(np.zeros((1, arm.n)))
     """
 
@@ -128,14 +132,11 @@ class RobotModel(Displayed):
         self.name = name or str(urdf)
         if not self.urdf.is_file():
             raise ConfigError("no such URDF file", path=urdf)
-        try:
-            full = pin.buildModelFromUrdf(str(self.urdf))
-        except (ValueError, RuntimeError, IndexError) as error:
-            raise ConfigError(f"cannot be read as a URDF: {error}", path=urdf) from None
-        self.pin_model, self.locked_joints = _revolute_chain(full, self.urdf)
+        chain = read_chain(self.urdf)
+        self.pin_model, self.locked_joints = chain.model, chain.locked
         self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
         self.link_names: tuple[str, ...] = tuple(
-            _link_of_joint(self.pin_model, j + 1) for j in range(self.n)
+            link_of_joint(self.pin_model, j + 1) for j in range(self.n)
         )
         self.inertials: dict[str, Inertial] = {
             link: _from_pin(self.pin_model.inertias[j + 1])
@@ -143,10 +144,12 @@ class RobotModel(Displayed):
         }
         self._override(inertials or {})
         if gravity is not None:
-            self.pin_model.gravity.linear = np.array(gravity, dtype=float)
+            self.pin_model.gravity.linear = _gravity(gravity)
         self.limits = _limits(self.pin_model)
         self._data = self.pin_model.createData()
-        self._flange = _last_frame(self.pin_model, self.n)
+        self._flange = last_frame(self.pin_model, self.n)
+        # joints without ends; their limits say within which turn motion is planned, no more
+        self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
 
     @classmethod
     def load(
@@ -186,6 +189,10 @@ class RobotModel(Displayed):
 
         Args:
             gravity: (3,) [m/s²] in the frame of the base.
+
+        Raises:
+            ConfigError: It is no array of finite numbers.
+            ShapeError: It is not (3,).
         """
         return RobotModel(self.urdf, self.name, self.inertials, gravity)
 
@@ -221,6 +228,17 @@ class RobotModel(Displayed):
             "torque [N m]": limits.torque.tolist(),
         }
 
+    def whole_turns(self, position: FloatArray) -> FloatArray:
+        """Return the whole turns that joints without ends have made.
+
+        Args:
+            position: (..., n) [rad].
+
+        Returns:
+            Multiples of 2π (..., n) [rad]; without them the same pose is within half a turn.
+        """
+        return np.where(self.turning, 2 * np.pi * np.round(position / (2 * np.pi)), 0.0)
+
     def flange_position(self, position: FloatArray) -> FloatArray:
         """Return where the flange is in the base frame.
 
@@ -229,8 +247,12 @@ class RobotModel(Displayed):
 
         Returns:
             (T, 3) [m]; T is 1 for one position.
+
+        Raises:
+            ShapeError: Another number of joints.
         """
-        return np.array([self.flange_pose(q)[:3, 3] for q in np.atleast_2d(position)])
+        several = self._several("position", np.atleast_2d(as_numbers("position", position)))
+        return np.array([self.flange_pose(q)[:3, 3] for q in several]).reshape(-1, 3)
 
     def flange_pose(self, position: FloatArray) -> FloatArray:
         """Return the pose of the flange in the base frame.
@@ -240,8 +262,11 @@ class RobotModel(Displayed):
 
         Returns:
             Homogeneous transform, (4, 4) [m].
+
+        Raises:
+            ShapeError: The position is not (n,).
         """
-        pin.forwardKinematics(self.pin_model, self._data, np.asarray(position))
+        pin.forwardKinematics(self.pin_model, self._data, self._one(position))
         pin.updateFramePlacement(self.pin_model, self._data, self._flange)
         return np.array(self._data.oMf[self._flange].homogeneous)
 
@@ -253,8 +278,11 @@ class RobotModel(Displayed):
 
         Returns:
             Homogeneous transforms, (n, 4, 4) [m].
+
+        Raises:
+            ShapeError: The position is not (n,).
         """
-        pin.forwardKinematics(self.pin_model, self._data, np.asarray(position))
+        pin.forwardKinematics(self.pin_model, self._data, self._one(position))
         return np.array([self._data.oMi[j + 1].homogeneous for j in range(self.n)])
 
     def flange_jacobian(self, position: FloatArray) -> FloatArray:
@@ -265,11 +293,14 @@ class RobotModel(Displayed):
 
         Returns:
             (6, n): velocity [m/rad], then angular velocity [1], of each joint's.
+
+        Raises:
+            ShapeError: The position is not (n,).
         """
         jacobian = pin.computeFrameJacobian(
             self.pin_model,
             self._data,
-            np.asarray(position),
+            self._one(position),
             self._flange,
             pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
         )
@@ -283,8 +314,11 @@ class RobotModel(Displayed):
 
         Returns:
             Symmetric, (n, n) [kg m²].
+
+        Raises:
+            ShapeError: The position is not (n,).
         """
-        M = pin.crba(self.pin_model, self._data, np.asarray(position))
+        M = pin.crba(self.pin_model, self._data, self._one(position))
         return np.triu(M) + np.triu(M, 1).T
 
     def inertia_of(self, position: FloatArray, j: int) -> FloatArray:
@@ -296,7 +330,14 @@ class RobotModel(Displayed):
 
         Returns:
             (T, n) [kg m²].
+
+        Raises:
+            ConfigError: There is no such column.
+            ShapeError: The positions are not (T, n).
         """
+        position = self._several("position", as_numbers("position", position))
+        if j not in range(self.n):
+            raise ConfigError(f"column {j!r} does not exist, expected 0 to {self.n - 1}")
         still, unit = np.zeros_like(position), np.zeros_like(position)
         unit[:, j] = 1.0
         return self._weightless.inverse_dynamics(position, still, unit)
@@ -321,7 +362,7 @@ class RobotModel(Displayed):
         Raises:
             ShapeError: Another number of joints.
         """
-        q = np.atleast_2d(position)
+        q = np.atleast_2d(as_numbers("position", position))
         return self.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
 
     def inverse_dynamics(
@@ -340,6 +381,11 @@ class RobotModel(Displayed):
         Raises:
             ShapeError: The arrays are not all (T, n).
         """
+        if not type(position) is type(velocity) is type(acceleration) is np.ndarray:
+            position, velocity, acceleration = (
+                as_numbers(*item)
+                for item in zip(_MOTION, (position, velocity, acceleration), strict=True)
+            )
         shape = position.shape
         if not shape == velocity.shape == acceleration.shape == (*shape[:1], self.n):
             given = {"position": position, "velocity": velocity, "acceleration": acceleration}
@@ -352,8 +398,20 @@ class RobotModel(Displayed):
         threads = self._pool.size() if shape[0] > _MANY else 1
         return np.array(pin.rneaInParallel(threads, self._pool, *columns).T).reshape(shape)
 
+    def _one(self, position: FloatArray) -> FloatArray:
+        """Return one position (n,), checked."""
+        array = as_numbers("position", position)
+        if array.shape != (self.n,):
+            raise ShapeError("position", array.shape, f"({self.n},)")
+        return array
+
+    def _several(self, name: str, values: FloatArray) -> FloatArray:
+        """Return values of T positions (T, n), checked."""
+        self._refuse_shapes({name: values})
+        return values
+
     def _refuse_shapes(self, given: Mapping[str, FloatArray]) -> None:
-        shape = np.shape(given["position"])
+        shape = np.shape(next(iter(given.values())))
         for name, value in given.items():
             if np.shape(value) != shape or np.ndim(value) != 2 or shape[1] != self.n:  # noqa: PLR2004
                 raise ShapeError(name, np.shape(value), f"(T, {self.n})")
@@ -410,48 +468,14 @@ def _threads() -> int:
     return int(asked) if asked.isdigit() and int(asked) else len(os.sched_getaffinity(0))
 
 
-def _revolute_chain(full: pin.Model, urdf: Path) -> tuple[pin.Model, tuple[str, ...]]:
-    """Lock every joint that is not a bounded or unbounded revolute one."""
-    locked = [
-        index
-        for index in range(1, full.njoints)
-        if not full.joints[index].shortname().startswith("JointModelR")
-    ]
-    names = tuple(full.names[index] for index in locked)
-    if len(locked) == full.njoints - 1:
-        raise ConfigError("has no revolute joint", path=urdf)
-    unbounded = [
-        full.names[index]
-        for index in range(1, full.njoints)
-        if full.joints[index].shortname().startswith("JointModelRUB")
-    ]
-    if unbounded:
-        raise ConfigError(
-            f"joint {unbounded[0]!r} is continuous; give it the limits of the arm (type revolute)",
-            path=urdf,
-        )
-    return pin.buildReducedModel(full, locked, pin.neutral(full)), names
-
-
-def _link_of_joint(model: pin.Model, joint: int) -> str:
-    """Return the link that a joint moves: the body frame that coincides with it."""
-    bodies = [
-        frame
-        for frame in model.frames
-        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
-    ]
-    return str(bodies[0].name)
-
-
-def _last_frame(model: pin.Model, joint: int) -> int:
-    """Return the frame farthest along the fixed links of the last joint: the flange."""
-    frames = [
-        index
-        for index, frame in enumerate(model.frames)
-        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
-    ]
-    named = [index for index in frames if model.frames[index].name in {"flange", "tool0"}]
-    return (named or frames)[0 if named else -1]
+def _gravity(gravity: Sequence[float]) -> FloatArray:
+    """Return a gravity (3,) [m/s²], checked."""
+    array = as_numbers("gravity", gravity)
+    if array.shape != (3,):
+        raise ShapeError("gravity", array.shape, "(3,)")
+    if not np.isfinite(array).all():
+        raise ConfigError(f"gravity is {array.tolist()} m/s², expected finite numbers")
+    return array
 
 
 def _limits(model: pin.Model) -> JointLimits:

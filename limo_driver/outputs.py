@@ -18,6 +18,8 @@ from limo_driver.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable
 
+PARQUET = (".parquet", ".pq")  # endings of what is written
+
 
 def require_file(path: Path, inputs: Iterable[Path] = ()) -> None:
     """Check that a file can be written.
@@ -41,10 +43,53 @@ def require_file(path: Path, inputs: Iterable[Path] = ()) -> None:
         raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
 
 
+def require_parquet(path: Path | str) -> None:
+    """Check that the name of a file does not promise another format than the one written.
+
+    Args:
+        path: To be written; without an ending, it promises nothing.
+
+    Raises:
+        ConfigError: Its ending is that of another format.
+    """
+    ending = Path(path).suffix
+    if ending.lower() not in {"", *PARQUET}:
+        raise ConfigError(
+            f"cannot be written: Parquet is written, and its name ends in {ending}; expected "
+            f"{' or '.join(PARQUET)}",
+            path=path,
+        )
+
+
 def require_folder(
     folder: Path, holds: str, names: Iterable[str] = (), inputs: Iterable[Path] = ()
 ) -> None:
     """Make a folder, if there is none, and check that it can be written to.
+
+    As `require_place` does, but for making it.
+
+    Args:
+        folder: To be written to.
+        holds: What it is for, e.g. "the diagnosis".
+        names: Files that will be written in it.
+        inputs: Files that are read, which must not be written over.
+
+    Raises:
+        ConfigError: It is a file, cannot be written to, or an input would be written over.
+    """
+    require_place(folder, holds, names, inputs)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigError(f"cannot be written to: {error.strerror}", path=folder) from None
+
+
+def require_place(
+    folder: Path, holds: str, names: Iterable[str] = (), inputs: Iterable[Path] = ()
+) -> None:
+    """Check that a folder can be made or written to, and make nothing: the work may yet fail.
 
     Args:
         folder: To be written to.
@@ -58,9 +103,9 @@ def require_folder(
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"is a file, expected a folder for {holds}", path=folder)
     require_apart([folder / name for name in names], inputs)
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
+        with TemporaryFile(dir=there):
             pass
     except OSError as error:
         raise ConfigError(f"cannot be written to: {error.strerror}", path=folder) from None

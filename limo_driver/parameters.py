@@ -157,6 +157,21 @@ class Parameter:
         )
 
 
+def seed_of(seed: Any) -> int:  # noqa: ANN401  # whatever a user gave
+    """Return the seed of random draws.
+
+    Raises:
+        ConfigError: It is no whole number, or below 0.
+    """
+    try:
+        number = -1 if isinstance(seed, bool) else operator.index(seed)
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise ConfigError(f"seed is {seed!r}, expected a whole number of 0 or more")
+    return number
+
+
 def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotation's
     unit: str = "",
     description: str = "",

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from limo_driver.errors import ConfigError, PathError
-from limo_driver.types import FloatArray, Motion, same_robot
+from limo_driver.errors import ConfigError, PathError, ShapeError
+from limo_driver.types import FloatArray, Motion, as_numbers, same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -73,8 +73,8 @@ class Trajectory(Motion):
     Example:
         >>> t = np.linspace(0.0, 4.0, 1001)
         >>> swing = 0.2 * (1 - np.cos(np.pi * t / 2))[:, None] * np.ones(7)
-        >>> motion = Motion.from_positions(t, swing)
-        >>> Trajectory(t, swing, motion.velocity, motion.acceleration, robot="iiwa14")
+        >>> motion = limo.Motion.from_positions(t, swing)
+        >>> limo.Trajectory(t, swing, motion.velocity, motion.acceleration, robot="iiwa14")
     """
 
     robot: str = ""  # name of the robot it was planned for
@@ -129,8 +129,8 @@ class Trajectory(Motion):
         """
         if self.robot and not same_robot(self.robot, name):
             raise ConfigError(
-                f"the trajectory was planned for {self.robot}, but the robot is {name}; "
-                f"plan again with `limo plan --robot {name}`",
+                f"the trajectory was planned for {self.robot}, but the robot is {name}; plan again "
+                "for that",
                 path=self.source or None,
             )
         if self.n != n:
@@ -171,7 +171,12 @@ class Trajectory(Motion):
 
         Returns:
             The motion, starting at time 0.
+
+        Raises:
+            ConfigError: The period is not above 0.
         """
+        if not 0 < period < np.inf:
+            raise ConfigError(f"a sample period of {period:g} s, expected above 0 and finite")
         count = int(np.ceil(self.duration / period - 1e-9)) + 1
         return self.evaluate(np.minimum(np.arange(count) * period, self.duration))
 
@@ -186,11 +191,16 @@ class Trajectory(Motion):
 
         Raises:
             PathError: A time is outside of the trajectory.
+            ShapeError: The times are not (T,).
         """
+        time = as_numbers("time", time)
+        if time.ndim != 1:
+            raise ShapeError("time", time.shape, "(T,)")
         t = time + self.time[0]
-        if t.size and (t[0] < self.time[0] - 1e-9 or t[-1] > self.time[-1] + 1e-9):
+        first, last = (t.min(), t.max()) if t.size else self.time[[0, -1]]
+        if not (first >= self.time[0] - 1e-9 and last <= self.time[-1] + 1e-9):
             raise PathError(
-                f"time {time[0]:.6g} to {time[-1]:.6g} s is outside the trajectory "
+                f"time {time.min():.6g} to {time.max():.6g} s is outside the trajectory "
                 f"(0 to {self.duration:.6g} s)"
             )
         values = [np.empty((t.size, self.n)) for _ in _QUANTITIES]
@@ -245,15 +255,17 @@ class Trajectory(Motion):
         """Write Parquet: columns time, position_j, velocity_j, acceleration_j; 1-based joints.
 
         Args:
-            path: To be written.
+            path: To be written; its ending is .parquet, .pq or none.
 
         Raises:
-            ConfigError: It cannot be written.
+            ConfigError: It cannot be written, or its ending is that of another format.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        from limo_driver.outputs import whole
+        from limo_driver.outputs import require_parquet, whole
+
+        require_parquet(path)
 
         columns = {"time": self.time}
         for quantity in _QUANTITIES:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limo_driver.display import Displayed
-from limo_driver.errors import PathError, ShapeError
+from limo_driver.errors import ConfigError, PathError, ShapeError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 _FLOAT64 = np.dtype(np.float64)
@@ -28,6 +28,18 @@ def readonly(values: ArrayLike) -> FloatArray:
         array = array.copy() if array is values or array.base is not None else array
         array.flags.writeable = False
     return array
+
+
+def as_numbers(name: str, values: ArrayLike) -> FloatArray:
+    """Return the array of an argument, as it is where it can be.
+
+    Raises:
+        ConfigError: It holds something else than numbers, or rows of different length.
+    """
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ConfigError(f"{name} is no array of real numbers: {type(values).__name__}") from None
 
 
 class ArrayFields:
@@ -130,7 +142,7 @@ class JointState(ArrayFields):
         ShapeError: The arrays are not all (n,).
 
     Example:
-        >>> with open_robot("virtual", simulation=Simulation("iiwa14")) as robot:
+        >>> with limo.open_robot("virtual", robot="iiwa14") as robot:
         ...     print(robot.receive().position)
     """
 
@@ -170,7 +182,9 @@ class PositionCommand(JointCommand):
         ShapeError: The position is not (n,).
 
     Example:
-        >>> robot.send(PositionCommand(position=state.position))
+        >>> with limo.open_robot("virtual", robot="iiwa14") as robot:
+        ...     state = robot.receive()
+        ...     robot.send(limo.PositionCommand(position=state.position))
     """
 
     position: FloatArray  # (n,) [rad]
@@ -195,7 +209,9 @@ class ImpedanceCommand(JointCommand):
 
     Example:
         >>> k = np.full(7, 300.0)
-        >>> robot.send(ImpedanceCommand(state.position, k, 0.1 * k, np.zeros(7)))
+        >>> with limo.open_robot("virtual", robot="iiwa14") as robot:
+        ...     state = robot.receive()
+        ...     robot.send(limo.ImpedanceCommand(state.position, k, 0.1 * k, np.zeros(7)))
     """
 
     position: FloatArray  # (n,) [rad]
@@ -217,7 +233,9 @@ class TorqueCommand(JointCommand):
         ShapeError: The torque is not (n,).
 
     Example:
-        >>> robot.send(TorqueCommand(torque=-2.0 * state.velocity))  # a damper of 2 N m s/rad
+        >>> with limo.open_robot("virtual", robot="iiwa14") as robot:
+        ...     state = robot.receive()
+        ...     robot.send(limo.TorqueCommand(torque=-2.0 * state.velocity))  # 2 N m s/rad
     """
 
     torque: FloatArray  # (n,) [N m]
@@ -236,7 +254,8 @@ class WrenchCommand(JointCommand):
         ShapeError: The wrench is no array of one dimension.
 
     Example:
-        >>> robot.send(WrenchCommand(wrench=[0.0, 0.0, -5.0, 0.0, 0.0, 0.0]))
+        >>> down = limo.WrenchCommand(wrench=[0.0, 0.0, -5.0, 0.0, 0.0, 0.0])
+        >>> down.wrench[2]  # [N]; `robot.send(down)` in the session of an arm that takes wrenches
     """
 
     wrench: FloatArray  # (6,) [Fx Fy Fz τA τB τC], [N, N m]
@@ -291,7 +310,7 @@ class Motion(Displayed):
 
     Example:
         >>> still = np.zeros((2, 7))
-        >>> Simulation("iiwa14").predict(Motion([0.0, 0.1], still, still, still))
+        >>> limo.Simulation("iiwa14").predict(limo.Motion([0.0, 0.1], still, still, still))
     """
 
     time: FloatArray  # (T,) [s]
@@ -332,7 +351,7 @@ class Motion(Displayed):
         Example:
             >>> time = np.linspace(0.0, 4.0, 1001)
             >>> swing = 0.02 * np.sin(np.pi * time)[:, None]
-            >>> Motion.from_positions(time, swing)
+            >>> limo.Motion.from_positions(time, swing)
             <Motion: 4 s, 1001 samples of 1 joint>
         """
         time, position = readonly(time), readonly(position)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 ALWAYS = 0.95  # share of random configurations; a pair that overlaps in more does by construction
 ROUNDING = 1e-9  # [rad]
-_WAY_OUT = "self-collision checks can be switched off (--no-self-collision)"
+_WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 PROBES = 1000  # random configurations that show which pairs do
 
 
@@ -66,13 +66,14 @@ class Feasibility:
     against it. Without self-collision the joint frames and the flange are kept off the table.
 
     Raises:
-        ConfigError: The collision shapes cannot be read.
+        ConfigError: The collision shapes cannot be read, or a joint has no limit of velocity.
         InfeasiblePathError: The joint margin leaves a joint no range.
     """
 
     def __init__(self, model: RobotModel, surroundings: Surroundings, workspace: Workspace) -> None:
         self.surroundings, self.workspace = surroundings, workspace
         self.chain = KinematicChain.of(model)
+        _require_velocity(model)
         self.lower = model.limits.position_min + surroundings.joint_margin
         self.upper = model.limits.position_max - surroundings.joint_margin
         self._require_range()
@@ -215,3 +216,13 @@ class Feasibility:
                 offset = float(np.linalg.norm(self.chain.translation[j]))
                 reach[above] = max(reach[above], offset + reach[j])
         return reach
+
+
+def _require_velocity(model: RobotModel) -> None:
+    unknown = np.flatnonzero(model.limits.velocity <= 0)
+    if unknown.size:
+        raise ConfigError(
+            f"joint {unknown[0] + 1} ({model.joint_names[unknown[0]]}) has no limit of velocity, "
+            "so no motion of it can be planned: give it one in the URDF",
+            path=model.urdf,
+        )

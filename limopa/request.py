@@ -25,6 +25,19 @@ class Workspace(Declared):
 
     By default the quadrant of a sphere in front of the robot, bounded by the y axis and the
     positive x and z axes.
+
+    Args:
+        radius: Of the sphere [m].
+        centre: Of the sphere, (3,) [m].
+        lower: Lowest x, y and z, (3,) [m].
+        upper: Highest x, y and z, (3,) [m].
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> near = limo.Workspace(radius=0.6, lower=(0.2, -0.3, 0.1))
+        >>> limo.PlanRequest(scaffolds=4, workspace=near)
     """
 
     _called = "workspace"
@@ -45,7 +58,20 @@ class Workspace(Declared):
 
 @dataclass(frozen=True)
 class Surroundings(Declared):
-    """Distances that every configuration of the path has to keep."""
+    """Distances that every configuration of the path has to keep.
+
+    Args:
+        joint_margin: Kept from either end of a joint's range [rad].
+        clearance: Kept between links, and between links and the table [m].
+        table_height: Of the table plane in the base frame [m].
+        self_collision: Whether links are checked against each other.
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> limo.PlanRequest(scaffolds=4, surroundings=limo.Surroundings(table_height=-0.1))
+    """
 
     joint_margin: float = parameter(
         "rad", "kept from either end of a joint's range", lower=0.0, default=radians(5.0)
@@ -64,7 +90,18 @@ class Surroundings(Declared):
 
 @dataclass(frozen=True)
 class Reaching(Declared):
-    """Approach to scaffolds: straight in joint space, relative to the joint's limits."""
+    """Approach to scaffolds: straight in joint space, relative to the joint's limits.
+
+    Args:
+        velocity: Least and most share of the limit, drawn for each joint and phase.
+        acceleration: Likewise.
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> limo.PlanRequest(scaffolds=4, reaching=limo.Reaching(velocity=(0.1, 0.2)))
+    """
 
     _called = "reaching"
     velocity: tuple[float, float] = share_of_limit("drawn for each joint and phase", (0.6, 0.9))
@@ -83,6 +120,21 @@ class Exploring(Declared):
     follow each other every `waypoint_period`; the path is then slowed until the leading joint moves
     at the relative velocity drawn. The default makes 150 phases of about 2250 waypoints last about
     an hour, as the paper states.
+
+    Args:
+        sinusoids: For each joint.
+        amplitude: Least and most [rad].
+        frequency: Least and most, of nominal time [Hz].
+        phase: Least and most [rad].
+        waypoints: Least and most of a phase, both ends included.
+        velocity: Least and most share of the leading joint's limit, drawn for each phase.
+        waypoint_period: Of nominal time [s].
+
+    Raises:
+        ParameterError: Names the parameter, what was given and what is possible.
+
+    Example:
+        >>> limo.PlanRequest(scaffolds=4, exploring=limo.Exploring(velocity=(0.02, 0.05)))
     """
 
     _called = "exploring"
@@ -129,7 +181,7 @@ class PlanRequest(Declared):
         ParameterError: Names the parameter, what was given and what is possible.
 
     Example:
-        >>> plan("iiwa14", PlanRequest(scaffolds=4, rate=500.0))
+        >>> limo.plan("iiwa14", limo.PlanRequest(scaffolds=4, rate=500.0))
     """
 
     scaffolds: int = parameter("", lower=1, default=150)

@@ -62,7 +62,9 @@ class CanRobot(Robot):
         start_tolerance: float = START_TOLERANCE,
     ) -> None:
         if config is None:
-            raise ConfigError("an arm on a CAN bus needs its arm.yaml (--config)")
+            raise ConfigError(
+                'an arm on a CAN bus needs its arm.yaml: config, in a run `link["config"]`'
+            )
         self.config = config if isinstance(config, ArmConfig) else ArmConfig.load(config)
         warm_up(self.config.spec(np.zeros(len(self.config.joints))))
         self._port = BusPort(self.config.bus, bus, clock)

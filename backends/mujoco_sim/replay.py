@@ -61,6 +61,8 @@ def follow(
         BackendError: The simulation diverged.
         ConfigError: The simulation cannot be integrated.
     """
+    turns = simulation.model.whole_turns(recording.position[np.searchsorted(recording.time, start)])
+    recording = replace(recording, position=recording.position - turns)
     path = recorded_path(recording, start, stop, bandwidth, simulation.model)
     arm = _from(simulation, recording, float(path.time[0]))
     with MujocoRobot(arm, initial_position=path.position[0]) as robot:
@@ -80,7 +82,7 @@ def follow(
     reference = path.evaluate(at - path.time[0]).position
     return FreeRun(
         time=at,
-        position=position,
+        position=position + turns,
         torque=_at(at, time, torque),
         tracking=np.sqrt(np.mean((position - reference) ** 2, axis=0)),
     )

@@ -26,6 +26,7 @@ from backends.mujoco_sim.stability import (
 from backends.mujoco_sim.torque_sensors import TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, ShapeError
+from limo_driver.parameters import seed_of
 from limo_driver.robot.safety import START_TOLERANCE
 from limo_driver.types import (
     FloatArray,
@@ -86,7 +87,8 @@ class MujocoRobot(SimulatedRobot):
         start_tolerance: How far the first position may be from the measured pose [rad].
 
     Raises:
-        ConfigError: The simulation cannot be integrated with this period, naming the joint.
+        ConfigError: The simulation cannot be integrated with this period, naming the joint; or the
+            seed is no whole number.
     """
 
     def __init__(
@@ -113,7 +115,7 @@ class MujocoRobot(SimulatedRobot):
         check_late(draft, self._inertia, period)
         self._arrays = _arrays(self._model, self._data)
         sensors = self.simulation.sensors
-        self._noise = SensorNoise(sensors.for_joints("torque_noise", n), seed)
+        self._noise = SensorNoise(sensors.for_joints("torque_noise", n), seed_of(seed))
         self._log = np.empty((1, layout.LOG_ROWS, n))
         self._servo = layout.Servo(
             period=period,

@@ -18,6 +18,7 @@ from estimators.joint_physics.tolerances import tolerances
 from estimators.model_folder import provenance
 from estimators.regression.empirical_bayes import fit
 from estimators.residual_model import ResidualModel
+from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -94,7 +95,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
     held_out_is = "in each eighth of the poses, by a fit to the rest"
     folder = "estimators.joint_physics.store"
 
-    def __init__(self, simulation: Simulation, bandwidth: float = 10.0) -> None:
+    def __init__(self, simulation: Simulation, bandwidth: float = BANDWIDTH) -> None:
         super().__init__(simulation)
         self.columns = JointColumns(simulation.body, bandwidth)
 

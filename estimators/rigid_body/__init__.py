@@ -1,8 +1,17 @@
 """Rigid-body estimator: base parameters and physically consistent inertias from recordings."""
 
+from estimators.rigid_body.conditioning import Conditioning
 from estimators.rigid_body.identification import Identification, identify
 from estimators.rigid_body.model import RigidBodyModel
 from estimators.rigid_body.normal_equations import Rows
-from estimators.rigid_body.terms import JointTerms
+from estimators.rigid_body.terms import JointTerms, Term
 
-__all__ = ["Identification", "JointTerms", "RigidBodyModel", "Rows", "identify"]
+__all__ = [
+    "Conditioning",
+    "Identification",
+    "JointTerms",
+    "RigidBodyModel",
+    "Rows",
+    "Term",
+    "identify",
+]

@@ -111,7 +111,7 @@ def identify(
     tolerance: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Identification:
-    """Identify a robot.
+    """Identify a robot from logs as they are: `limo_driver.identify` refuses mistakes in them.
 
     Args:
         model: The robot with its nominal inertias.

@@ -19,6 +19,7 @@ from estimators.rigid_body.folds import FOLDS, fold_of
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.parameters import Declared, parameter
+from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.differentiation import smooth
 
 if TYPE_CHECKING:
@@ -53,9 +54,12 @@ class Rows(Declared):
 
     Raises:
         ConfigError: No such weighting or bandwidth.
+
+    Example:
+        >>> limo.identify("iiwa14", "run.parquet", rows=limo.Rows(8.0, moving_only=True))
     """
 
-    bandwidth: float = parameter("Hz", lower=0, above=True, default=10.0)
+    bandwidth: float = parameter("Hz", lower=0, above=True, default=BANDWIDTH)
     moving_only: bool = False
     weighting: str = parameter(of=WEIGHTINGS, default="error")
 

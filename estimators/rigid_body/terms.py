@@ -43,6 +43,9 @@ class JointTerms:
 
     Raises:
         ConfigError: A width that is not above 0, or not finite.
+
+    Example:
+        >>> limo.identify("iiwa14", "run.parquet", terms=limo.JointTerms(armature=False))
     """
 
     sign_widths: tuple[float, ...] = SIGN_WIDTHS

@@ -197,7 +197,7 @@ class ArmServer:
         """
         self._running()
         if self.keeper is None:
-            raise LimoError("this service does not retrain: it needs --store and --log")
+            raise LimoError("this service does not retrain: it needs `store` and `log`")
         return self.keeper.ask(reason)
 
     def demand(self) -> Demand:
@@ -326,7 +326,9 @@ class ArmServer:
         """Answer no states of another rate: velocities and memory would be wrong by it."""
         text = f"joint states came at {found:g} Hz, {rate:g} Hz was served"
         anew = self.settings.rate is None
-        then = "the service begins anew" if anew else "they are not answered: --rate says otherwise"
+        then = (
+            "the service begins anew" if anew else "they are not answered: another rate was given"
+        )
         self.outlet.event("rate", f"{text}; {then}", Level.ERROR, given=rate, found=found)
         if anew:
             self._wait_for_states("the rate of the joint states is found anew")

@@ -26,8 +26,21 @@ class ServiceSettings(Declared):
 
     What a contact is may also be said joint by joint.
 
+    Args:
+        rate: Of the joint states [Hz]; measured if None.
+        delay: By which estimates are late [s]; less hears more noise.
+        history: Of states from which a new model's memory is made [s].
+        bound: Most that the learned part may add [N m]; a tenth of the joint's limit if None.
+        contact_torque: External torque that is a contact [N m]; one value, or one for each joint.
+        contact_duration: For which it has to last [s]; likewise.
+
     Raises:
         ConfigError: A value is not above 0.
+
+    Example:
+        >>> settings = limo.ServiceSettings(delay=0.05, contact_torque=6.0)
+        >>> with limo.serve("iiwa14", model="model/", settings=settings) as service:
+        ...     service.wait(60.0)
     """
 
     rate: float | None = _above_zero("Hz", "of the states; measured if not given", None)
@@ -68,8 +81,23 @@ def _per_joint(name: str, value: float | tuple[float, ...], n: int) -> FloatArra
 class RetrainingSettings(Declared):
     """When a challenger is trained, and how it is judged; seconds are of joint states that came.
 
+    Args:
+        seconds: Of the newest motion that a challenger learns from [s].
+        every: After which one is trained without drift [s]; never if None.
+        pause: At least between trainings [s].
+        training_limit: Of this machine's time, after which training is ended [s].
+        shadow: Of motion before the first verdict [s].
+        shadow_limit: After which a challenger that is not better is dropped [s].
+        probation: Of motion in which a new champion may be sent back [s].
+        kind: Of the challenger: same as the champion, joint-physics, or a network.
+
     Raises:
         ConfigError: A value is not above 0.
+
+    Example:
+        >>> daily = limo.RetrainingSettings(every=86400.0)
+        >>> with limo.serve("iiwa14", store="models/", log="logs/", retraining=daily) as service:
+        ...     service.wait()
     """
 
     seconds: float = _above_zero("", "of the newest motion that a challenger learns from", 300.0)

@@ -7,6 +7,7 @@ that `limo --help` stays fast.
 
 from __future__ import annotations
 
+import os
 import sys
 
 from limo_driver.console.stopping import Stopping
@@ -21,7 +22,11 @@ def main() -> None:
 
     Where a service was waited for in vain, the status is 1.
     """
+    # No command draws with MuJoCo. Its import would load a window library, which takes long and
+    # prints a traceback of its own when it is interrupted.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     with Stopping(INTERRUPTED):
+        from limo_driver.console.arguments import in_options
         from limo_driver.console.command_line import add_commands, app
         from limo_driver.console.compilation_line import compilation_line
         from limo_driver.errors import LimoError, ServiceNotReadyError
@@ -33,7 +38,7 @@ def main() -> None:
             with compilation_line(silent=silent):
                 app(prog_name="limo")  # `python -c` would call it -c
         except LimoError as error:
-            sys.stderr.write(f"limo: {error}\n")
+            sys.stderr.write(f"limo: {in_options(str(error))}\n")
             sys.exit(NOT_READY if isinstance(error, ServiceNotReadyError) else USAGE_ERROR)
         except OSError as error:
             from limo_driver.outputs import disk_is_full, reason

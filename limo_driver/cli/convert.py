@@ -43,12 +43,13 @@ def command(
         limo convert bag_0.mcap --topic /joint_states --out run.parquet
         limo convert run.parquet --out run.mcap
     """
-    from limo_driver.outputs import require_file
+    from limo_driver.outputs import require_file, require_parquet
 
     require_file(out, files)
     if out.suffix == _MCAP:
         _to_log(files, out, robot, topic or _TOPIC, as_json=as_json)
     else:
+        require_parquet(out)
         _to_recording(files, out, robot, topic, as_json=as_json)
 
 

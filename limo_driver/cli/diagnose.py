@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.recordings.bandwidth import BANDWIDTH
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Generator, Sequence
 
     from rich.console import Console
-    from rich.table import Table
 
     from estimators.diagnosis.result import Diagnosis
-    from estimators.diagnosis.verdict import Verdict
+
+_DIAGNOSED = 0.97  # of the work; the rest is writing
 
 
 def command(
@@ -24,14 +26,15 @@ def command(
     out: Annotated[Path, typer.Option(help="Folder for verdict, improved simulation and report.")],
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
-    ] = 10.0,
+    ] = BANDWIDTH,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:
     r"""Find where a simulation and recordings differ, which physics is missing, and add it.
 
     Writes verdict.json, sim.yaml (the improved simulation), report.html, and next_motion.parquet
     where one more motion would decide between explanations. A finished diagnosis ends with exit
-    status 0, whatever it finds.
+    status 0, whatever it finds; where one of its stages failed, the verdict says so, and the status
+    is 1.
 
     Examples:
         limo diagnose monday.parquet tuesday.parquet --sim sim.yaml \
@@ -42,9 +45,9 @@ def command(
     import json
     import sys
 
-    from estimators.diagnosis.saving import FILES, REPORT
+    from estimators.diagnosis.saving import FILES, save
     from limo_driver.console.terminal import terminal
-    from limo_driver.outputs import require_folder
+    from limo_driver.outputs import require_place
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.workflow.diagnosing import diagnose
@@ -53,19 +56,29 @@ def command(
     measured = [Recording.load(path) for path in recordings]
     for recording in measured:
         recording.check_robot(simulation.model)
-    require_folder(out, "the diagnosis", FILES, [sim, *recordings])
+    require_place(out, "the diagnosis", FILES, [sim, *recordings])
     notes = terminal(stderr=True, soft_wrap=True)
     with _progress(notes) as progress:
-        found = diagnose(simulation, measured, bandwidth=bandwidth, progress=progress)
-        found.save(out)
+        found = diagnose(
+            simulation,
+            measured,
+            bandwidth=bandwidth,
+            progress=lambda stage, part: progress(stage, _DIAGNOSED * part),
+        )
+        progress("writing", _DIAGNOSED)
+        found, written = save(found, out)
         progress("done", 1.0)
     if as_json:
         sys.stdout.write(json.dumps(found.verdict.as_values(), indent=1) + "\n")
-        return
-    for recording in measured:
-        for item in (*recording.warnings, *recording.left_out):
-            notes.print(f"{recording.source}: {item}")
-    _show(found, out / REPORT)
+    else:
+        for recording in measured:
+            for item in (*recording.warnings, *recording.left_out):
+                notes.print(f"{recording.source}: {item}")
+        _show(found, written)
+    for failure in found.failures:
+        notes.print(f"limo: a stage of the diagnosis failed: {failure}")
+    if found.failures:
+        raise typer.Exit(1)
 
 
 @contextmanager
@@ -80,37 +93,12 @@ def _progress(console: Console) -> Generator[Callable[[str, float], None]]:
         yield lambda stage, part: bar.update(task, completed=part, description=stage)
 
 
-def _show(found: Diagnosis, report: Path) -> None:
+def _show(found: Diagnosis, written: Sequence[Path]) -> None:
     from limo_driver.console.terminal import terminal
-    from limo_driver.physics import spoken
 
     console = terminal()
-    verdict = found.verdict
-    console.print(verdict.sentence(), style="bold")
-    for item in verdict.findings:
-        same = ", ".join(spoken(other) for other in item.equivalent)
-        console.print(f"{item.evidence}")
-        console.print(
-            f"  confidence {item.confidence:.0%}" + (f"; cannot be told from {same}" * bool(same)),
-        )
-    console.print(_errors(verdict))
-    for note in verdict.notes:
-        console.print(f"note: {note}")
-    if found.next_motion is not None:
-        console.print(f"next motion: {found.next_motion_purpose}")
-    console.print(f"wrote {report}")
-
-
-def _errors(verdict: Verdict) -> Table:
-    from rich.table import Table
-
-    table = Table("joint", title="held-out RMSE [N m]", title_justify="left")
-    fit = verdict.fit
-    columns = {"given": fit.heldout_rmse_before, "within tolerances": fit.heldout_rmse_tolerances,
-               "improved": fit.heldout_rmse_after, "noise floor": fit.noise_floor}  # fmt: skip
-    told = {heading: values for heading, values in columns.items() if values}
-    for heading in told:
-        table.add_column(heading, justify="right")
-    for j, values in enumerate(zip(*told.values(), strict=True), start=1):
-        table.add_row(str(j), *(f"{value:.4f}" for value in values))
-    return table
+    verdict, *rest = str(found).splitlines()
+    console.print(verdict, style="bold")
+    for line in rest:
+        console.print(line)
+    console.print(f"wrote {', '.join(map(str, written))}")

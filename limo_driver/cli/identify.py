@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.recordings.bandwidth import BANDWIDTH
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -21,7 +23,7 @@ def command(  # one argument for each option
     out: Annotated[Path, typer.Option(help="Where to write the simulation (sim.yaml).")],
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
-    ] = 10.0,
+    ] = BANDWIDTH,
     sign_width: Annotated[
         float | None,
         typer.Option(help="Width of Coulomb friction's sign, rad/s; fitted if not given."),

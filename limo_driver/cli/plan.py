@@ -98,7 +98,7 @@ def command(
 def require_writable(out: Path, picture: Path | None, robot: str) -> None:
     """Refuse to plan for minutes and then find that the results cannot be written."""
     from limo_driver.errors import ConfigError
-    from limo_driver.outputs import require_file
+    from limo_driver.outputs import require_file, require_parquet
 
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
@@ -107,6 +107,7 @@ def require_writable(out: Path, picture: Path | None, robot: str) -> None:
     for path in (out, picture):
         if path is not None:
             require_file(path, [Path(robot)])
+    require_parquet(out)
 
 
 def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:

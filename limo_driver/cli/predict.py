@@ -56,11 +56,12 @@ def command(
     import json
 
     from limo_driver.console.terminal import terminal
-    from limo_driver.outputs import require_file
+    from limo_driver.outputs import require_file, require_parquet
     from limo_driver.recordings.recording import Recording
     from limo_driver.workflow.learning import predict
 
     require_file(out, [path for path in (recording, sim) if path is not None])
+    require_parquet(out)
     physics, learned = _load(sim, model, bandwidth)
     measured = Recording.load(recording)
     measured.check_robot(physics.model)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from limo_driver.recordings.bandwidth import BANDWIDTH
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -42,7 +44,7 @@ def command(  # one argument for each option
     seed: Annotated[int, typer.Option(help="Seed; the same gives the same weights.")] = 0,
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
-    ] = 10.0,
+    ] = BANDWIDTH,
     rate: Annotated[
         float | None,
         typer.Option(

@@ -42,7 +42,23 @@ def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a da
 
 @dataclass(frozen=True)
 class LogLimits(Declared):
-    """Limits on the size and age of log files, one alone and all together."""
+    """Limits on the size and age of log files, one alone and all together.
+
+    Args:
+        file_bytes: Beyond which a new file is begun.
+        file_seconds: Likewise [s].
+        total_bytes: Beyond which the oldest finished files are deleted.
+        total_seconds: Files last written longer ago than this are deleted [s].
+        queue: Messages that wait for the disk; more are dropped.
+
+    Raises:
+        ParameterError: Names the limit, what was given and what is possible.
+
+    Example:
+        >>> week = limo.LogLimits(total_bytes=20e9, total_seconds=7 * 86400.0)
+        >>> with limo.serve("iiwa14", model="model/", log="logs/", log_limits=week) as service:
+        ...     service.wait(60.0)
+    """
 
     file_bytes: float = _limit("", "a new file is begun beyond this", 256e6)
     file_seconds: float = _limit("s", "a new file is begun beyond this", 600.0)

@@ -59,7 +59,7 @@ def require_passage(path: Path, key: str, flow: str, what: str) -> None:
         path: The configuration.
         key: Key expression of the messages.
         flow: `ingress` for those that are heard, `egress` for those that are published.
-        what: Asks for it, for example `--ros`.
+        what: The argument that asks for it, for example `ros`, as messages name it.
 
     Raises:
         ConfigError: Its access control drops them.

@@ -80,7 +80,7 @@ class ModelClient:
         if not self._found():
             raise ConnectionLostError(
                 f"no service of arm {arm!r} is on the network; start one with `limo serve`, or say "
-                "where it is with --connect or --zenoh-config"
+                "where it is with `connect` or `config`"
             )
         ends = time.monotonic() + STARTING
         while True:

@@ -45,8 +45,17 @@ _DOMAINS: Final = range(233)
 class RosTopic:
     """A topic of joint states in a ROS 2 domain.
 
+    Args:
+        name: Of the topic; a leading slash changes nothing.
+        domain: ROS_DOMAIN_ID.
+
     Raises:
         ConfigError: ROS 2 has no such topic or domain.
+
+    Example:
+        >>> topic = limo.RosTopic("left/joint_states", domain=3)
+        >>> with limo.serve("left", model="model/", ros=topic) as service:
+        ...     service.wait(60.0)
     """
 
     name: str = "joint_states"  # a leading slash changes nothing
@@ -71,7 +80,11 @@ class RosTopic:
         return f"{self._stem}/*"
 
     def token(self, session_id: str) -> str:
-        """Return the liveliness token of a publisher in a session that has no other."""
+        """Return the liveliness token of a publisher in a session that has no other.
+
+        Args:
+            session_id: Of the Zenoh session.
+        """
         topic = "%" + self._path.replace("/", "%")
         return (
             f"@ros2_lv/{self.domain}/{session_id}/0/1/MP/%/%/{NODE}/{topic}/{TYPE}/{TYPE_HASH}/"

@@ -21,6 +21,7 @@ from limo_driver.physics.effect import (
     MotionEffect,
     Recorded,
     SensorEffect,
+    State,
     TorqueEffect,
 )
 from limo_driver.physics.environment import ExternalContact, SpringLoad
@@ -32,6 +33,7 @@ from limo_driver.physics.friction import (
     ViscousFriction,
 )
 from limo_driver.physics.hysteresis import PreslidingHysteresis
+from limo_driver.physics.score import Score
 from limo_driver.physics.sensing import (
     EncoderOffset,
     Sensors,
@@ -71,10 +73,12 @@ __all__ = [
     "PreslidingHysteresis",
     "QuadraticDrag",
     "Recorded",
+    "Score",
     "SensorEffect",
     "Sensors",
     "Simulation",
     "SpringLoad",
+    "State",
     "StribeckFriction",
     "TemperatureDependentFriction",
     "TimeDelay",

@@ -1,9 +1,10 @@
 """Effect: one piece of physics, with one set of named parameters.
 
-A subclass writes only the mathematics: `advance(state, ...)` evaluates it over the T samples that
-follow `state`, the memory after the sample before them, and returns its values and the memory after
-the last sample. Every effect is so used in three ways with the same equation: over a recording
-(`predict`), sample by sample (`step`), and inside the simulated robot.
+A subclass writes only the mathematics. A `BodyEffect` writes `body(model)`: the rigid body that it
+makes of another, without memory. All others write `advance(state, ...)`, which evaluates them over
+the T samples that follow `state`, the memory after the sample before them, and returns their values
+and the memory after the last sample. Every effect is so used in three ways with the same equation:
+over a recording (`predict`), sample by sample (`step`), and inside the simulated robot.
 
 Effect
 ├── BodyEffect          what it makes of the rigid body

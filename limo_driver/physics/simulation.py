@@ -29,6 +29,7 @@ from limo_driver.physics.score import Score
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save
 from limo_driver.physics.transmission import JointElasticity
+from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.recordings.recording import Recording
 
@@ -60,8 +61,8 @@ class Simulation(Displayed):
 
     Example:
         >>> from limo_driver.physics import ViscousFriction
-        >>> sim = Simulation("iiwa14", (ViscousFriction(joint=2, f_v=1.5),))
-        >>> sim.predict(Recording.load("run.parquet"))
+        >>> sim = limo.Simulation("iiwa14", (ViscousFriction(joint=2, f_v=1.5),))
+        >>> sim.predict(limo.Recording.load("run.parquet"))
     """
 
     robot: str
@@ -125,7 +126,7 @@ class Simulation(Displayed):
         """Return the rigid body alone."""
         return replace(self, effects=())
 
-    def predict(self, motion: Motion | Recording, bandwidth: float = 10.0) -> FloatArray:
+    def predict(self, motion: Motion | Recording, bandwidth: float = BANDWIDTH) -> FloatArray:
         """Predict the noise-free torque of a motion, or of a recorded one.
 
         Memory of hysteresis and the like starts relaxed; in a recording, anew after each gap.
@@ -150,7 +151,7 @@ class Simulation(Displayed):
         torque, _ = self.advance(self.init(), motion)
         return torque
 
-    def score(self, recording: Recording, bandwidth: float = 10.0) -> Score:
+    def score(self, recording: Recording, bandwidth: float = BANDWIDTH) -> Score:
         """Compare the torque predicted for a recording with the torque in it.
 
         Both go through the same zero-phase filter, so that what only the filter makes of a torque

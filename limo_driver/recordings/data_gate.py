@@ -6,7 +6,7 @@ starts again) is refused, since leaving rows out would hide it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -41,7 +41,7 @@ _UNIT_HINT = {
     "velocity": "rad/s; is it in degrees or counts?",
     "torque": "N m; is it in N mm or mA?",
 }
-_TURNS = 4 * np.pi  # [rad]; no arm turns farther
+_TURNS = 4 * np.pi  # [rad]; few arms turn farther
 _DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says degrees (57.3)
 _FACTORS = (0.5, 2.0)  # of velocity to rate of change, that filters and noise may make
 _SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
@@ -105,23 +105,45 @@ def inspect(columns: Columns) -> UsableRows:
         RecordingError: Too little is left, or the fault is systematic.
     """
     gate = _Gate(columns)
-    gate.leave_out("a value is missing or not finite", gate.not_finite())
-    gate.leave_out("a value is impossible", gate.impossible())
-    gate.check_direction()
-    gate.leave_out("the time repeats that of the row before", gate.repeated())
-    gate.leave_out("a value is impossible", gate.impossible_time())
-    fragments = gate.fragments()
-    misplaced = gate.misplaced(fragments)
-    gate.leave_out("the time does not increase", misplaced)
-    gate.leave_out(_FRAGMENT, fragments[~misplaced])
-    gate.leave_out("the time does not increase", gate.backwards())
-    gate.leave_out("a spike that no motion makes", gate.spikes())
-    for reason, rows in gate.held().items():
-        gate.leave_out(reason, np.isin(gate.rows, rows))
-    gate.leave_out(f"less than {SHORTEST_PIECE:g} s between gaps", gate.short())
-    gate.check_amount()
-    gate.check_units()
+    gate.check_rows()
+    for j, held in enumerate(gate.held_torques().T):
+        reason = f"torque_{j + 1} is saturated or repeats a value in motion"
+        gate.leave_out(reason, held[gate.rows])
+    gate.check_rest()
     return UsableRows(gate.rows, gate.left_out(), gate.warnings())
+
+
+def inspect_by_joint(columns: Columns) -> tuple[Columns, UsableRows, Mask] | None:
+    """Judge the rows again where a torque that is no measurement costs its own joint alone.
+
+    Returns:
+        The columns with missing torques led over linearly; the usable rows; and which torques are
+        none (all rows, n): those that are missing, saturated or held. None where there is none.
+
+    Raises:
+        RecordingError: Too little is left, or the fault is systematic.
+    """
+    missing = ~np.isfinite(columns.torque)
+    torque = np.array(columns.torque)
+    row = np.arange(columns.time.size)
+    for known, values in zip(~missing.T, torque.T, strict=True):
+        if known.any():
+            values[:] = np.interp(row, row[known], values[known])
+    columns = replace(columns, torque=torque)
+    gate = _Gate(columns)
+    gate.check_rows()
+    none = missing | gate.held_torques()
+    if not none[gate.rows].any():
+        return None
+    gate.leave_out("no torque is a measurement", np.asarray(none[gate.rows].all(axis=1)))
+    gate.check_rest()
+    told = [
+        f"torque_{j + 1} is missing, saturated or held in {many} rows; nothing is said of that "
+        "joint there"
+        for j, many in enumerate(none[gate.rows].sum(axis=0).tolist())
+        if many
+    ]
+    return columns, UsableRows(gate.rows, gate.left_out(), (*gate.warnings(), *told)), none
 
 
 def contiguous(time: FloatArray) -> tuple[slice, ...]:
@@ -163,6 +185,28 @@ class _Gate:
             LeftOut(reason, tuple(np.sort(np.concatenate(rows)).tolist()))
             for reason, rows in self._reasons.items()
         )
+
+    def check_rows(self) -> None:
+        """Leave out what is wrong with a row, whichever joint it is of, and held positions."""
+        self.leave_out("a value is missing or not finite", self.not_finite())
+        self.leave_out("a value is impossible", self.impossible())
+        self.check_direction()
+        self.leave_out("the time repeats that of the row before", self.repeated())
+        self.leave_out("a value is impossible", self.impossible_time())
+        fragments = self.fragments()
+        misplaced = self.misplaced(fragments)
+        self.leave_out("the time does not increase", misplaced)
+        self.leave_out(_FRAGMENT, fragments[~misplaced])
+        self.leave_out("the time does not increase", self.backwards())
+        self.leave_out("a spike that no motion makes", self.spikes())
+        for reason, rows in self.held_positions().items():
+            self.leave_out(reason, np.isin(self.rows, rows))
+
+    def check_rest(self) -> None:
+        """Leave out what is too short by now, and refuse what is left where it says too little."""
+        self.leave_out(f"less than {SHORTEST_PIECE:g} s between gaps", self.short())
+        self.check_amount()
+        self.check_units()
 
     def not_finite(self) -> Mask:
         """Only what a fit needs counts; a hole in the temperature costs no row."""
@@ -283,17 +327,23 @@ class _Gate:
         short = np.array([len(pieces) > 1 and last < SHORTEST_PIECE for last in lasts], dtype=bool)
         return np.repeat(short, [rows.stop - rows.start for rows in pieces])
 
-    def held(self) -> dict[str, NDArray[np.int64]]:
-        """Return the rows with a value that a sensor repeats in motion, by reason."""
-        found: dict[str, NDArray[np.int64]] = {}
-        for j in range(self.columns.position.shape[1]):
-            position = self.columns.position[self.rows, j]
-            torque = self.columns.torque[self.rows, j]
-            motion = held_position(self.time, position)
-            force = held_torque(self.time, position, torque) & ~motion
-            found[f"position_{j + 1} repeats a value while the joint moves"] = self.rows[motion]
-            found[f"torque_{j + 1} is saturated or repeats a value in motion"] = self.rows[force]
-        return found
+    def held_positions(self) -> dict[str, NDArray[np.int64]]:
+        """Return the rows with a position that an encoder repeats in motion, by reason."""
+        return {
+            f"position_{j + 1} repeats a value while the joint moves": self.rows[
+                held_position(self.time, position)
+            ]
+            for j, position in enumerate(self.columns.position[self.rows].T)
+        }
+
+    def held_torques(self) -> Mask:
+        """Mark torques that a sensor repeats in motion, (all rows, n)."""
+        columns, rows = self.columns, self.rows
+        result = np.zeros_like(columns.torque, dtype=bool)
+        for j in range(columns.position.shape[1]):
+            position, torque = columns.position[rows, j], columns.torque[rows, j]
+            result[rows, j] = held_torque(self.time, position, torque)
+        return result
 
     def check_amount(self) -> None:
         total = self.columns.time.size
@@ -317,13 +367,6 @@ class _Gate:
 
     def check_units(self) -> None:
         position = self.columns.position[self.rows]
-        j = int(np.abs(position).max(axis=0).argmax())
-        farthest = float(np.abs(position[:, j]).max())
-        if farthest > _TURNS:
-            raise RecordingError(
-                f"position_{j + 1} reaches {farthest:.4g}, more than two turns; expected rad; "
-                "is it in degrees?"
-            )
         factors = self._velocity_factors()
         usual = float(np.median(list(factors.values()))) if factors else 1.0
         if 1 / _DEGREES[1] < abs(usual) < 1 / _DEGREES[0]:
@@ -392,6 +435,11 @@ class _Gate:
         for j in range(self.columns.position.shape[1]):
             position = self.columns.position[self.rows, j]
             torque = self.columns.torque[self.rows, j]
+            if (farthest := float(np.abs(position).max())) > _TURNS:
+                found.append(
+                    f"position_{j + 1} reaches {farthest:.4g} rad, {farthest / (2 * np.pi):.3g} "
+                    "turns; is it in degrees?"
+                )
             if np.ptp(position) < _STILL:
                 found.append(f"joint {j + 1} never moves (range {np.ptp(position):.2g} rad)")
             if np.ptp(torque) == 0:

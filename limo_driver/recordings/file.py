@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from limo_driver.errors import RecordingError
-from limo_driver.outputs import whole
+from limo_driver.outputs import require_parquet, whole
 from limo_driver.recordings.data_gate import Columns
 from limo_driver.recordings.recorded_time import seconds
 
@@ -79,7 +79,7 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
         about: More for the header, which names the robot, where that is known.
 
     Raises:
-        ConfigError: It cannot be written.
+        ConfigError: It cannot be written, or its ending is that of another format.
     """
     import pyarrow.parquet as pq
 
@@ -96,6 +96,7 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
         header["torque_resolution"] = columns.torque_resolution.tolist()
     metadata = {METADATA_KEY: json.dumps(header)} if header else None
     written = pa.table(table).replace_schema_metadata(metadata)
+    require_parquet(path)
     with whole(path) as draft:
         pq.write_table(written, draft, use_dictionary=False)
 

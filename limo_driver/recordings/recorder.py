@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 
 from limo_driver.closing import Closing
 from limo_driver.errors import RecordingError
-from limo_driver.outputs import reason, replacing
+from limo_driver.outputs import reason, replacing, require_parquet
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -51,6 +51,7 @@ class Recorder(Closing):
         temperature: Whether states have temperatures to record.
 
     Raises:
+        ConfigError: The ending of its name is that of another format.
         RecordingError: The file cannot be written, or an unfinished log of that name exists.
     """
 
@@ -58,6 +59,7 @@ class Recorder(Closing):
         self, path: Path | str, n: int, header: Mapping[str, Any], *, temperature: bool = False
     ) -> None:
         self.path = Path(path)
+        require_parquet(self.path)
         if self.path.is_dir():
             raise RecordingError("cannot be written: it is a folder", path=self.path)
         self.partial = partial_path(self.path)

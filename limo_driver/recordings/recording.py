@@ -11,9 +11,18 @@ import numpy as np
 
 from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
-from limo_driver.recordings.data_gate import Columns, LeftOut, contiguous, inspect
+from limo_driver.recordings.checks import check_seconds, check_shapes, check_values, numbers
+from limo_driver.recordings.data_gate import (
+    Columns,
+    LeftOut,
+    UsableRows,
+    contiguous,
+    inspect,
+    inspect_by_joint,
+)
 from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.recordings.recorded_time import seconds
+from limo_driver.recordings.unwrapping import unwrapped
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
 if TYPE_CHECKING:
@@ -49,12 +58,19 @@ class Recording(Displayed):
         warnings: What a user should know of the rows that were kept.
         robot: Name of the robot that was recorded; empty where the file does not say it.
         torque_resolution: Step of each joint's measured torque, (n,) [N m]; None if not known.
+        unmeasured: (T, n) true where a torque is no measurement; None where all are. Only
+            `by_joint` returns such recordings.
 
     Raises:
         ShapeError: The shapes do not fit together, or there is no joint.
+        RecordingError: A time, position or torque is no finite number, or time does not increase.
+            `load` and `from_arrays` leave such rows out, and take other units of time.
 
     Example:
-        >>> recording = Recording.from_arrays(time, position, torque)
+        >>> time = np.arange(0.0, 4.0, 0.004)
+        >>> position = 0.5 + 0.3 * np.sin(np.pi * time)[:, None] * np.ones(7)
+        >>> torque = limo.RobotModel.load("iiwa14").gravity_torque(position)
+        >>> recording = limo.Recording.from_arrays(time, position, torque)
         >>> recording.motion(10.0).acceleration
     """
 
@@ -70,11 +86,13 @@ class Recording(Displayed):
     warnings: tuple[str, ...] = ()  # what a user should know of the rows that were kept
     robot: str = ""  # name of the robot that was recorded, where the file says it
     torque_resolution: FloatArray | None = None  # (n,) [N m], step of each joint's torque; or None
+    unmeasured: NDArray[np.bool_] | None = None  # (T, n), torques that are no measurement
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
         by_name = {"torque": self.torque, "velocity": self.velocity, **self.extras}
-        _check_shapes(self.time, self.position, by_name)
+        check_shapes(self.time, self.position, by_name)
+        check_seconds(self.time, self.source)
         for name in ("time", "position", "torque", "velocity"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, readonly(getattr(self, name)))
@@ -82,6 +100,11 @@ class Recording(Displayed):
         rows = np.arange(shape[0]) if self.rows is None else np.asarray(self.rows, np.int64)
         object.__setattr__(self, "rows", rows)
         object.__setattr__(self, "rows_total", self.rows_total or shape[0])
+        if rows.shape != shape[:1]:
+            raise ShapeError("rows", rows.shape, f"({shape[0]},)")
+        if (step := self.torque_resolution) is not None and np.shape(step) != shape[1:]:
+            raise ShapeError("torque_resolution", np.shape(step), f"({shape[1]},)")
+        check_values(self.time, self.position, self.torque, self.source)
 
     @classmethod
     def load(cls, path: Path | str) -> Recording:
@@ -130,19 +153,33 @@ class Recording(Displayed):
         counted, taken = _seconds(time)
         columns = Columns(
             counted,
-            _numbers("position", position),
-            _numbers("torque", torque),
-            None if velocity is None else _numbers("velocity", velocity),
-            {name: _numbers(name, values) for name, values in (extras or {}).items()},
+            numbers("position", position),
+            numbers("torque", torque),
+            None if velocity is None else numbers("velocity", velocity),
+            {name: numbers(name, values) for name, values in (extras or {}).items()},
             warnings=(taken,) if taken else (),
         )
         by_name = {"torque": columns.torque, "velocity": columns.velocity, **columns.extras}
-        _check_shapes(columns.time, columns.position, by_name)
+        check_shapes(columns.time, columns.position, by_name)
         return cls._checked(columns, source)
 
     @classmethod
     def _checked(cls, columns: Columns, source: str) -> Recording:
-        findings = inspect(columns)
+        columns = _without_empty_torques(_without_wraps(columns))
+        recording = cls._of(columns, inspect(columns), source)
+        if not np.isfinite(columns.torque).all() or any(
+            item.reason.startswith("torque_") for item in recording.left_out
+        ):
+            found = inspect_by_joint(columns)
+            if found is not None:
+                filled, usable, none = found
+                more = replace(cls._of(filled, usable, source), unmeasured=none[usable.rows])
+                # no field: a recording that is made of this one shares it no longer
+                object.__setattr__(recording, "_more_rows", more)
+        return recording
+
+    @classmethod
+    def _of(cls, columns: Columns, findings: UsableRows, source: str) -> Recording:
         rows = findings.rows
         return cls(
             time=columns.time[rows],
@@ -159,14 +196,23 @@ class Recording(Displayed):
             torque_resolution=columns.torque_resolution,
         )
 
+    def by_joint(self) -> Recording:
+        """Return also the rows on which the torque of some joint alone is no measurement.
+
+        For what judges each joint by itself: one bad channel does not take the rows of all joints.
+        Torques marked in `unmeasured` may not be used. Only a recording that was loaded or made
+        from arrays knows of such rows; cuts and copies of it return themselves.
+        """
+        return getattr(self, "_more_rows", self)
+
     def save(self, path: Path | str) -> None:
         """Write Parquet that `load` reads back, without the rows that were left out.
 
         Args:
-            path: To be written.
+            path: To be written; its ending is .parquet, .pq or none.
 
         Raises:
-            ConfigError: It cannot be written.
+            ConfigError: It cannot be written, or its ending is that of another format.
         """
         from limo_driver.recordings.file import write_columns
 
@@ -245,6 +291,7 @@ class Recording(Displayed):
             velocity=None if self.velocity is None else self.velocity[rows],
             extras={name: values[rows] for name, values in self.extras.items()},
             rows=self.rows[rows],
+            unmeasured=None if self.unmeasured is None else self.unmeasured[rows],
         )
 
     def motion(self, bandwidth: float) -> Motion:
@@ -337,9 +384,13 @@ class Recording(Displayed):
             Filtered values, (T, k), in the same unit.
 
         Raises:
-            RecordingError: The bandwidth is too high for the sampling rate.
+            ShapeError: The values are not those of all samples.
+            RecordingError: They are no numbers, or the bandwidth is too high for the sampling rate.
         """
-        return smooth(self.time, values, bandwidth, self.segments)
+        columns = numbers("values", values)
+        if columns.ndim != 2 or len(columns) != len(self):  # noqa: PLR2004  # (T, k)
+            raise ShapeError("values", columns.shape, f"({len(self)}, k)")
+        return smooth(self.time, columns, bandwidth, self.segments)
 
     def edges(self, bandwidth: float) -> NDArray[np.bool_]:
         """Mark samples so near to an end of a segment that their derivatives are unsure.
@@ -402,6 +453,7 @@ class Recording(Displayed):
             model.limits.position_min - self.position.min(axis=0),
             self.position.max(axis=0) - model.limits.position_max,
         )
+        beyond[np.array(model.turning)] = 0.0  # turns are counted on
         j = int(beyond.argmax())
         if beyond[j] > BEYOND_LIMIT:
             low, high = float(self.position[:, j].min()), float(self.position[:, j].max())
@@ -428,29 +480,37 @@ class Recording(Displayed):
             )
 
 
-def _numbers(name: str, values: ArrayLike) -> FloatArray:
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise RecordingError(f"{name} is no array of real numbers: {type(values)}") from None
-
-
 def _seconds(time: ArrayLike) -> tuple[FloatArray, str]:
     values = np.asarray(time)
-    return seconds(values) if values.dtype.kind in "iumM" else (_numbers("time", time), "")
+    return seconds(values) if values.dtype.kind in "iumM" else (numbers("time", time), "")
 
 
-def _check_shapes(
-    time: FloatArray, position: FloatArray, others: Mapping[str, FloatArray | None]
-) -> None:
-    shape = np.shape(position)
-    if len(shape) != 2 or not shape[1]:  # noqa: PLR2004  # (T, n)
-        raise ShapeError("position", shape, "(T, n)")
-    for name, values in others.items():
-        if values is not None and np.shape(values) != shape:
-            raise ShapeError(name, np.shape(values), f"{shape}")
-    if np.shape(time) != shape[:1]:
-        raise ShapeError("time", np.shape(time), f"({shape[0]},)")
+def _without_empty_torques(columns: Columns) -> Columns:
+    """Return the same with 0 for the torque of joints that have none in any row, and say so."""
+    empty = ~np.isfinite(columns.torque).any(axis=0)
+    if empty.all() or not empty.any():
+        return columns
+    told = [f"torque_{j + 1} is never measured; it is kept as 0" for j in np.flatnonzero(empty)]
+    return replace(
+        columns,
+        torque=np.where(empty, 0.0, columns.torque),
+        warnings=(*columns.warnings, *told),
+    )
+
+
+def _without_wraps(columns: Columns) -> Columns:
+    """Return the same with positions that count on, and say so."""
+    position, told = np.array(columns.position), list(columns.warnings)
+    for j, own in enumerate(columns.position.T):
+        if (found := unwrapped(own)) is not None:
+            position[:, j] = found.position
+            told.append(
+                f"position_{j + 1} wraps {found.wraps} time{'s' * (found.wraps > 1)} by "
+                f"{found.period:.4g} rad; it is counted on"
+            )
+    if len(told) == len(columns.warnings):
+        return columns
+    return replace(columns, position=position, warnings=tuple(told))
 
 
 BEYOND_EFFORT = 10.0  # times the limit; limits of a URDF are often some factor from the drive's

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.outputs import require_file
+from limo_driver.outputs import require_file, require_parquet
 from limo_driver.plugins import ROBOTS, find
 from limo_driver.recordings.recorder import Recorder
 from limo_driver.robot.interrupts import interrupts
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from limo_driver.types import JointCommand, JointState
 
 DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
+_SAID = {"robot": "`robot`", "sim": "`simulation`"}  # arguments, as messages name them
 HOLD_TIMEOUT = 10.0  # [s] of robot time in which a hold has to come to rest
 
 
@@ -255,9 +256,21 @@ class Playback:
                 recorder.append(state, robot.setpoint)
 
 
-def trajectory_of(planned: Trajectory | Planned) -> Trajectory:
-    """Return a trajectory, or the one in what was planned around it."""
-    return planned if isinstance(planned, Trajectory) else planned.trajectory
+def trajectory_of(planned: Trajectory | Planned | Path | str) -> Trajectory:
+    """Return a trajectory, or the one in a file, or in what was planned around it.
+
+    Raises:
+        ConfigError: There is none, or the file cannot be read.
+    """
+    if isinstance(planned, (Path, str)):
+        return Trajectory.load(planned)
+    motion = getattr(planned, "trajectory", planned)
+    if not isinstance(motion, Trajectory):
+        raise ConfigError(
+            f"`trajectory` is of type {type(planned).__name__}, expected a Trajectory, what `plan` "
+            "or `excite` returned, or the path of a file"
+        )
+    return motion
 
 
 def follow(
@@ -279,6 +292,7 @@ def follow(
 def kept_in(record: Path | str | None) -> Generator[Path]:
     """Give the file of a recording, or one that is there until the block ends."""
     if record is not None:
+        require_parquet(record)
         yield Path(record)
         return
     with TemporaryDirectory(prefix="limo-") as folder:
@@ -323,8 +337,8 @@ def cycles_per_row(rate: float, period: float) -> int:
     every = round(control / rate)
     if abs(control / rate - every) > 1e-6 * every:
         raise ConfigError(
-            f"rate {rate:g} Hz does not divide the control rate of {control:g} Hz; "
-            f"the nearest that does is {control / every:g} Hz"
+            f"rate {rate:.9g} Hz does not divide the control rate of {control:.9g} Hz; the nearest "
+            f"that does is {control / every:.9g} Hz, {control:.9g} / {every}"
         )
     return every
 
@@ -359,7 +373,7 @@ def open_for(
         given |= {} if robot is None else {"robot": robot}
         given |= {} if simulation is None else {"sim": simulation}
     known = signature(opener).parameters
-    if unknown := [f"--{name.replace('_', '-')}" for name in given if name not in known]:
+    if unknown := [_SAID.get(name, f'`link["{name}"]`') for name in given if name not in known]:
         raise ConfigError(f"backend {backend!r} takes no {' or '.join(unknown)}")
     if not opener.simulated:
         return _checked(opener(**given), trajectory)
@@ -377,11 +391,11 @@ def _arm_of(simulation: Simulation | None, robot: str | None, trajectory: Trajec
     from limo_driver.physics import Simulation
 
     if simulation is not None and robot is not None:
-        raise ConfigError("give --sim or --robot; the simulation names its robot")
+        raise ConfigError("give `simulation` or `robot`; a simulation names its robot")
     if simulation is not None:
         return simulation
     if not (robot or trajectory.robot):
-        raise ConfigError("the trajectory names no robot; give --sim or --robot")
+        raise ConfigError("the trajectory names no robot; give `simulation` or `robot`")
     return Simulation(robot=robot or trajectory.robot)
 
 

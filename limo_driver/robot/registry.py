@@ -22,7 +22,7 @@ def open_robot(backend: str, **options: Any) -> Robot:  # noqa: ANN401  # each b
         PlugInError: The backend is of another distribution, and cannot be used.
 
     Example:
-        >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
+        >>> with limo.open_robot("mujoco", simulation="sim.yaml") as robot:
         ...     state = robot.receive()
     """
     robot: Robot = find(ROBOTS, backend)(**options)

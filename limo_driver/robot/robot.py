@@ -37,10 +37,11 @@ class Robot(Closing):
         BackendError: The constructor of a backend cannot open its arm.
 
     Example:
-        >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
-        ...     state = robot.receive()
-        ...     for position in positions_from(state.position):
-        ...         robot.send(PositionCommand(position=position))
+        >>> with limo.open_robot("mujoco", simulation="sim.yaml") as robot:
+        ...     state = start = robot.receive()
+        ...     for k in range(1000):
+        ...         away = 0.01 * (1 - np.cos(2e-3 * np.pi * k))  # [rad] and back, in 1 s
+        ...         robot.send(limo.PositionCommand(position=start.position + away))
         ...         state = robot.receive()
     """
 
@@ -52,6 +53,15 @@ class Robot(Closing):
         self._state: JointState | None = None
         self._answered = True  # the set-point of this cycle was sent
         self._open = True
+
+    def __repr__(self) -> str:
+        """Say what it is, and whether it can still be used."""
+        spec = self.spec
+        state = "open" if self._open else "closed"
+        return (
+            f"<{type(self).__name__}: {spec.name}, {spec.n} joints at {1 / spec.period:g} Hz, "
+            f"{state}>"
+        )
 
     def receive(self, timeout: float | None = None) -> JointState:
         """Wait for the next cycle and return its state.
@@ -121,7 +131,7 @@ class Robot(Closing):
 
     def follow(
         self,
-        trajectory: Trajectory | Planned,
+        trajectory: Trajectory | Planned | Path | str,
         *,
         record: Path | str | None = None,
         stiffness: float | None = None,
@@ -133,7 +143,7 @@ class Robot(Closing):
         is put there. Afterwards it stands at the end, and holds once its last command expires.
 
         Args:
-            trajectory: The motion, or what was planned around one, as `plan` and `excite` return.
+            trajectory: The motion, or its file, or what `plan` or `excite` returned.
             record: Parquet file that keeps the recording; a crash loses at most its last second.
             stiffness: Follow as an impedance of this stiffness [N m/rad], not by position.
             progress: Told the control cycles done and those in all, now and then.
@@ -149,8 +159,8 @@ class Robot(Closing):
             KeyboardInterrupt: Ctrl-C; the arm was slowed down to a hold before.
 
         Example:
-            >>> with open_robot("mujoco", simulation="sim.yaml") as robot:
-            ...     run = robot.follow(Trajectory.load("limo.traj.parquet"))
+            >>> with limo.open_robot("mujoco", simulation="sim.yaml") as robot:
+            ...     run = robot.follow("limo.traj.parquet")
         """
         from limo_driver.robot import playback  # which stands on this
 

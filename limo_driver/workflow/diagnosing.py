@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from limo_driver.errors import LimoError
+from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.workflow.inputs import recordings_of, simulation_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
+    from collections.abc import Callable, Generator, Iterable
+    from pathlib import Path
 
     from estimators.diagnosis.result import Diagnosis, Replay
     from estimators.diagnosis.verdict import Verdict
@@ -18,53 +22,59 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-REPLAYED: Final = (12.0, 5.0)  # [s] of recorded motion that the arm follows; with many effects
-MANY_EFFECTS: Final = 40  # of which most are evaluated in every cycle, one by one
-REPLAY_RATE: Final = 100.0  # [Hz] of the rows that are kept of it
-START_POSES: Final = 6  # of each recording, around which a next motion is tried
 _DIAGNOSED: Final = 0.85  # of the work
+_PLANNED: Final = 0.9
 
 
 def diagnose(
-    simulation: Simulation,
-    recordings: Sequence[Recording],
+    simulation: Simulation | Path | str,
+    recordings: Recording | Path | str | Iterable[Recording | Path | str],
     *,
-    bandwidth: float = 10.0,
+    bandwidth: float = BANDWIDTH,
     progress: Callable[[str, float], None] | None = None,
 ) -> Diagnosis:
     """Find where a simulation and recordings differ, which physics is missing, and add it.
 
     Args:
-        simulation: What is believed of the arm, with its tolerances.
-        recordings: One or more of that arm.
+        simulation: What is believed of the arm, with its tolerances, or its file.
+        recordings: Of that arm: one or several, or their files.
         bandwidth: Of the zero-phase filter on motion and torque [Hz].
-        progress: Told the stage and the part of the work that is done, 0 to 1.
+        progress: Told the stage and the part of the work that is done: never less than before,
+            and 1 in the end.
 
     Returns:
         The verdict, the improved `simulation`, the evidence; one more motion, where that would
-        decide between explanations; and the recorded motion replayed on the simulated arm.
+        decide between explanations; and the recorded motion replayed on the simulated arm. Where a
+        stage fails without which there is still a verdict, that says so, and `failures` has the
+        error.
 
     Raises:
         RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
 
     Example:
-        >>> found = diagnose(Simulation.load("sim.yaml"), [Recording.load("run.parquet")])
+        >>> found = limo.diagnose("sim.yaml", ["run.parquet", "other.parquet"])
         >>> found.save("diagnosis/")
     """
     from estimators.diagnosis import diagnose as diagnosed
+    from estimators.diagnosis.result import Diagnosis
+    from estimators.diagnosis.stages import Attempts, forward, quiet
 
-    tell = progress or _quiet
+    tell = forward(progress or quiet)
     found = diagnosed(
-        simulation, recordings, bandwidth, lambda stage, part: tell(stage, _DIAGNOSED * part)
+        simulation_of(simulation), recordings_of(recordings), bandwidth, forward(tell, _DIAGNOSED)
     )
+    attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
-    found = with_next_motion(found)
-    tell("replaying on the simulated robot", 0.9)
-    return with_replay(found)
+    found = attempts.at("next motion", lambda: with_next_motion(found), _without_motion(found))
+    tell("replaying on the simulated robot", _PLANNED)
+    found = attempts.at("replay on the simulated robot", lambda: with_replay(found), found)
+    tell("done", 1.0)
+    return reduce(Diagnosis.failed, attempts.failures, found)
 
 
-def _quiet(_stage: str, _part: float) -> None:
-    """Tell nobody."""
+def _without_motion(found: Diagnosis, note: str = "") -> Diagnosis:
+    verdict = replace(found.verdict, next_motion=None)
+    return replace(found, verdict=verdict, next_motion=None, next_motion_note=note)
 
 
 def with_next_motion(found: Diagnosis) -> Diagnosis:
@@ -75,7 +85,7 @@ def with_next_motion(found: Diagnosis) -> Diagnosis:
     refused = ""
     for pair, joints in _ambiguous(found.verdict, found.before.model.n):
         try:
-            motion = motion_for(found.before.model, joints, pair, _start_poses(found.recordings))
+            motion = motion_for(found.before.model, joints, pair, _start_poses(found))
         except LimoError as error:
             refused = refused or f"No next motion: {error}."
             continue
@@ -86,8 +96,7 @@ def with_next_motion(found: Diagnosis) -> Diagnosis:
             next_motion=motion,
             next_motion_purpose=purpose_of(pair, joints),
         )
-    verdict = replace(found.verdict, next_motion=None)
-    return replace(found, verdict=verdict, next_motion=None, next_motion_purpose=refused)
+    return _without_motion(found, refused)
 
 
 def _ambiguous(
@@ -105,11 +114,15 @@ def _ambiguous(
                 yield (item.effect, other), item.joints or every
 
 
-def _start_poses(recordings: Sequence[Recording]) -> FloatArray:
+def _start_poses(found: Diagnosis) -> FloatArray:
     """Return poses along the recordings, (k, n) [rad]."""
-    return np.concatenate(
-        [r.position[np.linspace(0, len(r) - 1, START_POSES).astype(int)] for r in recordings]
+    from estimators.diagnosis.settings.afterwards import SEPARATION
+
+    count = SEPARATION.start_poses
+    poses = np.concatenate(
+        [r.position[np.linspace(0, len(r) - 1, count).astype(int)] for r in found.recordings]
     )
+    return poses - found.before.model.whole_turns(poses)
 
 
 def with_replay(found: Diagnosis) -> Diagnosis:
@@ -125,16 +138,18 @@ def _replay(found: Diagnosis) -> Replay:
     from backends.mujoco_sim.replay import follow
     from estimators.diagnosis.report import worst_stretch
     from estimators.diagnosis.result import Replay
+    from estimators.diagnosis.settings.afterwards import REPLAY
 
     floor = np.array(found.verdict.fit.noise_floor)
-    duration = REPLAYED[len(found.after.effects) > MANY_EFFECTS]
+    many = len(found.after.effects) > REPLAY.many
+    duration = REPLAY.duration_of_many if many else REPLAY.duration
     worst = worst_stretch(found.traces, floor, duration)
     recording = found.recordings[worst.recording]
     stretch = (recording, worst.start, worst.stop, found.bandwidth)
     before = follow(found.before, *stretch)
     after = before if found.after == found.before else follow(found.after, *stretch)
     rows = (recording.time >= worst.start) & (recording.time <= worst.stop)
-    every = slice(None, None, max(1, int(recording.rate / REPLAY_RATE)))
+    every = slice(None, None, max(1, int(recording.rate / REPLAY.rate)))
     time = before.time[every]
     scored = np.searchsorted(found.traces.time[worst.rows], time, side="right") - 1
     return Replay(

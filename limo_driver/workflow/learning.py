@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
-from limo_driver.workflow.planning import model_of
+from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.workflow.inputs import (
+    expected,
+    model_of,
+    recording_of,
+    recordings_of,
+    simulation_of,
+    trained_of,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Iterable
 
     from estimators.base import Estimate
     from estimators.evaluation import Evaluation
@@ -22,12 +30,10 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
 
-BANDWIDTH = 10.0  # [Hz] of the zero-phase filters, unless told
-
 
 def identify(
-    robot: RobotModel | str,
-    recordings: Sequence[Recording],
+    robot: RobotModel | Path | str,
+    recordings: Recording | Path | str | Iterable[Recording | Path | str],
     terms: JointTerms | None = None,
     rows: Rows | None = None,
     tolerance: float | None = None,
@@ -37,11 +43,12 @@ def identify(
 
     Least squares finds the base parameters; a convex fit then finds physically consistent inertias
     that explain the same torques, and stays at the robot's description where the motion reveals
-    nothing.
+    nothing. Columns that are exchanged or have another sign or unit are refused, as by `diagnose`:
+    base parameters would fit many of them well, and mean nothing.
 
     Args:
         robot: The arm with its nominal inertias, or its built-in name or URDF.
-        recordings: Measured motions and torques of that arm.
+        recordings: Measured motions and torques of that arm: one or several, or their files.
         terms: What is modelled beside inertias: friction, offset of the sensor, armature.
         rows: Which rows are used, how joints are weighed, and the bandwidth of the filter [Hz].
         tolerance: Relative standard deviation of the nominal inertias; by default the one under
@@ -49,24 +56,34 @@ def identify(
         progress: Told the samples done since the last call.
 
     Returns:
-        What was found; the model to go on with is its `simulation`.
+        What was found; the model to go on with is its `simulation`. Its `warnings` begin with what
+        makes one doubt the recordings.
 
     Raises:
         ConfigError: A tolerance outside 1e-4 to 10, or there is no such robot.
         RecordingError: A recording is of another robot or given twice, nothing moves, no torque was
-            measured, or no row is left.
+            measured, columns are exchanged or have another sign or unit, or no row is left.
 
     Example:
-        >>> identify("iiwa14", [Recording.load("run.parquet")]).simulation.save("sim.yaml")
+        >>> limo.identify("iiwa14", "run.parquet").simulation.save("sim.yaml")
     """
+    from estimators.diagnosis.residuals.plausibility import doubts_about
+    from estimators.recordings import check_recordings
+    from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body import identify as found
 
-    return found(model_of(robot), recordings, terms, rows, tolerance, progress)
+    model, measured = model_of(robot), recordings_of(recordings)
+    terms = expected("terms", terms or JointTerms(), JointTerms)
+    rows = expected("rows", rows or Rows(), Rows)
+    check_recordings(measured, model)
+    doubts = doubts_about(model, measured, rows.bandwidth)
+    result = found(model, measured, terms, rows, tolerance, progress)
+    return replace(result, warnings=(*doubts, *result.warnings))
 
 
 def predict(
-    model: ResidualModel[Any] | Simulation,
-    recording: Recording,
+    model: ResidualModel[Any] | Simulation | Path | str,
+    recording: Recording | Path | str,
     *,
     bandwidth: float | None = None,
     delay: float | None = None,
@@ -74,13 +91,15 @@ def predict(
     """Predict the noise-free torque of a recorded motion.
 
     Args:
-        model: A simulation, or a fitted model.
-        recording: T samples of n joints; its torque is not looked at.
+        model: A simulation or a fitted model; or the path of a `sim.yaml`, or of a model's folder.
+        recording: T samples of n joints, or its file; its torque is not looked at.
         bandwidth: Of the zero-phase differentiator [Hz], 10 if not given; a model has its own.
         delay: Predict what a live stream would have said this much later [s], from the past alone.
 
     Returns:
         Torque (T, n) [N m] and how sure it is; with a delay, a `LiveEstimate` with its own times.
+        A simulation does not know its errors: `std` is NaN throughout, and nothing is flagged as
+        outside of what was learned.
 
     Raises:
         ConfigError: A bandwidth is given to a model, or the delay is too short for it.
@@ -89,10 +108,13 @@ def predict(
         NotFittedError: The model is not trained.
 
     Example:
-        >>> predict(Simulation.load("sim.yaml"), Recording.load("run.parquet")).torque
+        >>> limo.predict("sim.yaml", "run.parquet").torque
     """
     from estimators.base import Estimate
 
+    recording = recording_of(recording)
+    if isinstance(model, (Path, str)) and not Path(model).is_dir():
+        model = simulation_of(model)
     if isinstance(model, Simulation):
         width = BANDWIDTH if bandwidth is None else bandwidth
         if delay is None:
@@ -102,7 +124,8 @@ def predict(
         return _live(SimulationOnly(model, width), recording, delay)
     if bandwidth is not None:
         raise ConfigError("a bandwidth is of a simulation; a model has the one it was trained with")
-    return model.estimate(recording) if delay is None else _live(model, recording, delay)
+    trained = trained_of(model)
+    return trained.estimate(recording) if delay is None else _live(trained, recording, delay)
 
 
 def _live(model: Any, recording: Recording, delay: float) -> Estimate:  # noqa: ANN401  # LiveEstimator
@@ -122,19 +145,22 @@ def load_model(folder: Path | str) -> ResidualModel[Any]:
         ModelStoreError: The folder is incomplete or does not fit together, by name.
 
     Example:
-        >>> predict(load_model("model/"), Recording.load("run.parquet")).std
+        >>> limo.predict(limo.load_model("model/"), "run.parquet").std
     """
     from estimators.model_folder import load_model as loaded
 
     return loaded(folder)
 
 
-def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
+def evaluate(
+    model: ResidualModel[Any] | Path | str, recording: Recording | Path | str
+) -> Evaluation:
     """Compare a model, and the rigid body it adds to, with the torque of a recording.
 
     Args:
-        model: A fitted model.
-        recording: Of the same arm; the errors are of other motion if nothing was trained on it.
+        model: A fitted model, or its folder.
+        recording: Of the same arm, or its file; the errors are of other motion if nothing was
+            trained on it.
 
     Returns:
         Errors, noise floor and coverage of each joint, and the filtered torques.
@@ -145,16 +171,16 @@ def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
         RecordingError: The recording is of another robot, or too short.
 
     Example:
-        >>> evaluate(model, Recording.load("test.parquet")).save("evaluation/")
+        >>> limo.evaluate("model/", "test.parquet").save("evaluation/")
     """
     from estimators.evaluation import evaluate as judged
 
-    return judged(model, recording)
+    return judged(trained_of(model), recording_of(recording))
 
 
 def train(
-    simulation: Simulation,
-    recordings: Sequence[Recording],
+    simulation: Simulation | Path | str,
+    recordings: Recording | Path | str | Iterable[Recording | Path | str],
     model: str = "joint-physics",
     *,
     bandwidth: float | None = None,
@@ -164,8 +190,8 @@ def train(
     """Learn the torque that a simulation leaves unexplained.
 
     Args:
-        simulation: Normally an identified one.
-        recordings: Of its robot.
+        simulation: Normally an identified one, or its file.
+        recordings: Of its robot: one or several, or their files.
         model: `joint-physics`, fitted in closed form with standard deviations; a network: mlp7,
             lstm-2, lstm-fcl, transformer; or an estimator of another distribution.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; that of `settings`, or 10, if
@@ -183,25 +209,27 @@ def train(
         DivergedError: The loss of a network is no longer finite.
 
     Example:
-        >>> train(sim, [Recording.load("run.parquet")], "lstm-fcl").save("model/")
+        >>> limo.train("sim.yaml", "run.parquet", "lstm-fcl").save("model/")
     """
     estimator = require_model(model)
+    simulation, measured = simulation_of(simulation), recordings_of(recordings)
     if estimator is not None:
         if settings is not None:
             raise ConfigError(f"settings are of networks; {model} has no such choice")
         width = BANDWIDTH if bandwidth is None else bandwidth
         if not width > 0:
             raise ConfigError(f"a bandwidth of {width:g} Hz, expected a positive number")
-        return estimator.unfitted(simulation, width).fit(recordings)
+        return estimator.unfitted(simulation, width).fit(measured)
     from estimators.hybrid import HybridModel
     from estimators.hybrid.model import train as fitted
     from estimators.hybrid.training.settings import TrainingSettings
 
-    chosen = replace(settings or TrainingSettings(), model=model)
+    known = expected("settings", settings or TrainingSettings(), TrainingSettings)
+    chosen = replace(known, model=model)
     if bandwidth is not None:
         chosen = replace(chosen, bandwidth=bandwidth)
     hybrid = HybridModel(simulation, chosen)
-    hybrid.fitted_ = fitted(simulation, recordings, chosen, progress or (lambda _epoch: None))
+    hybrid.fitted_ = fitted(simulation, measured, chosen, progress or (lambda _epoch: None))
     return hybrid
 
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from limo_driver.model import RobotModel
+from limo_driver.parameters import seed_of
+from limo_driver.workflow.inputs import expected, model_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from estimators.rigid_body.conditioning import Conditioning
+    from limo_driver.model import RobotModel
     from limopa import Excitation, ExcitationRequest, Plan, PlanRequest
 
 
 def plan(
-    robot: RobotModel | str,
+    robot: RobotModel | Path | str,
     request: PlanRequest | None = None,
     *,
     seed: int = 0,
@@ -37,15 +40,17 @@ def plan(
         ConfigError: There is no such robot, or its collision shapes cannot be read.
 
     Example:
-        >>> plan("iiwa14", PlanRequest(scaffolds=4), seed=1).trajectory.save("limo.traj.parquet")
+        >>> found = limo.plan("iiwa14", limo.PlanRequest(scaffolds=4), seed=1)
+        >>> found.trajectory.save("limo.traj.parquet")
     """
     import limopa
 
-    return limopa.plan(model_of(robot), request, seed, progress)
+    wanted = expected("request", request or limopa.PlanRequest(), limopa.PlanRequest)
+    return limopa.plan(model_of(robot), wanted, seed_of(seed), progress)
 
 
 def excite(
-    robot: RobotModel | str,
+    robot: RobotModel | Path | str,
     request: ExcitationRequest | None = None,
     *,
     seed: int = 0,
@@ -72,19 +77,16 @@ def excite(
         ConfigError: The duration is too short for the harmonics, or there is no such robot.
 
     Example:
-        >>> excite("iiwa14", ExcitationRequest(duration=30.0)).trajectory.save("excite.parquet")
+        >>> found = limo.excite("iiwa14", limo.ExcitationRequest(duration=30.0))
+        >>> found.trajectory.save("excite.traj.parquet")
     """
     from threadpoolctl import threadpool_limits
 
     import limopa
     from estimators.rigid_body.conditioning import Conditioning
 
-    model = model_of(robot)
+    model, seed = model_of(robot), seed_of(seed)
+    wanted = expected("request", request or limopa.ExcitationRequest(), limopa.ExcitationRequest)
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small; more only wait
         criterion = conditioning or Conditioning(model)
-        return limopa.excite(model, criterion, request, seed, progress)
-
-
-def model_of(robot: RobotModel | str) -> RobotModel:
-    """Return a robot, or the one of this built-in name or URDF."""
-    return robot if isinstance(robot, RobotModel) else RobotModel.load(robot)
+        return limopa.excite(model, criterion, wanted, seed, progress)

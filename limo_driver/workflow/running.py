@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import ConfigError
+from limo_driver.outputs import require_parquet
+from limo_driver.parameters import seed_of
 from limo_driver.robot.playback import (
     Playback,
     cycles_per_row,
@@ -17,6 +19,7 @@ from limo_driver.robot.playback import (
     recorded,
     trajectory_of,
 )
+from limo_driver.workflow.inputs import expected, simulation_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping, Sequence
@@ -39,22 +42,22 @@ class Streaming:
         wait_for_estimates: Stand at the start until estimates of the torque come, at most so long
             [s]; None to move at once.
         ros_domain: Publish also as /joint_states in this domain of ROS 2 (rmw_zenoh), if any.
-        connect: Endpoints to reach, for example `tcp/192.168.1.2:7447`.
-        listen: Endpoints to be reached at.
+        connect: Endpoint or endpoints to reach, for example `tcp/192.168.1.2:7447`.
+        listen: Endpoint or endpoints to be reached at.
         config: Zenoh's own configuration file (JSON5).
 
     Raises:
         ConfigError: The wait is not above 0.
 
     Example:
-        >>> run("mujoco", motion, stream=Streaming(wait_for_estimates=60.0))
+        >>> limo.run("mujoco", "limo.traj.parquet", stream=limo.Streaming(name="left"))
     """
 
     name: str = ""
     wait_for_estimates: float | None = None
     ros_domain: int | None = None
-    connect: Sequence[str] = ()
-    listen: Sequence[str] = ()
+    connect: Sequence[str] | str = ()
+    listen: Sequence[str] | str = ()
     config: Path | str | None = None
 
     def __post_init__(self) -> None:
@@ -65,10 +68,10 @@ class Streaming:
 
 def run(
     backend: str,
-    trajectory: Trajectory | Planned,
+    trajectory: Trajectory | Planned | Path | str,
     *,
-    simulation: Simulation | None = None,
-    robot: str | None = None,
+    simulation: Simulation | Path | str | None = None,
+    robot: Path | str | None = None,
     seed: int = 0,
     record: Path | str | None = None,
     rate: float | None = None,
@@ -84,8 +87,8 @@ def run(
 
     Args:
         backend: Registered name: mujoco, virtual, fri, can, or one of another distribution.
-        trajectory: The motion, or what was planned around one.
-        simulation: Physics of a simulated arm; without it, the rigid body alone.
+        trajectory: The motion, or its file, or what was planned around one.
+        simulation: Physics of a simulated arm, or its file; without it, the rigid body alone.
         robot: Built-in name or URDF, where neither simulation nor trajectory names it.
         seed: Of a simulated arm's sensor noise.
         record: Parquet file that keeps the recording; a crash loses at most its last second.
@@ -100,12 +103,13 @@ def run(
     Raises:
         BackendNotFoundError: No such backend; names the known ones.
         ConfigError: The trajectory is of another robot, the backend has no such option, the rate
-            is no part of the control rate, or the network cannot be used so.
+            is no part of the control rate, the file of the recording has the ending of another
+            format, or the network cannot be used so.
         ServiceNotReadyError: No estimates came in time; the arm did not move.
         JointLimitError, HoldingError, RecordingError, KeyboardInterrupt: As for `Robot.follow`.
 
     Example:
-        >>> run("mujoco", plan("iiwa14"), simulation=Simulation.load("sim.yaml"))
+        >>> limo.run("mujoco", "limo.traj.parquet", simulation="sim.yaml")
     """
     with kept_in(record) as path:
         summary = play(
@@ -117,11 +121,11 @@ def run(
 
 def play(
     backend: str,
-    trajectory: Trajectory | Planned,
+    trajectory: Trajectory | Planned | Path | str,
     record: Path,
     *,
-    simulation: Simulation | None = None,
-    robot: str | None = None,
+    simulation: Simulation | Path | str | None = None,
+    robot: Path | str | None = None,
     seed: int = 0,
     rate: float | None = None,
     stiffness: float | None = None,
@@ -142,10 +146,15 @@ def play(
         NotBegunError: SIGINT or SIGTERM came before it moved.
         LimoError: As for `run`.
     """
-    motion = trajectory_of(trajectory)
+    require_parquet(record)
+    motion, seed = trajectory_of(trajectory), seed_of(seed)
+    physics = None if simulation is None else simulation_of(simulation)
+    name = None if robot is None else str(robot)
+    if stream is not None:
+        expected("stream", stream, Streaming)
     with ExitStack() as open_:
         arm = open_.enter_context(
-            open_for(backend, motion, simulation=simulation, robot=robot, seed=seed, link=link)
+            open_for(backend, motion, simulation=physics, robot=name, seed=seed, link=link)
         )
         provenance = {
             "backend": backend,
@@ -178,7 +187,7 @@ def _published(
     if topic is not None and stream.config is not None:
         from limo_driver.network.config import require_passage
 
-        require_passage(Path(stream.config), topic.key, "egress", "--ros")
+        require_passage(Path(stream.config), topic.key, "egress", "`ros_domain`")
     name = stream.name or arm.spec.name
     with ExitStack() as open_:
         session = open_.enter_context(open_session(stream.connect, stream.listen, stream.config))

@@ -39,11 +39,11 @@ def serve(
     log: Path | str | None = None,
     log_limits: LogLimits | None = None,
     retraining: RetrainingSettings | None = None,
-    trust: Sequence[Path] = (),
-    sign: Path | None = None,
+    trust: Sequence[Path | str] | Path | str = (),
+    sign: Path | str | None = None,
     ros: RosTopic | None = None,
-    connect: Sequence[str] = (),
-    listen: Sequence[str] = (),
+    connect: Sequence[str] | str = (),
+    listen: Sequence[str] | str = (),
     config: Path | str | None = None,
     told: Callable[[str, Event], None] | None = None,
     show: Callable[[dict[str, Any]], None] | None = None,
@@ -59,11 +59,11 @@ def serve(
         log: Folder for logs (MCAP) of states, estimates and events.
         log_limits: Of each arm's log; none if not given.
         retraining: Train challengers from the logs as this says; needs stores and `log`.
-        trust: Public keys (PEM); versions that none of these signed are refused.
+        trust: Public key or keys (PEM); versions that none of these signed are refused.
         sign: Private key (PEM), with which challengers are signed that are trained.
         ros: Take the joint states of the one arm from this topic of ROS 2.
-        connect: Endpoints to reach, for example `tcp/192.168.1.2:7447`.
-        listen: Endpoints to be reached at.
+        connect: Endpoint or endpoints to reach, for example `tcp/192.168.1.2:7447`.
+        listen: Endpoint or endpoints to be reached at.
         config: Zenoh's own configuration file (JSON5).
         told: Told the arm and the event of all that happens; a new phase is one, with `phase`
             among its facts. From any thread.
@@ -78,7 +78,7 @@ def serve(
         ModelStoreError: A store has no version that can be read, or a folder does not fit together.
 
     Example:
-        >>> with serve("iiwa14", model="model/") as service:
+        >>> with limo.serve("iiwa14", model="model/") as service:
         ...     service.wait(60.0)
     """
     from limo_driver.machine_code import compilation
@@ -88,11 +88,13 @@ def serve(
     if ros is not None and config is not None:
         from limo_driver.network.config import require_passage
 
-        require_passage(Path(config), ros.key_of_any_hash, "ingress", "--ros")
+        require_passage(Path(config), ros.key_of_any_hash, "ingress", "`ros`")
+    trusted = tuple(map(Path, [trust] if isinstance(trust, (Path, str)) else trust))
+    key = None if sign is None else Path(sign)
     stores = _stores(arms, store, model, simulation)
-    _check_signing(trust, sign, model)
+    _check_signing(trusted, key, model)
     if ros is not None and len(stores) > 1:
-        raise ConfigError(f"--ros is the topic of one arm, and {len(stores)} are to be served")
+        raise ConfigError(f"`ros` is the topic of one arm, and {len(stores)} are to be served")
     if retraining is not None:
         _check_retraining(stores, log, retraining)
     bulletins = Bulletins(list(stores), told or (lambda _arm, _event: None))
@@ -111,11 +113,12 @@ def serve(
         from estimators.service.server import Service, as_before
         from estimators.service.settings import ServiceSettings
         from limo_driver.logs.mcap_log import McapLog
+        from limo_driver.workflow.inputs import expected
 
-        chosen = settings or ServiceSettings()
+        chosen = expected("settings", settings or ServiceSettings(), ServiceSettings)
         with compilation.told(bulletins.tell_compiled):  # loading compiles, too
             served = {
-                name: _models(own, model, simulation, trust, sign) for name, own in stores.items()
+                name: _models(own, model, simulation, trusted, key) for name, own in stores.items()
             }
             _check_contacts(chosen, served)
             presence.check()  # rather than after the rehearsal
@@ -132,8 +135,8 @@ def serve(
             arm = ArmServer(session, bulletins.of[name], models, chosen, logs.get(name), ros)
             open_.callback(arm.close)
             servers.append(arm)
-            if retraining is not None:
-                _keep(arm, Path(log or ""), retraining)
+            if retraining is not None and log is not None:
+                _keep(arm, Path(log), retraining)
         service = open_.enter_context(Service(servers, show or (lambda _status: None), logs))
         if collecting:
             gc.enable()
@@ -193,7 +196,7 @@ def _stores(
     from limo_driver.network.streaming import Keys
 
     if model is not None and simulation is not None:
-        raise ConfigError("--model brings its own simulation; --sim is for --store")
+        raise ConfigError("`model` brings its own simulation; `simulation` is for `store`")
     names = [arms] if isinstance(arms, str) else list(arms)
     given = arms if isinstance(arms, Mapping) else dict.fromkeys(names)
     stores: dict[str, Path | None] = {}
@@ -201,7 +204,9 @@ def _stores(
         Keys(name)  # refuses what cannot be part of a key
         own = given[name] or store
         if (own is None) == (model is None):
-            raise ConfigError("give --arm NAME=STORE, --store or --model, one of them")
+            raise ConfigError(
+                "give each of `arms` a store, or all one `store`, or `model`: one of them"
+            )
         stores[name] = None if own is None else Path(own)
     if not stores:
         raise ConfigError("no arm is named, expected one or more")
@@ -211,7 +216,7 @@ def _stores(
 def _check_signing(trust: Sequence[Path], sign: Path | None, model: object) -> None:
     """Check before anything is opened that keys can be used, and that they are for something."""
     if model is not None and (trust or sign is not None):
-        raise ConfigError("--trust and --sign are for the versions of a --store")
+        raise ConfigError("`trust` and `sign` are for the versions of a `store`")
     if sign is not None:
         from estimators.service.store.signature import check_signing
 
@@ -226,7 +231,7 @@ def _check_retraining(
     In one store, one arm would let the other's models serve.
     """
     if log is None or None in stores.values():
-        raise ConfigError("--retrain needs --store for the models and --log to learn from")
+        raise ConfigError("`retraining` needs `store` for the models and `log` to learn from")
     arms: dict[Path, str] = {}
     for name, store in stores.items():
         assert store is not None  # noqa: S101  # see above
@@ -234,7 +239,7 @@ def _check_retraining(
         if other != name:
             raise ConfigError(
                 f"arms {other} and {name} share the store {store}, which has one champion: give "
-                "each a store of its own, or --no-retrain"
+                "each a store of its own, or do without `retraining`"
             )
     if settings.kind != "same":
         from estimators.service.training.learning import check_kind
@@ -252,14 +257,15 @@ def _models(
     """Load the physics of an arm, and with it what serves."""
     from estimators.service.store.served_models import OneFolder, StoreModels
     from estimators.service.store.store import ModelStore
-    from limo_driver.physics import Simulation
+    from limo_driver.workflow.inputs import simulation_of
 
     if model is not None:
         is_path = isinstance(model, (Path, str))
         return OneFolder.open(Path(model)) if is_path else OneFolder("model", model)
-    known = Simulation.load(simulation) if isinstance(simulation, (Path, str)) else simulation
+    assert store is not None  # noqa: S101  # `_stores` refuses neither of the two
+    known = None if simulation is None else simulation_of(simulation)
     robot = None if known is None else known.model.name
-    models = StoreModels(ModelStore(store or Path(), robot, tuple(trust), sign), known)
+    models = StoreModels(ModelStore(store, robot, tuple(trust), sign), known)
     _ = models.physics  # refuses an empty store
     return models
 
@@ -268,15 +274,18 @@ def _check_contacts(settings: ServiceSettings, served: Mapping[str, ServedModels
     """Refuse what a contact is to be, where it is said of another number of joints."""
     import numpy as np
 
-    said = {"--contact": settings.contact_torque, "--contact-for": settings.contact_duration}
-    for option, values in said.items():
+    said = {
+        "contact_torque": settings.contact_torque,
+        "contact_duration": settings.contact_duration,
+    }
+    for name_of, values in said.items():
         size = np.size(values)
         for name, models in served.items():
             n = models.physics.model.n
             if size not in {1, n}:
                 raise ConfigError(
-                    f"{option} has {size} values, expected one, or one for each of the {n} joints "
-                    f"of {name}"
+                    f"`{name_of}` has {size} values, expected one, or one for each of the {n} "
+                    f"joints of {name}"
                 )
 
 

@@ -71,7 +71,7 @@ class ExcitationRequest(Declared):
         ParameterError: Names the parameter, what was given and what is possible.
 
     Example:
-        >>> excite("iiwa14", ExcitationRequest(duration=30.0, harmonics=4), seed=1)
+        >>> limo.excite("iiwa14", limo.ExcitationRequest(duration=30.0, harmonics=4), seed=1)
     """
 
     duration: float = parameter(

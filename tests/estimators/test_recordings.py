@@ -11,14 +11,15 @@ import pytest
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
+from estimators.recordings import check_different
 from estimators.rigid_body import identify
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
 
 FIT = {
     "network": lambda simulation, runs: HybridModel(simulation).fit(runs),
@@ -48,6 +49,51 @@ def test_recordings_that_say_nothing_are_refused(
     given: Sequence[Recording] = runs(training_recording)
     with pytest.raises(RecordingError, match=message):
         FIT[name](rigid, given)
+
+
+def later(recording: Recording) -> Recording:
+    return replace(recording, time=recording.time + 3600.0)
+
+
+def single(recording: Recording) -> Recording:
+    """Return a copy that was kept in single precision."""
+    arrays = (getattr(recording, name) for name in ("time", "position", "torque"))
+    return Recording(*(values.astype(np.float32).astype(float) for values in arrays))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        (lambda r: r, later, "holds the same samples as"),
+        (lambda r: r, lambda r: later(r)[2000:], "shares 100% of its rows with"),
+        (lambda r: r[:3500], lambda r: r[3000:], "shares 17% of its rows with"),
+        (lambda r: r, single, "shares 100% of its rows with"),
+    ],
+    ids=["later", "a cut of it, later", "cuts that overlap", "in single precision"],
+)
+def test_a_copy_is_no_second_recording(training_recording: Recording, first, second, message):
+    given = [first(training_recording), replace(second(training_recording), source="b")]
+    with pytest.raises(RecordingError, match=f"^b: {message} seed 1, and would"):
+        check_different(given)
+
+
+@pytest.mark.parametrize("step", [None, 0.01], ids=["fine", "coarse"])
+def test_motion_made_again_and_cuts_that_follow_are_other_recordings(
+    true_arm: Simulation, training_recording: Recording, step: float | None
+) -> None:
+    """Coarse sensors give the same sample now and then, and often where the arm rests."""
+    r = training_recording
+    rest = np.minimum(np.arange(len(r)), len(r) // 2)
+    clean = true_arm.predict(r)[rest]
+    runs = []
+    for seed in range(2):
+        torque = clean + 0.02 * np.random.default_rng(seed).standard_normal(clean.shape)
+        arrays = (r.position[rest], torque)
+        runs.append(
+            Recording(r.time, *(x if step is None else step * np.round(x / step) for x in arrays))
+        )
+    check_different(runs)
+    check_different([r[:3000], r[3000:]])
 
 
 @pytest.mark.parametrize(("held_out", "purpose"), [(0.01, "hold out"), (0.99, "train on")])

@@ -128,6 +128,23 @@ def test_an_arm_of_one_joint_has_torques_of_one_joint(tmp_path):
     assert pendulum.flange_jacobian(q[0]).shape == (6, 1)
 
 
+def test_a_continuous_joint_counts_turns_and_is_moved_within_one(tmp_path):
+    (tmp_path / "hinge.urdf").write_text(ONE_JOINT)
+    text = ONE_JOINT.replace("revolute", "continuous").replace('lower="-3" upper="3" ', "")
+    (tmp_path / "wheel.urdf").write_text(text)
+    hinge, wheel = (RobotModel.load(tmp_path / f"{name}.urdf") for name in ("hinge", "wheel"))
+    assert (hinge.turning, wheel.turning) == ((False,), (True,))
+    assert wheel.limits.position_max == pytest.approx(np.pi)
+    assert wheel.limits.velocity == hinge.limits.velocity
+    assert wheel.whole_turns(np.array([20.0])) == pytest.approx(6 * np.pi)
+    assert hinge.whole_turns(np.array([20.0])) == 0.0
+    motion = np.random.default_rng(5).uniform(-2, 2, (3, 10, 1))
+    turned = [motion[0] + 100 * 2 * np.pi, *motion[1:]]
+    np.testing.assert_allclose(
+        wheel.inverse_dynamics(*turned), hinge.inverse_dynamics(*motion), atol=1e-9
+    )
+
+
 def test_many_samples_have_the_torques_that_each_has_on_its_own(model, monkeypatch):
     motion = np.random.default_rng(3).uniform(-1, 1, (3, 3000, model.n))
     alone = np.concatenate([model.inverse_dynamics(*row[:, None]) for row in motion.swapaxes(0, 1)])

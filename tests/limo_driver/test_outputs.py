@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
 
 from limo_driver.cli import main
 from limo_driver.errors import ConfigError
-from limo_driver.outputs import only_writer, require_apart, require_file, require_folder
+from limo_driver.outputs import (
+    only_writer,
+    require_apart,
+    require_file,
+    require_folder,
+    require_place,
+)
 
 
 @pytest.fixture
@@ -48,6 +55,20 @@ def test_a_folder_is_made_and_an_input_in_it_is_kept(there, tmp_path):
         require_folder(there, "the diagnosis")
     with pytest.raises(ConfigError, match=r"there\.parquet: is read and would be written over"):
         require_folder(tmp_path, "the diagnosis", ["there.parquet"], [there])
+
+
+def test_a_place_is_checked_and_nothing_is_made(there, tmp_path):
+    require_place(tmp_path / "deep" / "out", "the diagnosis", ["report.html"], [there])
+    assert list(tmp_path.iterdir()) == [there]
+    for place, said in (
+        (there, "expected a folder for the diagnosis"),
+        (there / "below", "cannot be written to"),
+        (Path("/proc/nowhere"), "cannot be written to"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            require_place(place, "the diagnosis")
+    with pytest.raises(ConfigError, match=r"there\.parquet: is read and would be written over"):
+        require_place(tmp_path, "the diagnosis", ["there.parquet"], [there])
 
 
 def test_a_link_to_an_input_is_that_input(there, tmp_path):

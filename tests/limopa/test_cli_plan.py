@@ -39,6 +39,7 @@ def test_plan_prints_a_table(run, tmp_path):
         (("--joint-margin", 130), InfeasiblePathError, "leaves joint 2 no range"),
         (("--out", "."), ConfigError, "cannot be written: it is a folder"),
         (("--out", "/proc/x.parquet"), ConfigError, "cannot be written"),
+        (("--out", "a.csv"), ConfigError, "a.csv: cannot be written: Parquet is written, and its"),
         (("--picture", "x.foo"), ConfigError, "expected .png, .pdf, .svg"),
         (("--out", "no/such/folder/a.parquet"), ConfigError, "there is no folder no/such/folder"),
     ],

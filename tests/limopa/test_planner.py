@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,7 +213,7 @@ def arm_without_meshes(tmp_path):
 
 
 def test_missing_collision_meshes_name_the_way_out(arm_without_meshes):
-    with pytest.raises(ConfigError, match=r"where\.stl.*--no-self-collision"):
+    with pytest.raises(ConfigError, match=r"where\.stl.*`Surroundings\.self_collision`"):
         plan(arm_without_meshes, QUICK)
 
 
@@ -246,3 +248,11 @@ def test_statistics_describe_the_motion(short_plan, iiwa):
     assert 0 < joint.coverage < 1
     assert max(j.peak_velocity for j in statistics.joints) <= 0.9
     assert statistics.rejections["scaffold"]["effective workspace"] > 0
+
+
+def test_a_joint_without_a_limit_of_velocity_is_named(iiwa, tmp_path):
+    text = Path(iiwa.urdf).read_text()
+    (tmp_path / "arm.urdf").write_text(re.sub(r'velocity="[^"]*"', 'velocity="0"', text, count=1))
+    model = RobotModel.load(tmp_path / "arm.urdf")
+    with pytest.raises(ConfigError, match=r"arm\.urdf: joint 1 .* has no limit of velocity"):
+        Feasibility(model, Surroundings(), Workspace())

@@ -9,6 +9,7 @@ from estimators.hybrid.features import Features, feature_set
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError
 from limo_driver.parameters import Declared, parameter
+from limo_driver.recordings.bandwidth import BANDWIDTH
 
 SCHEDULES: Final = ("cosine", "plateau")
 SPLITS: Final = ("blocks", "sequences", "recordings")
@@ -33,15 +34,44 @@ class TrainingSettings(Declared):
     held out whole, or as the paper's "sequences", a random choice among neighbouring sub-sequences
     of `sequence_length`, which are more alike than any motion of use is.
 
+    Args:
+        model: Of network: mlp7, lstm-2, lstm-fcl, transformer.
+        features: Inputs: all-joints, own-joint or drive.
+        epochs: Passes over the motion, at least 1.
+        seed: Of every random draw.
+        bandwidth: Of the filters on motion and torque [Hz].
+        rate: Of the network's samples [Hz]; 0: the recording's, as in the paper.
+        sequence_length: Samples through which a recurrent network is differentiated.
+        batch: Rows of an mlp7, sequences of the others.
+        schedule: Of the learning rate: cosine, or the paper's plateau.
+        learning_rate: Of AdamW at the start.
+        weight_decay: Of AdamW.
+        held_out: Part of the motion, between 0 and 1.
+        folds: Stretches of motion that judge how the network carries over; 1: none do.
+        hidden: Units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM, 32 for a
+            transformer's d_model.
+        layers: LSTM layers of an lstm-fcl (1 or 2); encoder and decoder layers, each.
+        heads: Of a transformer's attention.
+        without: Quantities left out of the features, by name.
+        standalone: The network alone: no rigid body among its inputs, none added to it.
+        split: How motion is held out: blocks, sequences, recordings.
+        carried: Sequences that a recurrent memory is carried through; 1: the paper's.
+        keep: Weights that are the best on held-out motion, or the last ones (the paper's).
+        device: cpu, cuda, or auto: a GPU where PyTorch sees one.
+
     Raises:
         ConfigError: A setting names nothing known or cannot be; the message says which.
+
+    Example:
+        >>> short = limo.TrainingSettings(epochs=20, held_out=0.3)
+        >>> limo.train("sim.yaml", "run.parquet", "mlp7", settings=short)
     """
 
     model: str = parameter("", "of network", of=NETWORKS, default="mlp7")
     features: str = "all-joints"  # all-joints, own-joint or drive
     epochs: int = _above_zero("", "", 100)
     seed: int = parameter("", lower=0, upper=2**64 - 1, default=0)  # as PyTorch takes it
-    bandwidth: float = _above_zero("Hz", "of the filters on motion and torque", 10.0)
+    bandwidth: float = _above_zero("Hz", "of the filters on motion and torque", BANDWIDTH)
     rate: float = parameter(
         "Hz",
         "of the network's samples; 0: the recording's, as in the paper",

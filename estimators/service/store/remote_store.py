@@ -102,6 +102,6 @@ class RemoteStore:
         if "history" not in index:
             raise ModelStoreError(
                 f"the service of arm {index['arm']} serves one model folder, "
-                f"{index['champion']}; start it with --store to have versions"
+                f"{index['champion']}; start it with a `store` to have versions"
             )
         return index

@@ -110,11 +110,11 @@ class OneFolder:
 
     def promote(self, version: str, reason: str, instead_of: str | None) -> None:  # noqa: ARG002
         """Raise: there is no store that could note it."""
-        raise ModelStoreError(f"version {version} cannot be promoted: the service has no --store")
+        raise ModelStoreError(f"version {version} cannot be promoted: the service has no `store`")
 
     def rollback(self, reason: str, instead_of: str | None) -> None:  # noqa: ARG002
         """Raise: there is no store that could note it."""
-        raise ModelStoreError("cannot roll back: the service has no --store")
+        raise ModelStoreError("cannot roll back: the service has no `store`")
 
     def index(self) -> dict[str, Any]:
         """Return the only version."""
@@ -157,7 +157,7 @@ class StoreModels:
             except ModelStoreError as error:
                 reasons.append(str(error))
         raise ModelStoreError(
-            f"{self.store.root}: no version gives the physics of the arm; give --sim"
+            f"{self.store.root}: no version gives the physics of the arm; give `simulation`"
             + (f" ({reasons[0]})" if reasons else "")
         )
 

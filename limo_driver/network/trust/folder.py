@@ -77,7 +77,7 @@ def write_trust(
             files[own / _USERS] = _dictionary(users, passwords)
     if not force and (there := [path for path in files if path.exists()]):
         raise ConfigError(
-            "is there already, and others trust it; give --force to write it over", path=there[0]
+            "is there already, and others trust it; give `force` to write it over", path=there[0]
         )
     for path, content in files.items():
         _write_privately(path, content)

@@ -6,7 +6,13 @@ from fri_fuzzing import fuzz
 from backends.fri.codec.messages import CommandMode
 
 
-@pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.TORQUE])
+@pytest.mark.parametrize(
+    "mode",
+    [
+        CommandMode.POSITION,
+        pytest.param(CommandMode.TORQUE, marks=pytest.mark.slow("5000 cycles of fuzz once more")),
+    ],
+)
 def test_driver_keeps_its_contract_whatever_comes(mode):
     happened = fuzz(5000, seed=1, mode=mode)
     assert happened["commands"] > 1000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,6 +60,23 @@ def test_the_path_starts_at_rest_and_passes_through_the_smoothed_motion(hysteret
     assert np.allclose(
         path.evaluate(recording.time[[row]] - path.time[0]).position[0], motion.position[row]
     )
+
+
+def test_an_arm_whose_last_joint_turns_replays_what_it_did_after_many_turns(
+    hysteretic, recording, tmp_path
+):
+    text = Path(hysteretic.model.urdf).read_text()
+    last = text.index('name="joint7"')
+    (tmp_path / "turning.urdf").write_text(
+        text[:last] + text[last:].replace('type="revolute"', 'type="continuous"', 1)
+    )
+    turning = replace(hysteretic, robot=str(tmp_path / "turning.urdf"))
+    assert turning.model.turning == (*6 * (False,), True)
+    turns = np.array([*6 * (0.0,), 60 * np.pi])
+    turned = replace(recording, position=recording.position + turns)
+    run, same = (follow(turning, given, 2.5, 5.0, 10.0) for given in (turned, recording))
+    np.testing.assert_allclose(run.position[:, 6], same.position[:, 6] + 60 * np.pi, atol=1e-6)
+    np.testing.assert_allclose(run.torque, same.torque, atol=1e-3)
 
 
 def test_a_gap_is_refused(hysteretic, recording):

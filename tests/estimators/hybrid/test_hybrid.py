@@ -112,6 +112,7 @@ def test_the_gain_scales_the_network_of_its_joint(
     )
 
 
+@pytest.mark.slow("starts a process that loads and predicts")
 def test_predicting_needs_no_torch(folder: Path) -> None:
     code = (
         "import sys; from estimators.hybrid.model import HybridModel; import numpy as np\n"

@@ -309,6 +309,7 @@ def test_a_loaded_model_estimates_the_same(
     assert manifest["training"]["recordings"][0]["samples"] == 1500
 
 
+@pytest.mark.slow("starts a process that loads and predicts")
 def test_predicting_needs_no_torch(folder: Path) -> None:
     code = (
         "import sys; from estimators.model_folder import load_model; import numpy as np\n"

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+import limo_driver as limo
 from estimators.diagnosis.result import Diagnosis, Explanation, Traces
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import (
@@ -21,6 +22,7 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from limo_driver.cli import main
+from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
@@ -120,7 +122,7 @@ def refused(tmp_path, diagnose):
         assert printed == ""
         assert said in notes
         assert notes.count("\n") == 1
-        assert not list((tmp_path / "out").glob("*"))
+        assert not (tmp_path / "out").exists()
 
     return run
 
@@ -133,6 +135,8 @@ def test_writes_verdict_simulation_report_and_the_next_motion(tmp_path, recordin
     assert "Found missing presliding hysteresis (joint 2)" in printed
     assert "cannot be told from stribeck friction" in printed
     assert "next motion: Creep at five speeds" in printed
+    said = printed.replace("\n", "")
+    assert all(str(tmp_path / "out" / name) in said for name in FILES)
     verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert verdict["schema"] == 1
     assert verdict["fit"]["ci95"] == [0.85, None]
@@ -178,8 +182,9 @@ def test_the_pairs_that_the_search_asks_for_come_first(tmp_path, recording, diag
 def test_what_no_motion_tells_apart_is_said_in_the_report(tmp_path, recording, diagnose, found):
     found["equivalent"] = ()
     found["separates"] = (("payload", "link_inertia"),)
-    status, _, notes = diagnose(recording)
+    status, printed, notes = diagnose(recording)
     assert status == 0, notes
+    assert "No next motion: " in printed
     page = (tmp_path / "out" / "report.html").read_text()
     assert "No next motion: " in page
     assert "once with and once without it" in page
@@ -195,6 +200,60 @@ def test_a_motion_that_cannot_be_replayed_does_not_fail_the_diagnosis(
     assert status == 0, notes
     page = (tmp_path / "out" / "report.html").read_text()
     assert "The motion was not replayed: " in page
+
+
+def _failing(*_args, **_more):
+    raise np.linalg.LinAlgError("Singular matrix")
+
+
+@pytest.mark.usefixtures("found")
+@pytest.mark.parametrize(
+    ("place", "stage", "missing"),
+    [
+        ("estimators.diagnosis.saving.write_report", "report", {"report.html"}),
+        ("limo_driver.workflow.diagnosing.with_replay", "replay on the simulated robot", set()),
+        ("limo_driver.workflow.diagnosing.with_next_motion", "next motion",
+         {"next_motion.parquet"}),
+    ],
+)  # fmt: skip
+def test_where_a_later_stage_fails_the_verdict_is_written_and_says_so(
+    tmp_path, recording, diagnose, monkeypatch, place, stage, missing
+):
+    monkeypatch.setattr(place, _failing)
+    status, printed, notes = diagnose(recording)
+    assert status == 1
+    assert f"limo: a stage of the diagnosis failed: {stage} (LinAlgError: Singular" in notes
+    assert "Found missing presliding hysteresis" in printed
+    assert {item.name for item in (tmp_path / "out").iterdir()} == FILES - missing
+    verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert f"missing: {stage} (LinAlgError: Singular matrix)." in verdict["notes"][0]
+    assert verdict["verdict"] == "explained"
+
+
+def test_a_search_that_fails_leaves_no_folder(tmp_path, recording, diagnose, monkeypatch):
+    def failing(*_args):
+        raise ConfigError("no set of effects")
+
+    monkeypatch.setattr("estimators.diagnosis.diagnose", failing)
+    status, _, notes = diagnose(recording)
+    assert (status, notes) == (2, "limo: no set of effects\n")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("found")
+def test_python_prints_what_the_terminal_does(recording, diagnose):
+    _, printed, _ = diagnose(recording)
+    found = limo.diagnose(GIVEN, [Recording.load(recording)])
+    assert printed[: printed.index("wrote ")].split() == str(found).split()
+    assert "cannot be told from stribeck friction" in str(found)
+
+
+@pytest.mark.usefixtures("found")
+def test_progress_ends_at_1_and_never_goes_back(recording):
+    told = []
+    limo.diagnose(GIVEN, [Recording.load(recording)], progress=lambda _, part: told.append(part))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
 
 
 def _spoilt(path, tmp_path, **columns):
@@ -213,7 +272,10 @@ def _spoilt(path, tmp_path, **columns):
     ("columns", "said"),
     [
         ({"position_2": lambda q: 57.3 * q + 57}, "position_2 "),
-        ({"torque_3": lambda tau: np.nan * tau}, "usable rows of 5000"),
+        (
+            {f"torque_{j}": lambda tau: np.nan * tau for j in range(1, 8)},
+            "usable rows of 5000",
+        ),
         ({"time": lambda t: t / 100}, "Hz, expected 30 to 5000 Hz"),
     ],
 )
@@ -221,7 +283,6 @@ def test_recordings_that_cannot_be_used_are_refused_in_one_line(
     tmp_path, recording, refused, columns, said
 ):
     refused(_spoilt(recording, tmp_path, **columns), said)
-    assert not (tmp_path / "out").exists()
 
 
 def _exchanged(path, tmp_path, a, b):
@@ -252,7 +313,6 @@ def test_exchanged_columns_are_refused_in_one_line_before_any_search(
     [
         ({"torque_4": lambda tau: -tau}, "torque_4 has the other sign than expected"),
         ({"torque_4": lambda tau: tau / 1000}, "torque_4 is 0.001 times what its motion makes"),
-        ({"torque_2": lambda tau: 0 * tau}, "torque_2 is 0 N m in all rows although joint 2"),
     ],
 )
 def test_torques_of_another_sign_or_unit_are_refused_in_one_line(

@@ -15,6 +15,8 @@ from estimators.hybrid.training.settings import TrainingSettings
 from estimators.stream import Stream
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
+from limo_driver.recordings.data_gate import Columns
+from limo_driver.recordings.file import write_columns
 from limo_driver.recordings.recording import Recording
 
 RATE = 100.0
@@ -54,7 +56,7 @@ def recording(tmp_path):
     torque = np.zeros_like(position)
     torque[40, 2] = np.nan
     path = tmp_path / "run.parquet"
-    Recording(t, position, torque).save(path)
+    write_columns(Columns(t, position, torque), path)  # as it was logged, hole and all
     return path
 
 

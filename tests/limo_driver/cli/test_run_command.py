@@ -74,7 +74,13 @@ def test_recording_can_be_thinned(limo, tmp_path, trajectory):
     assert np.diff(pq.read_table(record)["time"].to_numpy()) == pytest.approx(np.full(50, 0.004))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGINT,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.slow("moves an arm for seconds")),
+    ],
+)
 def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
     trajectory = write_trajectory(tmp_path / "long.parquet", 600.0)
     record = tmp_path / "run.parquet"
@@ -111,6 +117,9 @@ def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
         ({"rate": "0"}, "limo: rate is 0 Hz, expected above 0"),
         ({"rate": "nan"}, "limo: rate is nan Hz, expected above 0"),
         ({"rate": "700"}, "the nearest that does is 1000 Hz"),
+        ({"rate": "333.333"}, "the nearest that does is 333.333333 Hz, 1000 / 3"),
+        ({"record": "run.csv"}, "run.csv: cannot be written: Parquet is written, and its name"),
+        ({"backend": "virtual", "host": "10.0.0.1"}, "backend 'virtual' takes no --host"),
         ({"record": "."}, "cannot be written: it is a folder"),
         ({"record": "/proc/run.parquet"}, "cannot be written"),
         ({"duration": "0.001"}, "shorter than one sample"),

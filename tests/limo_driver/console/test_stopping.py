@@ -15,6 +15,7 @@ LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 SAID = "limo: interrupted"
 SEED, MOMENTS = 18, 3  # of random moments for each command
 LATEST = 1.0  # [s]
+STARTS = pytest.mark.slow("starts a process and interrupts it, once more for each import")
 LISTENING = "importlib.metadata"  # the first module that `main` imports behind its guard
 COMMANDS = {
     "help": "--help",
@@ -87,13 +88,13 @@ def folder(tmp_path_factory):
     ("command", "module"),
     [
         ("help", LISTENING),
-        ("help", "typer"),
-        ("plan", "limo_driver.console.command_line"),
         ("plan", "numpy"),
-        ("excite", "pinocchio"),
-        ("controller", "numba"),
-        ("doctor", "limo_driver.cli.serve.options"),
-        ("watch", "zenoh"),
+        pytest.param("help", "typer", marks=STARTS),
+        pytest.param("plan", "limo_driver.console.command_line", marks=STARTS),
+        pytest.param("excite", "pinocchio", marks=STARTS),
+        pytest.param("controller", "numba", marks=STARTS),
+        pytest.param("doctor", "limo_driver.cli.serve.options", marks=STARTS),
+        pytest.param("watch", "zenoh", marks=STARTS),
     ],
 )
 def test_while_it_imports(command, module, tmp_path):
@@ -195,3 +196,21 @@ def test_a_command_that_ends_well_by_an_interrupt_says_nothing():
     )
     ended = program(code)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_no_command_loads_a_window_library():
+    """The one that MuJoCo comes with is slow to load, and prints at Ctrl-C."""
+    code = (
+        "import sys; sys.argv = ['limo', '--help']\n"
+        "from limo_driver.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "import backends.mujoco_sim.robot\n"
+        "print('glfw' in sys.modules)"
+    )
+    given = {**os.environ}
+    given.pop("MUJOCO_GL", None)
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True
+    )
+    assert ended.stdout.splitlines()[-1] == "False"

@@ -155,7 +155,14 @@ def test_a_reader_of_ros_bags_reads_it(tmp_path):
     bag.close()
 
 
-@pytest.mark.parametrize(("syncs", "more"), [(1, 0), (2, 7), (4, 16)])
+@pytest.mark.parametrize(
+    ("syncs", "more"),
+    [
+        (2, 7),
+        pytest.param(1, 0, marks=pytest.mark.slow("starts and kills a process each")),
+        pytest.param(4, 16, marks=pytest.mark.slow("starts and kills a process each")),
+    ],
+)
 def test_killed_process_keeps_all_that_was_synced(tmp_path, syncs, more):
     """Whatever it does when it is killed: so many tens of messages after a sync."""
     assert SYNC_PERIOD <= 0.25  # [s], so that less than a second is lost

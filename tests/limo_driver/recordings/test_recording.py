@@ -31,6 +31,34 @@ def test_wrong_shapes_are_refused():
         Recording(np.arange(50) / RATE, np.zeros((50, 2)), np.zeros((50, 3)))
 
 
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        (np.arange(50) * 10_000_000, "time holds int64 values, expected seconds as real numbers"),
+        (np.arange("2026-01-01", "2026-02-20", dtype="M8[D]"), "time holds datetime64"),
+        (np.arange(50.0)[::-1], "time does not increase at row 1, from 49 s to 48 s"),
+        (np.zeros(50), "time does not increase at row 1, from 0 s to 0 s"),
+        (np.r_[np.nan, np.arange(49.0)], "is not finite in 1 of 50 rows"),
+    ],
+)
+def test_nonsense_is_refused_without_a_door_as_well(time, said):
+    with pytest.raises(RecordingError, match=said):
+        Recording(time, np.zeros((50, 2)), np.zeros((50, 2)))
+
+
+def test_values_that_no_filter_takes_are_refused():
+    t, holes = np.arange(50) / RATE, np.zeros((50, 2))
+    holes[7, 1] = np.nan
+    for arrays in ((holes, np.zeros((50, 2))), (np.zeros((50, 2)), holes)):
+        with pytest.raises(RecordingError, match="is not finite in 1 of 50 rows") as found:
+            Recording(t, *arrays)
+        assert found.value.rows == (7,)
+    with pytest.raises(ShapeError, match=r"rows has shape \(3,\), expected \(50,\)"):
+        Recording(t, np.zeros((50, 2)), np.zeros((50, 2)), rows=np.arange(3))
+    with pytest.raises(ShapeError, match=r"torque_resolution has shape \(3,\), expected \(2,\)"):
+        Recording(t, np.zeros((50, 2)), np.zeros((50, 2)), torque_resolution=np.zeros(3))
+
+
 def test_nan_and_corrupt_rows_are_left_out_by_name(tmp_path):
     columns = make_columns()
     columns["torque_2"][17] = np.nan
@@ -127,6 +155,40 @@ def test_rows_with_a_held_torque_are_left_out(tmp_path):
     }
 
 
+def test_by_joint_a_held_torque_costs_no_row_of_the_others(tmp_path):
+    columns = noisy_columns()
+    columns["torque_3"][1000:1200] = columns["torque_3"][1000]
+    columns["torque_1"][300:302] = np.nan
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    every = recording.by_joint()
+    assert len(recording) == len(every) - 202
+    assert every.unmeasured.sum(axis=0).tolist() == [2, 0, 200]
+    assert every.unmeasured[1000:1200, 2].all()
+    assert every.unmeasured[300:302, 0].all()
+    assert np.isfinite(every.torque).all()
+    told = "torque_3 is missing, saturated or held in 200 rows; nothing is said of that joint there"
+    assert told in every.warnings
+    part = every[900:1100]
+    assert part.unmeasured.sum(axis=0).tolist() == [0, 0, 100]
+
+
+def test_by_joint_a_recording_without_such_rows_and_any_cut_are_themselves(tmp_path):
+    columns = noisy_columns()
+    whole = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert whole.by_joint() is whole
+    columns["torque_3"][1000:1200] = columns["torque_3"][1000]
+    part = Recording.load(write(columns, tmp_path / "b.parquet"))[:500]
+    assert part.by_joint() is part
+
+
+def test_a_joint_without_any_torque_is_told_and_kept_as_zero(tmp_path):
+    columns = noisy_columns()
+    columns["torque_2"] = np.full(len(columns["torque_2"]), np.nan)
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert "torque_2 is never measured; it is kept as 0" in recording.warnings
+    assert not recording.torque[:, 1].any()
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -162,9 +224,11 @@ def refuse(change, message, tmp_path, T=400):
         ),
         (lambda c: c | {"time": c["time"] % 2.0}, "runs backwards at row 200"),
         (lambda c: c | {"time": c["time"][::-1]}, "runs backwards in 399 of 400 rows, at row 1"),
-        (lambda c: c | {"position_2": np.degrees(c["position_2"])}, "degrees"),
         (lambda c: c | {"torque_1": c["torque_1"] * 1e7}, "torque_1 is beyond ±1e\\+06.*N mm"),
-        (lambda c: c | {"torque_1": np.full(400, np.nan)}, "has 0 usable rows of 400"),
+        (
+            lambda c: c | {f"torque_{j}": np.full(400, np.nan) for j in (1, 2, 3)},
+            "has 0 usable rows of 400",
+        ),
         (lambda c: c | {"torque_1": [str(v) for v in c["torque_1"]]}, "torque_1 holds string"),
         (lambda c: {k: v[:15] for k, v in c.items()}, "has 15 usable rows of 15"),
         (lambda c: {k: v[:30] for k, v in c.items()}, "lasts 0.29 s, expected at least 0.5 s"),
@@ -172,6 +236,34 @@ def refuse(change, message, tmp_path, T=400):
 )
 def test_unusable_files_are_refused_with_a_reason(change, message, tmp_path):
     refuse(change, message, tmp_path)
+
+
+def test_many_turns_are_told_and_refused_of_a_joint_that_does_not_turn(tmp_path):
+    columns = make_columns(400)
+    columns["position_2"] = np.degrees(columns["position_2"])
+    reach = np.abs(columns["position_2"]).max()
+    recording = Recording.load(write(columns, tmp_path / "degrees.parquet"))
+    told = [warning for warning in recording.warnings if "position_2 reaches" in warning]
+    assert told == [
+        f"position_2 reaches {reach:.4g} rad, {reach / 2 / np.pi:.3g} turns; is it in degrees?"
+    ]
+    with pytest.raises(RecordingError, match=r"position_2 spans .*is it in degrees"):
+        recording.check_robot(arm_of(recording.n, "revolute", tmp_path))
+    recording.check_robot(arm_of(recording.n, "continuous", tmp_path))
+
+
+def arm_of(n, joint, tmp_path):
+    """Return an arm of n joints of a kind, each on the one before."""
+    links = "".join(
+        f'<link name="link{k}"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="joint{k}" type="{joint}"><parent link="link{k - 1}"/><child link="link{k}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="2" effort="50"/></joint>'
+        for k in range(1, n + 1)
+    )
+    path = tmp_path / f"{joint}.urdf"
+    path.write_text(f'<robot name="{joint}"><link name="link0"/>{links}</robot>')
+    return RobotModel.load(path)
 
 
 def test_small_angles_in_degrees_show_against_the_velocity(tmp_path):

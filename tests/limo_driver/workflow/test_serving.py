@@ -69,14 +69,14 @@ def test_what_ends_the_telling_is_raised_by_who_waits(ends, tmp_path):
         ({"arms": ()}, "no arm is named"),
         ({"store": None}, "one of them"),
         ({"model": "model"}, "brings its own simulation"),
-        ({"retraining": RetrainingSettings()}, "needs --store for the models and --log"),
+        ({"retraining": RetrainingSettings()}, "needs `store` for the models and `log`"),
         (
             {"arms": {"a": "s", "b": "s"}, "log": "l", "retraining": RetrainingSettings()},
             "arms a and b share the store",
         ),
         (
             {"settings": ServiceSettings(contact_torque=(4.0, 4.0))},
-            "--contact has 2 values, expected one, or one for each of the 7 joints of a",
+            "`contact_torque` has 2 values, expected one, or one for each of the 7 joints of a",
         ),
     ],
 )

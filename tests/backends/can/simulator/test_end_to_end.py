@@ -167,6 +167,7 @@ def test_a_drive_in_fault_leads_to_hold_and_is_named(arm, scenario, convention):
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
+@pytest.mark.slow("compiles an arm in another process and waits for its silence")
 def test_drives_that_vanish_are_stale_then_hold(arm, convention):
     path = arm(convention)
     with SimulatedDrives(path) as drives:

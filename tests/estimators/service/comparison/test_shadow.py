@@ -34,6 +34,7 @@ def shadow_over(rigid, learned, motion, first: int = 1000) -> Shadow:
     return shadow
 
 
+@pytest.mark.slow("serves half a minute of states")
 def test_the_better_model_is_found_better(rigid, learned, motion) -> None:
     found = shadow_over(rigid, learned, motion).comparison()
     assert found.promote
@@ -67,6 +68,7 @@ def test_contact_is_left_out_with_a_margin(rigid, learned, motion) -> None:
     )
 
 
+@pytest.mark.slow("serves half a minute of states")
 def test_an_arm_at_rest_says_nothing(rigid, learned, motion) -> None:
     still = replace(motion, position=np.tile(motion.position[:1], (len(motion), 1)))
     shadow = shadow_over(rigid, learned, still)
@@ -74,6 +76,7 @@ def test_an_arm_at_rest_says_nothing(rigid, learned, motion) -> None:
     assert shadow.comparison() is None
 
 
+@pytest.mark.slow("serves half a minute of states")
 def test_a_gap_begins_memory_anew(rigid, learned, motion) -> None:
     kept = np.r_[0:3000, 4000:9000]
     shadow = shadow_over(rigid, learned, motion[kept])

@@ -49,6 +49,7 @@ def watch(network: Network, *given: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("as_json", [False, True])
+@pytest.mark.slow("starts services as processes and waits until they serve")
 def test_a_service_says_how_far_it_is_on_its_output_and_on_the_network(
     store: ModelStore, network: Network, as_json: bool
 ) -> None:

@@ -127,6 +127,7 @@ class TestAsking:
             with pytest.raises(LimoError, match="cannot train now"):
                 run.server.retrain("again")
 
+    @pytest.mark.slow("trains a model in a process of its own")
     def test_is_refused_too_shortly_after_the_last(self, store, tmp_path, true_arm) -> None:
         arm = Arm(60.0)
         settings = RetrainingSettings(seconds=10.0, pause=30.0)

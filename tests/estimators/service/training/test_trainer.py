@@ -219,6 +219,7 @@ def write_keys(folder: Path, name: str) -> tuple[Path, Path]:
     return private, public
 
 
+@pytest.mark.slow("trains in processes of their own")
 class TestProcess:
     def start(self, store: ModelStore, tmp_path: Path, limit: float) -> TrainingProcess:
         settings = replace(SETTINGS, training_limit=limit)

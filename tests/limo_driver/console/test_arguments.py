@@ -1,0 +1,70 @@
+"""The library speaks of its arguments, and commands of their options."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+import backends
+import estimators
+import limo_driver
+import limopa
+from limo_driver.console.arguments import OPTIONS, in_options
+from limo_driver.console.command_line import add_commands, app
+
+COMMAND = re.compile(r"limo [a-z][^`)]*")  # a whole command line, of which options are a part
+SOURCES = [
+    path
+    for package in (backends, estimators, limo_driver, limopa)
+    for path in sorted(Path(package.__path__[0]).rglob("*.py"))
+    if not {"cli", "console"} & set(path.relative_to(package.__path__[0]).parts)
+]
+
+
+def test_arguments_are_called_by_their_options():
+    assert in_options("give `simulation` or `robot`; see `limo run`") == (
+        "give --sim or --robot; see `limo run`"
+    )
+
+
+def test_every_option_exists():
+    add_commands()
+    found = set()
+    waiting = [typer.main.get_command(app)]
+    while waiting:
+        command = waiting.pop()
+        waiting += getattr(command, "commands", {}).values()
+        found |= {name for item in command.params for name in (*item.opts, *item.secondary_opts)}
+    assert set(OPTIONS.values()) <= found
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: "/".join(path.parts[-3:]))
+def test_no_error_of_the_library_speaks_of_options(path):
+    raised = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Raise)]
+    said = [
+        node.value
+        for error in raised
+        for node in ast.walk(error)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    assert [text for text in said if re.search(r"--[a-z]", COMMAND.sub("", text))] == []
+
+
+def test_a_command_says_which_of_its_options(tmp_path):
+    """From argument to option on the whole way, in a process of its own."""
+    trajectory = tmp_path / "any.parquet"
+    code = f"""
+import numpy as np, limo_driver as limo
+still = np.zeros((3, 7))
+limo.Trajectory(np.arange(3.0), still, still, still).save({str(trajectory)!r})
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    given = ["run", "--backend", "virtual", "--trajectory", trajectory, "--record", "x.parquet"]
+    command = [sys.executable, "-c", "from limo_driver.cli import main; main()", *map(str, given)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "limo: the trajectory names no robot; give --sim or --robot\n"
