@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.diagnosis.contact import contact_of, covered, overlap, pushes
+from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.linearised import polished
-from estimators.diagnosis.fitting.problem import (
-    Progress,
-    RegressionProblem,
-    Solution,
-    fitted,
-    improve,
-    quiet,
-)
+from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
 from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.judgement.findings import left_by_tolerances
@@ -38,15 +31,20 @@ from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
+from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
 from estimators.diagnosis.result import Diagnosis, Traces
 from estimators.diagnosis.settings.pushes import ROUNDS
+from estimators.diagnosis.stages import Attempts, Progress, forward, quiet
+from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
 from limo_driver.physics import spoken
+from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.contact import Push
+    from estimators.diagnosis.residuals.pushes import Push
+    from estimators.diagnosis.verdict import Finding
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -70,15 +68,6 @@ def _proven(problem: RegressionProblem, solution: Solution) -> FloatArray:
     return polished(problem.observed, start, problem.split.fitted, places).residual
 
 
-def _require_different(recordings: Sequence[Recording]) -> None:
-    """Refuse one recording given twice: all of its noise would look like physics that repeats."""
-    for one, other in combinations(recordings, 2):
-        pairs = ((x.time, x.position, x.torque) for x in (one, other))
-        if all(map(np.array_equal, *pairs)):
-            names = " and ".join(filter(None, (one.source, other.source))) or "two recordings"
-            raise RecordingError(f"{names} are the same; give it once")
-
-
 def observe(
     simulation: Simulation, recordings: Sequence[Recording], bandwidth: float
 ) -> Observations:
@@ -87,8 +76,9 @@ def observe(
         raise RecordingError("no recording to diagnose")
     for recording in recordings:
         recording.check_robot(simulation.model)
-    _require_different(recordings)
-    observed = Observations.of(simulation, recordings, bandwidth)
+    check_different(recordings)
+    every = [recording.by_joint() for recording in recordings]  # one bad channel costs its joint
+    observed = Observations.of(simulation, every, bandwidth)
     check_plausible(observed)
     return observed
 
@@ -97,7 +87,7 @@ def observe(
 def diagnose(
     simulation: Simulation,
     recordings: Sequence[Recording],
-    bandwidth: float = 10.0,
+    bandwidth: float = BANDWIDTH,
     progress: Progress = quiet,
 ) -> Diagnosis:
     """Find where a simulation and recordings differ, and which physics is missing.
@@ -106,40 +96,61 @@ def diagnose(
         simulation: What is believed of the arm, with its tolerances.
         recordings: One or more of that arm.
         bandwidth: Of the zero-phase filter on motion and torque [Hz].
-        progress: Told the stage and the part that is done.
+        progress: Told the stage and the part that is done, which never goes back, and ends at 1.
+
+    Returns:
+        The verdict with its evidence. Where a stage fails without which there is still a verdict,
+        that says so, and `failures` has the error.
 
     Raises:
         RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
     """
+    progress = forward(progress)
     progress("reading motion", 0.0)
     problem = RegressionProblem.of(observe(simulation, recordings, bandwidth), progress)
     judged, pushed = _without_pushes(problem, progress)
     judged = _beyond_tolerances(judged, progress)
     judged, harmful = judged.harmless()
-    problem, solution, remaining = judged.problem, judged.solution, judged.remaining
-    observed = problem.observed
     progress("fitting to all rows", 0.95)
+    found = _told(simulation, judged, pushed, harmful=harmful)
+    progress("done", 1.0)
+    return found
+
+
+def _told(
+    simulation: Simulation, judged: _Judged, pushed: tuple[Push, ...], *, harmful: bool
+) -> Diagnosis:
+    """Fit a judged set to all rows, and return what is to be said of it.
+
+    Args:
+        simulation: The given one.
+        judged: The set, its proof, and what it leaves.
+        pushed: Stretches in which something pushed.
+        harmful: Whether nothing is left of the set, since all of it harms.
+    """
+    problem, solution, remaining = judged.problem, judged.solution, judged.remaining
+    observed, attempts = problem.observed, Attempts(list(remaining.failures))
     noise = Noise.of(problem.left(solution.fitted), observed.moving, observed.segment)
     final = fitted(problem, solution.members, noise, everything=True)
     improved = observed.beside(simulation)
     if not harmful:
-        improved = polished(
-            observed, improve(problem, final), observed.moving, _found(problem, final)
+        improved = attempts.at(
+            "fit to all rows, so the written simulation is the given one",
+            lambda: polished(
+                observed, improve(problem, final), observed.moving, _found(problem, final)
+            ),
+            improved,
         )
-    strange = len(judged.unknown) > observed.n / 3  # where much is unknown, a push is a poor guess
-    contact = (
-        contact_of(pushed, observed, judged.proven, remaining) if pushed and not strange else ()
-    )
-    tolerances = left_by_tolerances(problem, solution)
+    contact: tuple[Finding, ...] = ()
+    if pushed:
+        contact = attempts.at(
+            "force of pushes",
+            lambda: contact_of(pushed, observed, judged.proven, remaining),
+            contact,
+        )
+    tolerances, named = left_by_tolerances(problem, solution), judged.named
     verdict = conclude(
-        problem,
-        solution,
-        remaining,
-        judged.named,
-        judged.unknown,
-        judged.proven,
-        tolerances,
-        contact,
+        problem, solution, remaining, named, judged.unknown, judged.proven, tolerances, contact
     )
     shifts = shifts_of(problem, final)
     said = remarks(
@@ -147,25 +158,26 @@ def diagnose(
         members=problem.beyond_base(solution.members),
         harmful=harmful,
         passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
-        doubted=len(pushed) if strange else 0,
     )
-    verdict = replace(
-        verdict,
-        findings=with_parameters(verdict.findings, improved),
-        notes=(*verdict.notes, *said),
+    findings = attempts.at(
+        "values of parameters and their intervals",
+        lambda: with_parameters(verdict.findings, improved),
+        verdict.findings,
     )
-    progress("done", 1.0)
-    return Diagnosis(
-        verdict=verdict,
+    found = Diagnosis(
+        verdict=replace(verdict, findings=findings, notes=(*verdict.notes, *said)),
         before=simulation,
         after=_lasting(improved.simulation, simulation),
-        recordings=tuple(recordings),
+        recordings=observed.recordings,
         traces=_traces(problem, tolerances, improved.simulated),
-        explanations=explanations_of(problem, solution, remaining.floor),
-        tests=tests_of(problem, solution),
+        explanations=attempts.at(
+            "what competed", lambda: explanations_of(problem, solution, remaining.floor), ()
+        ),
+        tests=attempts.at("nested tests", lambda: tests_of(problem, solution), ()),
         shifts=shifts,
-        bandwidth=bandwidth,
+        bandwidth=observed.bandwidth,
     )
+    return reduce(Diagnosis.failed, attempts.failures, found)
 
 
 def _lasting(improved: Simulation, given: Simulation) -> Simulation:
@@ -184,17 +196,19 @@ def _without_pushes(
     themselves. What larger errors hid shows once the whole set is out, and what they feigned is
     gone then.
     """
-    solution = solve(problem, progress)
-    pushed = _beyond_doubt(problem.observed, problem.left(solution.fitted), solution.noise)
+    problem, solution = solve(problem, progress)
+    pushed = pushes(problem.observed, problem.left(solution.fitted))
     if pushed:
         problem, solution = _without(problem, pushed, progress)
+    problem, solution = settled(problem, solution, progress)
     judged, seen = _round(problem, solution, progress)
     for _ in range(ROUNDS.more):
         hidden = tuple(push for push in seen if not _among(push, pushed))
         if not hidden:
             break
         pushed = (*pushed, *hidden)
-        judged, seen = _round(*_without(problem, pushed, progress), progress)
+        problem, solution = settled(*_without(problem, pushed, progress), progress)
+        judged, seen = _round(problem, solution, progress)
     return judged, tuple(push for push in seen if _among(push, pushed))
 
 
@@ -202,36 +216,20 @@ def _without(
     problem: RegressionProblem, pushed: Sequence[Push], progress: Progress
 ) -> tuple[RegressionProblem, Solution]:
     """Leave the rows of pushes out, and solve again."""
-    problem = problem.undisturbed(covered(problem.observed, pushed))
-    return problem, solve(problem, progress)
+    return solve(problem.undisturbed(covered(problem.observed, pushed)), progress)
 
 
 def _round(
     problem: RegressionProblem, solution: Solution, progress: Progress
 ) -> tuple[_Judged, tuple[Push, ...]]:
-    """Settle and judge a set; return it with the pushes that are seen in what it leaves."""
-    solution = settled(problem, solution, progress)
+    """Judge a settled set; return it with the pushes that are seen in what it leaves."""
     progress("proving on held-out motion", 0.8)
     judged = _best(_Judged.of(problem, solution), progress)
-    everywhere = problem.observed.undisturbed(None)
-    return judged, _beyond_doubt(everywhere, judged.proven, judged.solution.noise)
+    return judged, pushes(problem.observed, judged.proven)
 
 
 def _among(push: Push, others: Sequence[Push]) -> bool:
     return any(overlap(push, other) for other in others)
-
-
-def _beyond_doubt(observed: Observations, residual: FloatArray, noise: Noise) -> tuple[Push, ...]:
-    """Return the pushes that errors without those that are likely cannot explain."""
-    rows, segment = observed.moving, observed.segment
-    likely = pushes(observed, residual, noise.over(rows, segment))
-    if not likely:
-        return ()
-    calm = Noise.of(residual, rows & ~covered(observed, likely)[:, None], segment)
-    found = pushes(observed, residual, calm.over(rows, segment))
-    return tuple(
-        push for push in found if push.evidence > ROUNDS.beyond_doubt and _among(push, likely)
-    )
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
@@ -257,9 +255,7 @@ def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
     if not held or harms(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    again = _best(
-        _Judged.of(problem, settled(problem, solve(problem, progress), progress)), progress
-    )
+    again = _best(_Judged.of(*settled(*solve(problem, progress), progress)), progress)
     known = judged.places(solution.members) | held
     explained = set(again.unknown) < set(judged.unknown) and again.places(again.named) <= known
     return again if explained else judged

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from estimators.diagnosis.summary import columns_of, lines_of
 from limo_driver.display import Displayed
+from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from estimators.diagnosis.stages import Failure
     from estimators.diagnosis.verdict import Finding, Verdict
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
@@ -87,33 +90,49 @@ class Diagnosis(Displayed):
     shifts: tuple[Shift, ...] = ()
     next_motion: Trajectory | None = None
     next_motion_purpose: str = ""  # one sentence: what it would decide
-    bandwidth: float = 10.0  # of the zero-phase filter [Hz]
+    next_motion_note: str = ""  # why there is none although one is wanted
+    bandwidth: float = BANDWIDTH  # of the zero-phase filter [Hz]
     replay: tuple[Replay, ...] = field(default_factory=tuple)
     replay_note: str = ""  # why there is no replay
+    failures: tuple[Failure, ...] = ()  # stages that failed; the verdict has a note on each
 
     @property
     def simulation(self) -> Simulation:
         """The improved simulation."""
         return self.after
 
+    def failed(self, failure: Failure) -> Diagnosis:
+        """Return the same with a stage that failed, which is the first note of the verdict."""
+        notes = (failure.note(), *self.verdict.notes)
+        verdict = replace(self.verdict, notes=notes)
+        return replace(self, verdict=verdict, failures=(*self.failures, failure))
+
     def save(self, folder: Path | str) -> None:
         """Write verdict.json, sim.yaml, report.html, and next_motion.parquet if there is one.
 
+        Where the report fails, the others are written all the same, and the verdict says so.
+
+        Args:
+            folder: Made if it is not there.
+
         Raises:
             ConfigError: The folder cannot be written to.
+            Exception: What the report failed with.
         """
         from estimators.diagnosis.saving import save  # which stands on this
 
-        save(self, folder)
+        saved, _ = save(self, folder)
+        for failure in saved.failures[len(self.failures) :]:
+            raise failure.error
 
     def headline(self) -> str:
         """Say the verdict in one sentence."""
         return self.verdict.sentence()
 
     def __str__(self) -> str:
-        said = [f"- {item.evidence} (confidence {item.confidence:.0%})" for item in self.findings]
-        more = [self.next_motion_purpose] if self.next_motion is not None else []
-        return "\n".join([self.headline(), *said, *more])
+        motion = self.next_motion is not None
+        more = f"next motion: {self.next_motion_purpose}" if motion else self.next_motion_note
+        return "\n".join([*lines_of(self.verdict), *filter(None, [more])])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -122,13 +141,9 @@ class Diagnosis(Displayed):
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the errors of each joint on motion that nothing was fitted to."""
-        fit = self.verdict.fit
-        return {
-            "joint": self.before.model.joint_names,
-            "held-out RMSE before [N m]": fit.heldout_rmse_before,
-            "after [N m]": fit.heldout_rmse_after,
-            "noise floor [N m]": fit.noise_floor,
-        }
+        names = {"given": "held-out RMSE before [N m]", "rows judged": "part of the rows judged"}
+        columns = {names.get(k, f"{k} [N m]"): v for k, v in columns_of(self.verdict).items()}
+        return {"joint": self.before.model.joint_names, **columns}
 
 
 @dataclass(frozen=True)

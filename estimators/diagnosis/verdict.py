@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 CONTACT = "external_contact"
-NEXT_MOTION = "next_motion.parquet"  # beside verdict.json
+VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
+IMPROVED = "sim.yaml"
+REPORT = "report.html"
+NEXT_MOTION = "next_motion.parquet"
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
 
 Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]
@@ -99,6 +102,9 @@ class Fit:
     Reducible is the mean square of the given simulation's error there beyond that of the noise
     floor, summed over joints. Values that move inside their tolerances may take most of it; the
     shares of findings are of what those leave (`heldout_rmse_tolerances`), and add up to 1 at most.
+
+    Rows near rest, at reversals and under pushes do not count: `RowCount` says how many are left,
+    and `..._all_rows` what the errors are with them.
     """
 
     heldout_rmse_before: tuple[float, ...]  # (n,) [N m]
@@ -107,14 +113,35 @@ class Fit:
     reducible_error_removed: float
     ci95: tuple[float, float]
     heldout_rmse_tolerances: tuple[float, ...] = ()  # values moved inside tolerances, no effect
+    heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
+    heldout_rmse_after_all_rows: tuple[float, ...] = ()
+
+    @property
+    def worse_within_tolerances(self) -> tuple[int, ...]:
+        """Joints, 1-based, on which values moved inside their tolerances do worse than as given.
+
+        They are fitted to other rows, to all joints at once, and whitened: without the effects that
+        are missing, they bend towards those, and a joint may pay for what another gains.
+        """
+        pairs = zip(self.heldout_rmse_before, self.heldout_rmse_tolerances, strict=False)
+        return tuple(j for j, (given, moved) in enumerate(pairs, start=1) if moved > given)
 
 
 @dataclass(frozen=True)
 class RowCount:
-    """Rows of all recordings."""
+    """Rows: samples of all recordings, and rows of the slow grid, on which all is compared."""
 
-    used: int
-    left_out: Mapping[str, int]
+    used: int  # samples
+    left_out: Mapping[str, int]  # samples, by reason
+    total: int = 0  # rows of the slow grid
+    usable: tuple[int, ...] = ()  # (n,) of them not near rest, nor under a push
+    fitted: tuple[int, ...] = ()  # (n,) of those, that parameters were fitted to
+    held_out: int = 0  # rows in the blocks of time that nothing was fitted to
+    judged: tuple[int, ...] = ()  # (n,) of those, usable: the errors of `Fit` count these
+
+    def part_judged(self) -> tuple[float, ...]:
+        """Return the part of the rows held out that counts, of each joint (n,)."""
+        return tuple(count / max(self.held_out, 1) for count in self.judged)
 
 
 @dataclass(frozen=True)

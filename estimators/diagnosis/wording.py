@@ -43,6 +43,19 @@ def names_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
     )
 
 
+def of_joints(joints: Sequence[int]) -> str:
+    """Return which joints (1-based), in words; none are the whole arm."""
+    if not joints:
+        return "whole arm"
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Join phrases by commas, the last one by "and"."""
+    *others, last = texts
+    return f"{', '.join(others)} and {last}" if others else last
+
+
 def times(lead: float) -> str:
     """Say evidence [nat] as odds; beyond 10^99 nobody counts."""
     power = lead / math.log(10.0)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,18 +21,15 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
+    from estimators.diagnosis.stages import Progress
     from estimators.regression.normal_equations import NormalEquations
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
-
-Progress: TypeAlias = Callable[[str, float], None]
-
-
-def quiet(_stage: str, _done: float) -> None:
-    """Report no progress."""
 
 
 @dataclass
@@ -110,6 +106,19 @@ class RegressionProblem:
         )
         self._sums[everything] = noise, known
         return known
+
+    def holding(self, limits: FloatArray | None) -> RegressionProblem:
+        """Return the same, where some coefficients of the nuisance stay at a limit, NaN else."""
+        return self._on_the_same_sums(replace(self, held=limits))
+
+    def with_candidates(self, candidates: Sequence[Candidate]) -> RegressionProblem:
+        """Return the same with candidates whose columns are all in its table."""
+        return self._on_the_same_sums(replace(self, candidates=list(candidates)))
+
+    def _on_the_same_sums(self, other: RegressionProblem) -> RegressionProblem:
+        """Let a problem of the same columns and rows have the sums that are known of them."""
+        other._sums = self._sums  # of another one of this class
+        return other
 
     def undisturbed(self, rows: NDArray[np.bool_]) -> RegressionProblem:
         """Return the same, where something pushed on some rows (K,): those count no more."""

@@ -10,7 +10,6 @@ import numpy as np
 from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
-    Progress,
     RegressionProblem,
     Solution,
     fitted,
@@ -31,10 +30,12 @@ from limo_driver.physics import TorqueRipple
 if TYPE_CHECKING:
     from collections.abc import Collection
 
+    from estimators.diagnosis.stages import Progress
+
 
 def solve(
     problem: RegressionProblem, progress: Progress, near: tuple[int, ...] | None = None
-) -> Solution:
+) -> tuple[RegressionProblem, Solution]:
     """Find the set of effects, or the best one near a set; noise and set in turn until both stay.
 
     The first noise is what a fit of everything at once leaves. Taken from a residual that still
@@ -43,23 +44,25 @@ def solve(
     While sets compete, tolerances are the deviations of normal priors, which thousands of rows
     outvote; fitted values stay inside them. So once more with those of bodies held that a fit has
     at their limit: what they would have explained beyond may be an effect, or a body that is wrong.
+
+    Returns:
+        The problem with the candidates and limits of the solution, and that.
     """
-    problem.held = None
+    problem = problem.holding(None)
     noise = _noise_of_everything(problem)
-    _scan(problem, fitted(problem, problem.base, noise))
+    problem = _scanned(problem, fitted(problem, problem.base, noise))
     solution = _sought(problem, noise, progress, near)
-    _scan(problem, solution)  # of what the largest effects hid
+    problem = _scanned(problem, solution)  # of what the largest effects hid
     solution = _until_it_stays(problem, solution, progress, near)
     limits = solution.search.evidence.at_limit(solution.fitted)
     limits[PER_LINK * problem.observed.n :] = np.nan  # bodies come first
     if np.isnan(limits).all():
-        return solution
-    problem.held = limits
-    more = _until_it_stays(problem, solution, progress, near)
+        return problem, solution
+    limited = problem.holding(limits)
+    more = _until_it_stays(limited, solution, progress, near)
     if set(more.members) != set(solution.members):
-        return more
-    problem.held = None
-    return solution
+        return limited, more
+    return problem, solution
 
 
 def _until_it_stays(
@@ -86,18 +89,19 @@ def _sought(
     return Solution(found.members, search, noise, posterior, found.gain)
 
 
-def _scan(problem: RegressionProblem, solution: Solution) -> None:
-    """Add the candidates that have to be looked for in the residual."""
+def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProblem:
+    """Return the problem with the candidates that have to be looked for in the residual."""
     chosen = [problem.candidates[member].hypothesis for member in solution.members]
     known = {
         item.joints[0]: item.settings
         for item in chosen
         if item is not None and item.effect == TorqueRipple.name
     }
-    for hypothesis in ripples(problem.observed, problem.left(solution.fitted), known):
-        candidate = entered(hypothesis, problem.observed, problem.columns, problem.level)
-        if candidate is not None:
-            problem.candidates.append(candidate)
+    found = [
+        entered(hypothesis, problem.observed, problem.columns, problem.level)
+        for hypothesis in ripples(problem.observed, problem.left(solution.fitted), known)
+    ]
+    return problem.with_candidates([*problem.candidates, *filter(None, found)])
 
 
 def _noise_of_everything(problem: RegressionProblem) -> Noise:
@@ -135,15 +139,21 @@ def _less(solution: Solution, some: Collection[int]) -> Solution:
     return replace(solution, members=rest, fitted=posterior, gain=solution.search.gain(rest))
 
 
-def refined(problem: RegressionProblem, solution: Solution, progress: Progress) -> Solution:
-    """Refine what is not linear in every member, one after the other."""
-    members = list(solution.members)
+def refined(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
+    """Refine what is not linear in every member, one after the other.
+
+    Returns:
+        The problem with the refined candidates, and the solution with them for members.
+    """
+    members, candidates = list(solution.members), list(problem.candidates)
     for place, member in enumerate(members):
         progress("refining parameters", 0.65 + 0.1 * place / len(members))
-        candidate = problem.candidates[member]
+        candidate = candidates[member]
         if candidate.hypothesis is None:
             continue
-        others = solution.search.prior([m for m in members if m != member])
+        others = joined(*(candidates[m].prior for m in members if m != member))
         around = Setting(
             problem.observed,
             problem.columns,
@@ -155,20 +165,24 @@ def refined(problem: RegressionProblem, solution: Solution, progress: Progress) 
             problem.level,
         )
         best, laws = likeliest(problem, solution, member, around)
-        problem.candidates[member] = candidate = replace(candidate, laws=laws)
+        candidates[member] = candidate = replace(candidate, laws=laws)
         if best is not candidate.hypothesis:
             new = replaced(candidate, best, around)
             if new is not None:
-                problem.candidates.append(new)
-                members[place] = len(problem.candidates) - 1
+                candidates.append(new)
+                members[place] = len(candidates) - 1
+    problem = problem.with_candidates(candidates)
     if members == list(solution.members):
-        return solution
-    return fitted(problem, tuple(members), solution.noise)
+        return problem, solution
+    return problem, fitted(problem, tuple(members), solution.noise)
 
 
-def settled(problem: RegressionProblem, solution: Solution, progress: Progress) -> Solution:
-    """Prune and refine a set."""
-    return pruned(problem, refined(problem, pruned(problem, solution), progress))
+def settled(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
+    """Prune and refine a set; return it with the problem that has its refined candidates."""
+    problem, solution = refined(problem, pruned(problem, solution), progress)
+    return problem, pruned(problem, solution)
 
 
 def settled_around(
@@ -181,7 +195,7 @@ def settled_around(
     like one effect more, or hides one.
     """
     problem, near = relinearised(problem, solution, progress)
-    return problem, settled(problem, solve(problem, progress, near), progress)
+    return settled(*solve(problem, progress, near), progress)
 
 
 def suspects(

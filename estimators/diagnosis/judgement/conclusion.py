@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.judgement.judgement import RemainingResidual
     from estimators.diagnosis.verdict import Finding
-    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 
@@ -45,25 +44,35 @@ def fit_of(
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         floor: Noise floor of each joint, (n,) [N m].
     """
-    rows = problem.split.held_out
-    before, after = rmse(problem.observed.residual, rows), rmse(proven, rows)
+    given, rows = problem.observed.residual, problem.split.held_out
+    before, after = rmse(given, rows), rmse(proven, rows)
+    every = np.broadcast_to(problem.split.apart[:, None], rows.shape)
     return Fit(
         tuple(before.tolist()),
         tuple(after.tolist()),
         tuple(floor.tolist()),
         reducible_removed(before, after, floor),
-        bootstrap(problem.observed.residual, proven, floor, problem.observed, rows),
+        bootstrap(given, proven, floor, problem.observed, rows),
         tuple(alone.tolist()),
+        tuple(rmse(given, every).tolist()),
+        tuple(rmse(proven, every).tolist()),
     )
 
 
-def rows_of(recordings: Sequence[Recording]) -> RowCount:
-    """Count the rows used and left out, by reason."""
+def rows_of(problem: RegressionProblem) -> RowCount:
+    """Count the samples used and left out, by reason, and the rows that were fitted and judged."""
+    recordings, split = problem.observed.recordings, problem.split
     left_out: dict[str, int] = {}
     for recording in recordings:
         for item in recording.left_out:
             left_out[item.reason] = left_out.get(item.reason, 0) + len(item.rows)
-    return RowCount(sum(map(len, recordings)), left_out)
+    usable, fitted, judged = (
+        tuple(rows.sum(axis=0).tolist())
+        for rows in (problem.observed.moving, split.fitted, split.held_out)
+    )
+    held_out = int(split.apart.sum())
+    total = len(problem.observed.kept)
+    return RowCount(sum(map(len, recordings)), left_out, total, usable, fitted, held_out, judged)
 
 
 def conclude(
@@ -108,7 +117,7 @@ def conclude(
         not_observable=not_observable(problem, solution, remaining),
         next_motion=None,
         fit=fit_of(problem, proven, alone, remaining.floor),
-        rows=rows_of(problem.observed.recordings),
+        rows=rows_of(problem),
         # of all rows, and beside the given simulation, as the recordings came in
         notes=(
             *notes_on(problem.observed.undisturbed(None).beside(problem.observed.simulation)),
@@ -121,12 +130,19 @@ def conclude(
 def not_observable(
     problem: RegressionProblem, solution: Solution, remaining: RemainingResidual
 ) -> tuple[NotObservable, ...]:
-    """Name the effects that could be there at ten noise floors without showing."""
+    """Name the effects that could be there at ten noise floors without showing.
+
+    An effect that is in the set has shown at one joint, and is left out: where else it could be is
+    no reason to say that these recordings do not excite it.
+    """
     evidence = solution.search.evidence
     size = problem.columns.size()
     least: dict[str, tuple[float, int]] = {}
     moves = np.count_nonzero(problem.observed.moving, axis=0) > 0
+    shown = {problem.candidates[member].effect for member in solution.members}
     for candidate in problem.candidates:
+        if candidate.effect in shown:
+            continue
         if not np.all(moves[list(candidate.joints)]):
             continue  # a note says so
         at = candidate.prior.index

@@ -30,8 +30,8 @@ from estimators.diagnosis.judgement.judgement import equivalents, identical, mar
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
-from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding
-from estimators.diagnosis.wording import is_of_bodies, signature_of, times
+from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
+from estimators.diagnosis.wording import is_of_bodies, listed, of_joints, signature_of, times
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.judgement.judgement import RemainingResidual
     from estimators.diagnosis.selection.candidates import Candidate
-    from estimators.diagnosis.verdict import Where
     from limo_driver.types import FloatArray
 
 
@@ -163,23 +162,9 @@ def unknown_of(
     """
     if not joints:
         return ()
-    worst = max(joints, key=lambda j: remaining.predictable[j] / remaining.floor[j])
-    predicted, floor = remaining.predictable[worst], remaining.floor[worst]
-    text = (
-        f"At joint {worst + 1} a black box predicts {predicted:.3f} N m RMS of the remaining "
-        f"residual from the motion (noise floor {floor:.3f} N m), and no effect of the catalogue "
-        "explains it."
-    )
-    if stand_ins:
-        names = (
-            f"{spoken(c.effect)} ({', '.join(str(j + 1) for j in c.joints) or 'arm'})"
-            for c in (problem.candidates[member] for member in stand_ins)
-        )
-        text += (
-            f" Until it is understood, {'; '.join(names)} stand in for part of it in the improved "
-            "simulation; they are no names for it."
-        )
+    ranked = sorted(joints, key=lambda j: -remaining.predictable[j] / remaining.floor[j])
     values = tuple(after.tolist())
+    where = _together([where_of(problem.observed, remaining.series[:, j], j) for j in ranked])
     share, _ = left_at(joints, alone, after, remaining.floor)
     return (
         Finding(
@@ -189,11 +174,53 @@ def unknown_of(
             equivalent=(),
             confidence=CONFIDENCE.of_unknown,
             parameters={},
-            where=where_of(problem.observed, remaining.series[:, worst], worst),
+            where=where,
             share=share,
             heldout_rmse=BeforeAfter(values, values),
-            evidence=text,
+            evidence=_unknown_sentence(remaining, ranked)
+            + _stand_in_sentence([problem.candidates[member] for member in stand_ins]),
         ),
+    )
+
+
+def _together(places: Sequence[Where]) -> Where:
+    """Return one place for what shows at several joints, the one of the first joint drawn."""
+    stretches = sorted(
+        {pair for place in places for pair in zip(place.recording, place.time, strict=True)}
+    )
+    return Where(
+        time=tuple(time for _, time in stretches),
+        recording=tuple(recording for recording, _ in stretches),
+        region="; ".join(place.region for place in places),
+        figure=places[0].figure,
+    )
+
+
+def _unknown_sentence(remaining: RemainingResidual, joints: Sequence[int]) -> str:
+    """Say what a black box predicts at each joint (0-based)."""
+    figures = [
+        f"{remaining.predictable[j]:.3f} N m RMS at joint {j + 1} "
+        f"(noise floor {remaining.floor[j]:.3f} N m)"
+        for j in joints
+    ]
+    return (
+        "No effect of the catalogue explains a part of the remaining residual that a black box "
+        f"predicts from the motion: {listed(figures)}."
+    )
+
+
+def _stand_in_sentence(stand_ins: Sequence[Candidate]) -> str:
+    """Say which effects stand in for what is unknown, and where; nothing if none does."""
+    if not stand_ins:
+        return ""
+    at: dict[str, list[int]] = {}
+    for item in stand_ins:
+        at.setdefault(item.effect, []).extend(j + 1 for j in item.joints)
+    names = [f"{spoken(effect)} ({of_joints(sorted({*on}))})" for effect, on in at.items()]
+    one = len(names) == 1
+    return (
+        f" Until it is understood, {listed(names)} {'stands' if one else 'stand'} in for part of "
+        f"it in the improved simulation, and {'is no name' if one else 'are no names'} for it."
     )
 
 

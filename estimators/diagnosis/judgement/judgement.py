@@ -15,6 +15,7 @@ from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
+from estimators.diagnosis.stages import Attempts
 from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import REACH
 from limo_driver.physics.catalogue import identical_to
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.result import Shift
     from estimators.diagnosis.selection.candidates import Candidate
+    from estimators.diagnosis.stages import Failure
     from limo_driver.types import FloatArray
 
 
@@ -41,6 +43,7 @@ class RemainingResidual:
     floor: FloatArray  # (n,) RMS of what no black box can predict [N m]
     predictable: FloatArray  # (n,) RMS of what one can [N m]
     series: FloatArray  # (K, n) what one predicts; all that remains where that is smooth [N m]
+    failures: tuple[Failure, ...] = ()  # of the black box, which then predicts nothing
 
     @property
     def clearly_predictable(self) -> NDArray[np.bool_]:
@@ -59,8 +62,8 @@ def remaining_residual(observed: Observations, left: FloatArray) -> RemainingRes
         left: Residual of the improved simulation, (K, n) [N m].
     """
     moving = observed.faster(ROWS.creep)  # a simulation gets slower friction wrong, unknown or not
-    guesses = [predictable_part(observed, left[:, joint], joint) for joint in range(observed.n)]
-    series = np.stack(guesses, axis=1)
+    attempts = Attempts()
+    series = attempts.at("search for what is unknown", lambda: _series(observed, left), 0.0 * left)
     whole, floor = rmse(left, moving), rmse(left - series, moving)
     rough, moves = roughness(left, moving), moving.any(axis=0)
     floor = np.where(moves, floor, rough)  # of a still joint nothing is known
@@ -69,7 +72,15 @@ def remaining_residual(observed: Observations, left: FloatArray) -> RemainingRes
     smooth = (ratio > JUDGEMENT.smoother * usual) & (ratio > JUDGEMENT.smooth)
     floor = np.where(smooth, usual * rough, floor)
     beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
-    return RemainingResidual(floor, beyond, np.where(smooth, left, series))
+    return RemainingResidual(
+        floor, beyond, np.where(smooth, left, series), tuple(attempts.failures)
+    )
+
+
+def _series(observed: Observations, left: FloatArray) -> FloatArray:
+    """Return the part of a residual (K, n) that a black box predicts [N m]."""
+    guesses = [predictable_part(observed, left[:, joint], joint) for joint in range(observed.n)]
+    return np.stack(guesses, axis=1)
 
 
 def equivalents(
@@ -186,7 +197,7 @@ def _moved(shift: Shift) -> str:
 
 
 def remarks(
-    shifts: Sequence[Shift], *, members: int, harmful: bool, passing: Sequence[str], doubted: int
+    shifts: Sequence[Shift], *, members: int, harmful: bool, passing: Sequence[str]
 ) -> Iterator[str]:
     """Yield notes on the fit, one sentence each."""
     moved = [shift for shift in shifts if abs(shift.sigmas) > JUDGEMENT.worth_a_word][:3]
@@ -210,9 +221,4 @@ def remarks(
         yield (
             f"What passes is not written into the improved simulation ({', '.join(passing)}): "
             "another recording has another."
-        )
-    if doubted:
-        yield (
-            f"{doubted} short stretches that look like pushes were left out, but too much else is "
-            "unknown to call them contact."
         )

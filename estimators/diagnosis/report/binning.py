@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.settings.afterwards import BINS
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
 
-BINS = 32
-FEWEST = 8  # rows of a bin that is shown
 _OUTER = (1.0, 99.0)  # percentiles of the range that is shown
 
 
@@ -21,10 +21,25 @@ _OUTER = (1.0, 99.0)  # percentiles of the range that is shown
 class Profile:
     """Statistics of a residual in B bins of another quantity; NaN where there are few rows."""
 
+    edges: FloatArray  # (B + 1,), unit of the quantity
     centre: FloatArray  # (B,), unit of the quantity
     mean: FloatArray  # (B,) [N m]
     spread: FloatArray  # (B,) standard deviation [N m]
     rms: FloatArray  # (B,) [N m]
+
+    def runs(self) -> list[slice]:
+        """Return the stretches of bins that have rows enough, one beside the other."""
+        known = np.concatenate([[False], np.isfinite(self.mean), [False]])
+        ends = np.flatnonzero(np.diff(known.astype(int)))
+        return [slice(a, b) for a, b in zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True)]
+
+    def drawn(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return abscissae and values (B,) as a curve over whole bins, NaN between its runs."""
+        x, y = [], []
+        for run in self.runs():
+            x += [self.edges[run.start], *self.centre[run], self.edges[run.stop], np.nan]
+            y += [values[run.start], *values[run], values[run.stop - 1], np.nan]
+        return np.array(x), np.array(y)
 
 
 @dataclass(frozen=True)
@@ -36,7 +51,17 @@ class Map:
     mean: FloatArray  # (C, B) [N m]
 
 
-def edges_of(values: FloatArray, bins: int = BINS, *, logarithmic: bool = False) -> FloatArray:
+def bins_of(rows: int, most: int = BINS.most) -> int:
+    """Return into how many bins of a profile some rows go."""
+    return int(np.clip(rows / BINS.rows, BINS.fewest, most))
+
+
+def cells_of(rows: int) -> int:
+    """Return into how many cells of a map, to either side, some rows go."""
+    return int(np.clip(np.sqrt(rows / BINS.rows_of_cell), BINS.fewest_cells, BINS.most_cells))
+
+
+def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> FloatArray:
     """Return edges of even bins over the bulk of `values` (K,), in their logarithm if wanted."""
     if logarithmic:
         values = np.log10(values[values > 0])
@@ -57,10 +82,10 @@ def profile(values: FloatArray, residual: FloatArray, edges: FloatArray) -> Prof
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(which, residual[rows], len(edges) - 1) / count
         square = np.bincount(which, residual[rows] ** 2, len(edges) - 1) / count
-    few = count < FEWEST
+    few = count < _fewest(count, BINS.enough)
     mean[few] = square[few] = np.nan
     spread = np.sqrt(np.maximum(square - mean**2, 0.0))
-    return Profile((edges[1:] + edges[:-1]) / 2, mean, spread, np.sqrt(square))
+    return Profile(edges, (edges[1:] + edges[:-1]) / 2, mean, spread, np.sqrt(square))
 
 
 def residual_map(
@@ -75,10 +100,17 @@ def residual_map(
     count = np.bincount(cell, minlength=shape[0] * shape[1]).astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(cell, residual[inside], shape[0] * shape[1]) / count
-    mean[count < FEWEST / 2] = np.nan
+    mean[count < _fewest(count, BINS.enough_of_cell)] = np.nan
     return Map(
         (x_edges[1:] + x_edges[:-1]) / 2, (y_edges[1:] + y_edges[:-1]) / 2, mean.reshape(shape)
     )
+
+
+def _fewest(count: FloatArray, enough: int) -> float:
+    """Return how many rows a bin needs to be shown, given those of all bins."""
+    visited = count[count > 0]
+    usual = float(visited.mean()) if visited.size else 0.0
+    return float(np.clip(BINS.shown * usual, BINS.least, enough))
 
 
 def _inside(values: FloatArray, edges: FloatArray) -> NDArray[np.bool_]:

@@ -41,7 +41,7 @@ def pushed(diagnosis: Diagnosis, charts: Charts) -> str:
     lead = (
         "Recorded torque less that of the improved simulation, which leaves pushes out; shaded: "
         "the push. No row of it is fitted or scored. Force and moment on the flange, in axes of "
-        "the base, at the middle of half a sine."
+        "the base, where it is strongest."
     )
     return section("What pushed", grid(drawn) + _wrenches(found, of), "pushes", lead)
 

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from estimators.diagnosis.report.binning import edges_of, profile, residual_map
+from estimators.diagnosis.report.binning import (
+    Profile,
+    bins_of,
+    cells_of,
+    edges_of,
+    profile,
+    residual_map,
+)
 from estimators.diagnosis.report.stretch import contiguous_runs
+from estimators.diagnosis.settings.afterwards import BINS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,9 +43,10 @@ _JOINTS = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#6
 _DIVERGING = [[0.0, "#0b559f"], [0.25, "#8fb4d9"], [0.5, "#f7f7f5"], [0.75, "#efb27a"],
               [1.0, "#b4560a"]]  # fmt: skip
 _DRAWN = 1200  # samples of a curve: more cannot be seen
+_FEW_TICKS = 100.0  # range of a logarithmic axis below which decades alone are too few ticks
 _MANY_DECADES = 2.5  # of a logarithmic axis
-_CELLS = 22  # of a map, to either side
 _AROUND = 1.0  # [s] drawn before and after a push
+_GAP = np.full((2, 1), np.nan)  # between two outlines of one trace
 _FADED = 0.25  # opacity of rows that are not scored
 _BOTH = ("before", "after")
 _SIDES = {
@@ -91,15 +100,16 @@ def dependence(
     values = (_end_to_end(traces) if over_time else getattr(traces, quantity)[:, j])[moving]
     # Friction points against the motion: after a reversal only its size is alike both ways.
     sign = np.sign(traces.velocity[moving, j]) if after_reversal else 1.0
-    edges = edges_of(values, 60 if over_time else 32, logarithmic=after_reversal)
+    most = BINS.most_over_time if over_time else BINS.most
+    edges = edges_of(values, bins_of(len(values), most), logarithmic=after_reversal)
     data: list[Figure] = []
     for side in sides:
         name, colour = _SIDES[side]
         found = profile(values, _residual(traces, side, j)[moving] * sign, edges)
         shown = found.rms if over_time else found.mean
         if not over_time:
-            data.append(_band(found.centre, found.mean, found.spread, colour))
-        data.append(_curve(found.centre, shown, name, colour) | {"showlegend": False})
+            data.append(_band(found, colour))
+        data.append(_curve(*found.drawn(shown), name, colour) | {"showlegend": False})
     what = {"since_reversal": "residual along motion [N m]", "time": "residual, RMS [N m]"}
     layout = _layout(_LABELS[quantity], what.get(quantity, "residual [N m]"))
     layout["shapes"] = [_level(y) for y in ((floor,) if over_time else (-floor, floor))]
@@ -107,7 +117,9 @@ def dependence(
         layout["yaxis"] |= {"rangemode": "tozero"}
         layout["shapes"] += [_divider(x) for x in _joins(traces)]
     if after_reversal:
-        layout["xaxis"] |= {"type": "log", "dtick": 1, "exponentformat": "power"}
+        # one tick a decade; where there is hardly one, at 1, 2 and 5, too
+        dtick = 1 if edges[-1] > _FEW_TICKS * edges[0] else "D2"
+        layout["xaxis"] |= {"type": "log", "dtick": dtick, "exponentformat": "power"}
     return {"data": data, "layout": layout, "height": 230}
 
 
@@ -115,7 +127,7 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     """Mean residual of a joint over position and velocity, on one scale; not near rest."""
     moving = traces.moving[:, j]
     q, v = traces.position[moving, j], traces.velocity[moving, j]
-    x, y = edges_of(q, _CELLS), edges_of(v, _CELLS)
+    x, y = edges_of(q, cells_of(len(q))), edges_of(v, cells_of(len(v)))
     found = [residual_map(q, v, _residual(traces, side, j)[moving], x, y) for side in sides]
     known = np.abs(np.concatenate([item.mean[np.isfinite(item.mean)] for item in found]))
     scale = max(float(np.percentile(known, 98)), 1e-9) if known.size else 1.0
@@ -167,13 +179,14 @@ def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
     """Residual of the improved simulation on every joint around a push (in time of a recording)."""
     near = (traces.time > window[0] - _AROUND) & (traces.time < window[1] + _AROUND)
     rows = np.flatnonzero(near & (traces.recording == recording))
+    gaps = _gaps(traces, rows)
     data = [
         curve
         for j, colour in zip(range(traces.measured.shape[1]), cycle(_JOINTS))
         for curve in _faded(
-            traces.time[rows],
-            _residual(traces, "after", j)[rows],
-            traces.moving[rows, j],
+            np.insert(traces.time[rows], gaps, np.nan),
+            np.insert(_residual(traces, "after", j)[rows], gaps, np.nan),
+            np.insert(traces.moving[rows, j], gaps, values=False),
             f"joint {j + 1}",
             colour,
         )
@@ -331,16 +344,28 @@ def _faded(
     ]
 
 
-def _band(x: FloatArray, mean: FloatArray, spread: FloatArray, colour: str) -> Figure:
-    """Return the area of one standard deviation to either side, as one closed outline."""
-    known = np.isfinite(mean)
-    x, low, high = x[known], (mean - spread)[known], (mean + spread)[known]
+def _band(found: Profile, colour: str) -> Figure:
+    """Return the area of one standard deviation to either side, a closed outline for each run."""
+    x, high = found.drawn(found.mean + found.spread)
+    _, low = found.drawn(found.mean - found.spread)
+    ends = np.flatnonzero(np.isnan(x))  # of each run; none where no bin has rows enough
+    outlines = [
+        np.concatenate([[x[a:b], high[a:b]], [x[a:b][::-1], low[a:b][::-1]], _GAP], axis=1)
+        for a, b in zip(np.append(0, ends + 1)[:-1], ends, strict=True)
+    ]
+    outline = np.concatenate([np.zeros((2, 0)), *outlines], axis=1)
     return {
-        "x": numbers(np.concatenate([x, x[::-1]]), 6),
-        "y": numbers(np.concatenate([high, low[::-1]])),
+        "x": numbers(outline[0], 6),
+        "y": numbers(outline[1]),
         "fill": "toself", "fillcolor": _BANDS[colour], "line": {"width": 0}, "mode": "lines",
         "hoverinfo": "skip", "showlegend": False,
     }  # fmt: skip
+
+
+def _gaps(traces: Traces, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return where among some rows (R,) time leaps: no curve leads across."""
+    starts = [run.start for run in contiguous_runs(traces)]
+    return np.flatnonzero(np.isin(rows[1:], starts)) + 1
 
 
 def _level(y: float) -> Figure:

@@ -16,21 +16,21 @@ from estimators.diagnosis.report.markup import (
     grid,
     meter,
     number,
-    of_joints,
     paragraph,
     percent,
     table,
 )
 from estimators.diagnosis.residuals.held_out import reducible_removed
+from estimators.diagnosis.summary import WORSE, columns_of, coverage
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import is_of_bodies, names_of
+from estimators.diagnosis.wording import is_of_bodies, names_of, of_joints
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.result import Diagnosis
-    from estimators.diagnosis.verdict import Finding, Fit, Interval, Value
+    from estimators.diagnosis.verdict import Finding, Fit, Interval, Value, Verdict
 
 VERDICTS = {
     "consistent": "consistent",
@@ -48,6 +48,7 @@ _NO_EFFECT_OF_THE_ARM = {
 }
 _MOST = 3  # joints of a finding whose errors are shown; the table above has all
 _LISTED = 6  # values of a parameter that are shown before they are folded
+_PLAIN = {"rows judged": percent, "improved / floor": "{:.2f}".format}  # columns without a unit
 _WORTH_SAYING = 0.05  # part of the reducible error
 
 
@@ -61,10 +62,12 @@ def overview(diagnosis: Diagnosis, charts: Charts) -> str:
         f"<h1>{escape(verdict.sentence())}</h1>{_sources(diagnosis, names)}</header>"
     )
     chart = charts.place(
-        figures.summary(verdict.fit), "Error on motion that nothing was fitted to", "per joint"
+        figures.summary(verdict.fit),
+        "Error on motion that nothing was fitted to",
+        "per joint, on the rows that count",
     )
-    beside = _errors(verdict.fit, findings=bool(verdict.findings))
-    errors = f'<section id="errors">{grid([chart, beside])}</section>'
+    beside = grid([chart, _removed(verdict)])
+    errors = f'<section id="errors">{beside}{_errors(verdict)}</section>'
     cards = "".join(_card(item, verdict.fit, names) for item in verdict.findings)
     if cards:
         title = "Findings" if len(verdict.findings) > 1 else "Finding"
@@ -96,21 +99,23 @@ def _robot(diagnosis: Diagnosis) -> str:
     return PurePath(diagnosis.before.robot).stem
 
 
-def _errors(fit: Fit, *, findings: bool) -> str:
-    before, after, floor = fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor
-    alone = fit.heldout_rmse_tolerances or (np.nan,) * len(floor)
+def _errors(verdict: Verdict) -> str:
+    """Return the errors of each joint, on the rows that count and on all rows."""
+    fit, worse = verdict.fit, verdict.fit.worse_within_tolerances
+    columns = columns_of(verdict)
+    ratio = np.array(fit.heldout_rmse_after) / np.maximum(np.array(fit.noise_floor), 1e-12)
+    columns["improved / floor"] = ratio.tolist()
     rows = [
-        [f"{j + 1}", *map(_rmse, errors), f"{errors[2] / errors[3]:.2f}" if errors[3] else UNSAID]
-        for j, errors in enumerate(zip(before, alone, after, floor, strict=True))
+        [str(j), *(_cell(name, value, marked=j in worse) for name, value in errors.items())]
+        for j, errors in enumerate(_by_joint(columns), start=1)
     ]
-    headings = (
-        "joint",
-        "given [N m]",
-        "within tolerances [N m]",
-        "improved [N m]",
-        "noise floor [N m]",
-        "improved / floor",
-    )
+    headings = ("joint", *(name if name in _PLAIN else f"{name} [N m]" for name in columns))
+    return table(headings, rows, numeric=1) + (paragraph(WORSE, "small") if worse else "")
+
+
+def _removed(verdict: Verdict) -> str:
+    """Say how much of the error is gone, and what the errors count."""
+    fit = verdict.fit
     low, high = fit.ci95
     removed = (
         f"The improved simulation removes {percent(fit.reducible_error_removed)} of the reducible "
@@ -119,15 +124,24 @@ def _errors(fit: Fit, *, findings: bool) -> str:
         else "There is no reducible error to remove."
     )
     meaning = (
-        "Held-out: rows of the recordings that no parameter was fitted to, those near rest left "
-        "out. Reducible: mean square above the noise floor. Within tolerances: the given "
+        "Held-out: rows of the recordings that no parameter was fitted to. "
+        "Reducible: mean square above the noise floor. Within tolerances: the given "
         "simulation with its values moved within their tolerances, no effect added."
     )
-    removed += _by_tolerances(fit, findings=findings)
-    return (
-        f"<div>{table(headings, rows, numeric=1)}{paragraph(removed)}"
-        f"{paragraph(meaning, 'small')}</div>"
-    )
+    removed += _by_tolerances(fit, findings=bool(verdict.findings))
+    small = "".join(paragraph(text, "small") for text in (coverage(verdict), meaning) if text)
+    return f"<div>{paragraph(removed)}{small}</div>"
+
+
+def _by_joint(columns: Mapping[str, Sequence[float]]) -> Iterator[dict[str, float]]:
+    for values in zip(*columns.values(), strict=True):
+        yield dict(zip(columns, values, strict=True))
+
+
+def _cell(heading: str, value: float, *, marked: bool) -> str:
+    if heading in _PLAIN:
+        return _PLAIN[heading](value) if np.isfinite(value) else UNSAID
+    return _rmse(value) + (" *" if marked and heading == "within tolerances" else "")
 
 
 def _by_tolerances(fit: Fit, *, findings: bool) -> str:

@@ -103,13 +103,6 @@ def percent(share: float) -> str:
     return f"{value}\N{NO-BREAK SPACE}%"
 
 
-def of_joints(joints: Sequence[int]) -> str:
-    """Return which joints, in words."""
-    if not joints:
-        return "whole arm"
-    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
-
-
 def _heading(text: str) -> str:
     return escape(text).replace("[N m]", "[N&nbsp;m]")  # no break inside a unit
 

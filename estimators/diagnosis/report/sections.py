@@ -15,7 +15,6 @@ from estimators.diagnosis.report.markup import (
     grid,
     meter,
     number,
-    of_joints,
     paragraph,
     percent,
     section,
@@ -25,14 +24,16 @@ from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.verdict import CONTACT
-from estimators.diagnosis.wording import names_of
+from estimators.diagnosis.summary import coverage
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
+from estimators.diagnosis.wording import names_of, of_joints
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.result import Diagnosis, Explanation, Replay, Shift
+    from estimators.diagnosis.verdict import Verdict
 
 OPEN = 3  # joints whose maps are open from the start
 LOOP = 8.0  # [s] of motion drawn as loops
@@ -133,10 +134,11 @@ def _anchored(j: int, body: str) -> str:
 
 
 def _title(diagnosis: Diagnosis, j: int) -> str:
-    fit = diagnosis.verdict.fit
+    fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     return (
         f"Joint {j + 1}: held-out RMSE {fit.heldout_rmse_before[j]:.4f} → "
         f"{fit.heldout_rmse_after[j]:.4f} N m, noise floor {fit.noise_floor[j]:.4f} N m"
+        + (f", on {percent(judged[j])} of the rows held out" if judged else "")
     )
 
 
@@ -277,18 +279,18 @@ def next_motion(diagnosis: Diagnosis, charts: Charts) -> str:
     """Return the motion to record next, and what it would decide."""
     wanted = diagnosis.verdict.next_motion
     body = ""
-    if diagnosis.next_motion_purpose:
-        body = paragraph(diagnosis.next_motion_purpose)
+    if said := diagnosis.next_motion_purpose or diagnosis.next_motion_note:
+        body = paragraph(said)
     if diagnosis.next_motion is not None:
-        file = wanted.file if wanted else "next_motion.parquet"
+        file = wanted.file if wanted else NEXT_MOTION
         minutes = diagnosis.next_motion.duration / 60
         body += charts.place(
             figures.motion(diagnosis.next_motion), "Joint motion", f"{minutes:.1f} min"
         )
         body += (
             f"<p>Move the recorded arm along it and diagnose again with that recording added. On a "
-            f"simulated arm:</p><pre>limo run --backend mujoco --trajectory "
-            f"{escape(file)} --sim sim.yaml --record next.parquet</pre>"
+            f"simulated arm, in the folder of this report:</p><pre>limo run --backend mujoco "
+            f"--trajectory {escape(file)} --sim {IMPROVED} --record next.parquet</pre>"
         )
     return section("The motion to record next", body, "next")
 
@@ -347,9 +349,30 @@ def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> st
 def data(diagnosis: Diagnosis) -> str:
     """Return what was used of the recordings, and what was left out."""
     verdict = diagnosis.verdict
-    rows = [["used", f"{verdict.rows.used:,}".replace(",", " ")]]
-    rows += [
-        [escape(reason), f"{count:,}".replace(",", " ")]
-        for reason, count in verdict.rows.left_out.items()
+    rows = [["used", _count(verdict.rows.used)]]
+    rows += [[escape(reason), _count(count)] for reason, count in verdict.rows.left_out.items()]
+    samples = table(("samples recorded", "number"), rows, numeric=1)
+    return section("Data", grid([samples, _compared(verdict)]), "data")
+
+
+def _compared(verdict: Verdict) -> str:
+    """Return how many rows were compared, fitted, held out and judged, joint by joint."""
+    count = verdict.rows
+    columns = (count.usable, count.fitted, count.judged, count.part_judged())
+    rows = [
+        [str(j), _count(usable), _count(fitted), _count(judged), percent(part)]
+        for j, (usable, fitted, judged, part) in enumerate(zip(*columns, strict=True), start=1)
     ]
-    return section("Data", table(("rows", "number"), rows, numeric=1), "data")
+    if not rows:
+        return ""
+    said = (
+        f"All is compared on {_count(count.total)} rows of a slow grid, of which "
+        f"{_count(count.held_out)} lie in blocks of time that nothing was fitted to. "
+        f"{coverage(verdict)}"
+    )
+    headings = ("joint", "usable rows", "fitted", "judged", "judged, of those held out")
+    return f"<div>{table(headings, rows, numeric=1)}{paragraph(said, 'small')}</div>"
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", "\N{NO-BREAK SPACE}")

@@ -22,6 +22,7 @@ class Split:
 
     fitted: NDArray[np.bool_]  # (K, n)
     held_out: NDArray[np.bool_]  # (K, n)
+    apart: NDArray[np.bool_]  # (K,) rows in the blocks held out, whether they count or not
 
     @classmethod
     def of(cls, observed: Observations) -> Split:
@@ -40,7 +41,7 @@ class Split:
                 held_out[rows] |= (time >= low) & (time < high)
                 near[rows] |= (time >= low - guard) & (time < high + guard)
         moving = observed.moving
-        return cls(~near[:, None] & moving, held_out[:, None] & moving)
+        return cls(~near[:, None] & moving, held_out[:, None] & moving, held_out)
 
 
 def guard_of(duration: float, bandwidth: float) -> float:
@@ -102,9 +103,9 @@ def surely_positive(gained: FloatArray, observed: Observations, rows: NDArray[np
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:
     """Number the block of time of each row, (K,)."""
-    length = block_of(observed, HELD_OUT.block)
-    block = np.floor(observed.slow.time / length) + 1e6 * observed.recording
-    return np.unique(block, return_inverse=True)[1].ravel()
+    of_time = np.floor(observed.slow.time / block_of(observed, HELD_OUT.block)).astype(np.int64)
+    both = np.stack([observed.recording, of_time], axis=1)
+    return np.unique(both, axis=0, return_inverse=True)[1].ravel()
 
 
 def bootstrap(

@@ -53,6 +53,7 @@ class Observations:
     measured: FloatArray  # (K, n) [N m]
     disturbed: NDArray[np.bool_] | None = None  # (K,) rows on which something pushed
     around: Simulation | None = None  # that columns are taken around, where not the given one
+    unmeasured: NDArray[np.bool_] | None = None  # (K, n) torques that are no measurement
 
     @classmethod
     def of(
@@ -89,6 +90,7 @@ class Observations:
             np.repeat(np.arange(len(parts)), [len(part.sharp) for part in parts]),
             rows,
             np.concatenate([part.measured for part in parts])[rows],
+            unmeasured=np.concatenate([part.unmeasured for part in parts])[rows],
         )
 
     def part(self, recording: int) -> Observations:
@@ -106,6 +108,7 @@ class Observations:
             kept=self.kept[rows] - first,
             measured=self.measured[rows],
             disturbed=None if self.disturbed is None else self.disturbed[rows],
+            unmeasured=None if self.unmeasured is None else self.unmeasured[rows],
         )
 
     def beside(self, simulation: Simulation, around: Simulation | None = None) -> Observations:
@@ -286,6 +289,8 @@ class Observations:
             reach = max(1, round(ROWS.near_rest / self.bandwidth / period))
             near[rows] = maximum_filter1d(still, 2 * reach + 1, axis=0)
         moving = ~near[self.kept]
+        if self.unmeasured is not None:
+            moving &= ~self.unmeasured
         return moving if self.disturbed is None else moving & ~self.disturbed[:, None]
 
     @cached_property
@@ -306,6 +311,7 @@ class _Part:
     measured: FloatArray  # (T, n) [N m]
     segments: tuple[slice, ...]
     kept: NDArray[np.int64]  # samples that are rows of the slow grid
+    unmeasured: NDArray[np.bool_]  # (T, n) torques that are none, as far as the filter spreads them
 
     @classmethod
     def of(cls, recording: Recording, bandwidth: float) -> _Part:
@@ -346,7 +352,22 @@ class _Part:
             on_grid(measured),
             segments,
             _slow_rows(time, segments, ~edges, bandwidth),
+            on_grid(_unmeasured(recording, bandwidth).astype(float)) > 0.5,  # noqa: PLR2004  # nearer to one
         )
+
+
+def _unmeasured(recording: Recording, bandwidth: float) -> NDArray[np.bool_]:
+    """Mark torques (T, n) that are no measurement, or that the filter mixes with some.
+
+    Those of a joint whose torque is one value in all rows are none, either.
+    """
+    constant = np.ptp(recording.torque, axis=0) == 0
+    result = np.broadcast_to(constant & ~constant.all(), recording.torque.shape)
+    if recording.unmeasured is None:
+        return result
+    reach = max(1, round(ROWS.near_rest / bandwidth * recording.rate))
+    spread = maximum_filter1d(recording.unmeasured, 2 * reach + 1, axis=0)
+    return np.asarray(result | spread, dtype=bool)
 
 
 def _even(time: FloatArray) -> FloatArray:

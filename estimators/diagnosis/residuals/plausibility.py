@@ -7,7 +7,7 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,14 +21,17 @@ from estimators.diagnosis.residuals.mistakes import (
     stuck,
 )
 from estimators.diagnosis.residuals.noise import roughness
+from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
+from limo_driver.physics import GravityDirection, Simulation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 
@@ -39,8 +42,52 @@ def check_plausible(observed: Observations) -> None:
         RecordingError: Nothing moves, a torque was not measured or has other units, columns are
             exchanged or have the other sign, or the arm is another one.
     """
-    _check_motion(observed)
     _check_measured(observed)
+    _check_motion(observed)
+    if strange := _check_log(observed):
+        raise _refused(observed, strange)
+
+
+def doubts_about(
+    model: RobotModel, recordings: Sequence[Recording], bandwidth: float
+) -> tuple[str, ...]:
+    """Refuse mistakes of logs as a diagnosis does, and return what else makes one doubt them.
+
+    An identification finds bodies: that they are not those of the description is no mistake, and
+    refusing would leave nothing that could find them.
+
+    Args:
+        model: The arm with its nominal inertias.
+        recordings: Of that arm, one or more.
+        bandwidth: Of the zero-phase filter on motion and torque [Hz].
+
+    Returns:
+        One sentence each, without a full stop.
+
+    Raises:
+        RecordingError: A torque was not measured or has other units, or columns are exchanged or
+            have the other sign.
+    """
+    try:
+        observed = Observations.of(_simulation_of(model), recordings, bandwidth)
+        _check_motion(observed)
+    except RecordingError as error:  # too little to judge by may be enough to learn from
+        return (f"signs, units and order of the columns cannot be checked: {error}",)
+    strange = _check_log(observed)
+    return (*((strange,) if strange else ()), *_stuck_in(observed))
+
+
+def _simulation_of(model: RobotModel) -> Simulation:
+    """Return a simulation of the bare arm as it hangs."""
+    bare = Simulation(model.name, inertials=model.inertials)
+    if bare.model.gravity == model.gravity:
+        return bare
+    x, y, z = model.gravity
+    return replace(bare, effects=(GravityDirection(gravity=(x, y, z)),))
+
+
+def _check_log(observed: Observations) -> str:
+    """Refuse mistakes of logs; say what else is strange about the torques, or nothing."""
     _check_scale(observed)
     if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
         for k in range(len(observed.recordings)):
@@ -48,8 +95,9 @@ def check_plausible(observed: Observations) -> None:
             if len(part.kept) >= ROWS.least and len(still(part)) < observed.n:
                 _check_columns(part, RowSample.of(part))
     sample = RowSample.of(observed)
-    if not _check_columns(observed, sample):
-        _check_arm(observed, sample)  # of all together: a light joint may show little in one
+    if _check_columns(observed, sample):
+        return ""
+    return _strange_load(observed, sample)  # of all: a light joint may show little in one
 
 
 def _check_columns(observed: Observations, sample: RowSample) -> bool:
@@ -90,6 +138,15 @@ def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
     return tuple(j for j in constant_joints(observed) if doubt[j])
 
 
+def _stuck_in(observed: Observations) -> tuple[str, ...]:
+    """Ask of each joint whose encoder may be stuck whether it is."""
+    return tuple(
+        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} rad in all rows while torque_"
+        f"{j + 1} varies by {np.ptp(observed.measured[:, j]):.3g} N m: is its encoder stuck?"
+        for j in doubtful_encoders(observed)
+    )
+
+
 def notes_on(observed: Observations) -> tuple[str, ...]:
     """Return notes on the recordings for the verdict, one sentence each."""
     warnings = [
@@ -98,10 +155,7 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
         for warning in recording.warnings
     ]
     warnings += [
-        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} rad in all rows while torque_"
-        f"{j + 1} varies by {np.ptp(observed.measured[:, j]):.3g} N m: is its encoder stuck? Then "
-        "nothing said of other joints holds, either."
-        for j in doubtful_encoders(observed)
+        f"{doubt} Then nothing said of other joints holds, either." for doubt in _stuck_in(observed)
     ]
     if foreign := foreign_bodies(observed):
         joints = ", ".join(str(j + 1) for j in foreign)
@@ -110,7 +164,13 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
             f"are far from those of {observed.simulation.model.name}, payload or not. Is it "
             "another arm? Then no finding holds, and limo identify makes a simulation of its own."
         )
-    motionless = still(observed)
+    if silent := without_torque(observed):
+        warnings += [
+            f"Joint {j + 1} is left out: its torque is {observed.measured[0, j]:.4g} N m in all "
+            "rows."
+            for j in silent
+        ]
+    motionless = [j for j in still(observed) if j not in silent]
     if not motionless:
         return tuple(warnings)
     joints = ", ".join(str(j + 1) for j in motionless)
@@ -135,18 +195,18 @@ def _check_motion(observed: Observations) -> None:
         )
 
 
+def without_torque(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) whose torque is one value in all rows."""
+    return tuple(np.flatnonzero(np.ptp(observed.measured, axis=0) < PLAUSIBILITY.constant).tolist())
+
+
 def _check_measured(observed: Observations) -> None:
-    for j in range(observed.n):
-        use = observed.moving[:, j]
-        if (
-            use.sum() >= MISTAKES.least_moving
-            and np.ptp(observed.measured[use, j]) < PLAUSIBILITY.constant
-        ):
-            raise _refused(
-                observed,
-                f"torque_{j + 1} is {observed.measured[0, j]:.4g} N m in all rows although joint "
-                f"{j + 1} moves; expected measured torque",
-            )
+    if len(without_torque(observed)) == observed.n:
+        raise _refused(
+            observed,
+            f"the torques are {observed.measured[0].tolist()} N m in all rows; expected measured "
+            "torque",
+        )
 
 
 def _check_scale(observed: Observations) -> None:
@@ -164,15 +224,20 @@ def _check_scale(observed: Observations) -> None:
         raise _refused(
             observed,
             f"the torques are {usual:.3g} times what motion and arm make of them; expected N m; "
-            "are they in N mm or A, or is it another robot?",
+            f"are they in {_other_unit(usual)}, or is it another robot?",
         )
     if wrong:
         j = wrong[0]
         raise _refused(
             observed,
             f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected N m; is "
-            "it in N mm or A?",
+            f"it in {_other_unit(scale[j])}?",
         )
+
+
+def _other_unit(factor: float) -> str:
+    """Return the units in which a torque would be as many times larger, or smaller, than in N m."""
+    return "N mm or mA" if factor > 1 else "kN m or A"
 
 
 def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
@@ -225,18 +290,18 @@ def _explains(before: RowSample, after: RowSample) -> bool:
     return bool(mended.any()) and _size(after) < _size(before) - np.log(PLAUSIBILITY.better)
 
 
-def _check_arm(observed: Observations, sample: RowSample) -> None:
-    """Refuse torques that are not the load of this arm, with or without a payload."""
+def _strange_load(observed: Observations, sample: RowSample) -> str:
+    """Say which torques are not the load of this arm, with or without a payload, if several are."""
     expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
     foreign = np.flatnonzero((_usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign) & expected)
-    if foreign.size > 1:
-        joints = ", ".join(str(j + 1) for j in foreign)
-        raise _refused(
-            observed,
-            f"the torques of joints {joints} are not the load of {observed.simulation.model.name} "
-            "on this motion, with friction or a payload; is it another robot, or torque of "
-            "another motion?",
-        )
+    if foreign.size < 2:  # noqa: PLR2004  # one link may well be wrong
+        return ""
+    joints = ", ".join(str(j + 1) for j in foreign)
+    return (
+        f"the torques of joints {joints} are not the load of {observed.simulation.model.name} "
+        "on this motion, with friction or a payload; is it another robot, or torque of "
+        "another motion?"
+    )
 
 
 def foreign_bodies(observed: Observations) -> tuple[int, ...]:

@@ -18,36 +18,57 @@ class PushSettings:
         "larger leaves what is hardly seen free; smaller pulls strong pushes down")
     remembered: float = setting(4.0, "rows", "over which errors are alike",
         "more widen the intervals")
+    one_wrench: float = setting(0.7, "of the squared errors of a push",
+        "that one wrench at the flange explains where it is said to be one",
+        "higher says it less often; lower tells of a wrench that acts elsewhere")
     most: int = setting(6, "", "beyond which none is named",
         "more name what recurs; fewer miss pushes")
-    lengths: tuple[float, ...] = setting((0.4, 0.7, 1.2, 2.0), "s", "of the first scan",
-        "more cost time; fewer miss some lengths", chosen="within the 0.3 to 2 s of human pushes")
-    least_evidence: float = setting(25.0, "nat", "for a push against nothing",
-        "higher misses weak pushes; lower finds some in noise")
-    least_share: float = setting(0.35, "of what is strange about its rows",
-        "that one wrench has to explain",
-        "higher misses pushes beside other physics; lower takes other physics for pushes")
-    alone: float = setting(8.0, "nat", "that one wrench has to be better than one joint alone",
-        "higher misses pushes that one joint feels; lower takes friction for pushes")
-    force: float = setting(20.0, "N", "1 sigma of a push",
-        "larger costs weak pushes evidence; smaller strong ones")
-    lever: float = setting(0.15, "m", "1 sigma of where it acts", "as above")
-    torque: float = setting(5.0, "N m", "1 sigma of what could act on one joint alone",
-        "larger makes one joint a weaker rival")
-    moving: float = setting(0.8, "of a push", "in which a joint has to move to count",
-        "higher counts fewer joints; lower counts those at rest")
-    stride: float = setting(0.25, "of the length", "between windows of the first scan",
-        "smaller costs time; larger misses pushes between")
-    steps: tuple[float, ...] = setting((0.2, 0.1, 0.05, 0.02), "s",
+    lengths: tuple[float, ...] = setting((0.25, 0.5, 1.0, 2.0), "s", "of the scan's windows",
+        "more cost time; fewer miss some lengths", chosen="from a hit to a human push")
+    smoothed: float = setting(0.2, "s", "over which errors are averaged",
+        "longer misses short hits; shorter takes single errors for hits",
+        chosen="by hits added to what the simulations of three real arms leave: 0.04 s finds a "
+               "third of those that 0.2 s does at as few false ones")
+    least_evidence: float = setting(80.0, "nat", "for a push, of all joints together",
+        "higher misses weak pushes; lower takes for pushes what the arm does at times",
+        chosen="a quarter above the largest on the same arms without hits, which is 63")
+    joint: float = setting(3.0, "nat", "that the errors of each joint reach by chance",
+        "higher misses what many joints feel a little; lower adds up noise")
+    felt: float = setting(15.0, "nat", "for a joint that felt a push",
+        "higher names fewer joints; lower some that did not")
+    explained: float = setting(0.6, "of squared errors in and around it",
+        "that the course of what one joint alone felt explains",
+        "higher misses hits that rebound; lower takes vibration for hits")
+    outstanding: float = setting(3.0, "times the next", "evidence of what one joint alone felt",
+        "higher misses hits that one joint feels; lower takes friction and sensors for hits")
+    steady: float = setting(1.0, "s", "that this joint moved on, or the arm rested, before",
+        "longer misses more such hits; shorter takes break-away for hits")
+    of_inertia: float = setting(1.0, "of usual errors, for each usual torque of acceleration",
+        "that errors grow by with the torque that the arm's own acceleration asks for",
+        "higher misses hits in fast motion; lower takes vibration after a jerk for a hit",
+        chosen="as smoothed; 0 and 0.5 find a vibration in recordings of a real arm")
+    cut: float = setting(8.0, "of the usual error", "at which larger ones are cut to learn it",
+        "higher learns from pushes; lower cuts what is usual")
+    alike: float = setting(0.6, "of the averaged rows", "that are one independent row",
+        "higher counts less evidence")
+    judged: float = setting(0.8, "of a window", "in which a joint has to be judged",
+        "higher counts fewer joints; lower those near rest")
+    fewest: int = setting(30, "windows", "to learn what is usual",
+        "more judge no short recordings; fewer know little")
+    settling: float = setting(0.3, "s", "before and after which a joint neither stops nor starts",
+        "longer leaves out motion; shorter takes stiction for pushes")
+    ends: float = setting(0.5, "s", "of motion at its start and end that is not judged",
+        "longer leaves out motion; shorter takes braking for a push")
+    apart: float = setting(1.0, "s", "between two pushes",
+        "longer misses the second; shorter takes a rebound for another")
+    steps: tuple[float, ...] = setting((0.1, 0.05, 0.02), "s",
         "by which a window is then moved", "finer costs time")
-    shortest: float = setting(0.25, "s", "of a push", "shorter takes spikes for pushes",
-        chosen="below the 0.3 s of human pushes")
+    shortest: float = setting(0.1, "s", "of a push", "shorter takes spikes for pushes",
+        chosen="what a filter of 10 Hz makes of a hit")
     longest: float = setting(3.0, "s", "of a push", "longer takes drifts for pushes",
         chosen="above the 2 s of human pushes")
     pieces: int = setting(8, "", "constant stretches that a half sine is made of",
         "more cost time; fewer are less smooth")
-    calm: float = setting(0.9, "quantile", "of the scan that stands for what is no push",
-        "lower finds pushes where all is strange; higher misses some")
     spread: float = setting(0.3, "s", "over which the filter spreads a push",
         "longer leaves out motion; shorter fits what is pushed")
 
@@ -64,9 +85,6 @@ class RoundSettings:
         "fewer search again more often, which costs time")
     more: int = setting(2, "rounds", "of pushes and effects in turn",
         "more cost time; fewer leave one in the other")
-    beyond_doubt: float = setting(100.0, "nat", "for a push",
-        "higher misses weak pushes; lower leaves rows out for what is physics",
-        chosen="far above other evidence, since an event cannot be proven on other rows")
 
 
 ROUNDS = RoundSettings()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estimators.diagnosis.settings import (
+    afterwards,
     fitting,
     hypotheses,
     judgement,
@@ -19,7 +20,7 @@ from estimators.diagnosis.settings.setting import settings_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-STAGES = (residuals, hypotheses, selection, fitting, judgement, pushes)
+STAGES = (residuals, hypotheses, selection, fitting, judgement, pushes, afterwards)
 _HEAD = """# Settings of the diagnosis
 
 Every number of the [diagnosis](diagnosis.md) that somebody chose. They stand in
@@ -27,8 +28,8 @@ Every number of the [diagnosis](diagnosis.md) that somebody chose. They stand in
 says that no other value was measured, or that nothing of it was kept.
 
 What is not here: constants of mathematics; where effects of the catalogue are looked for, which is
-said with each effect; what the report draws; and the reach of tolerances, three deviations, which
-belongs to the regression (`estimators/regression/evidence.py`).
+said with each effect; colours and sizes of the report; and the reach of tolerances, three
+deviations, which belongs to the regression (`estimators/regression/evidence.py`).
 """
 
 

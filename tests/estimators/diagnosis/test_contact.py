@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from wandering import wander
 
-from estimators.diagnosis.contact import Push, contact_of
+from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.judgement.judgement import RemainingResidual
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.residuals.pushes import Push
 from limo_driver.physics import ExternalContact, Simulation
 from limo_driver.recordings.recording import Recording
 
+EVERY = tuple(range(7))  # joint
 FLOOR = np.full(7, 0.01)  # [N m]
 FIRST, SECOND = (4.0, 4.8), (2.0, 3.0)  # [s]
 PUSHED = ExternalContact(windows=(SECOND,), wrench=((10.0, 0.0, -5.0, 0.0, 0.0, 0.0),))
@@ -38,15 +40,16 @@ def finding_of(found, observed):
 
 
 def test_each_stretch_is_told_with_its_recording(observed):
-    pushes = (Push(1, *SECOND, 200.0), Push(0, *FIRST, 150.0))
+    pushes = (Push(1, *SECOND, 200.0, EVERY, held=True), Push(0, *FIRST, 150.0, EVERY, held=True))
     finding = finding_of(pushes, observed)
     assert finding.where.time == (FIRST, SECOND)
     assert finding.where.recording == (1, 2)
     assert finding.parameters["windows"].value == (FIRST, SECOND)
     assert finding.evidence.startswith(
         "In 2 short stretches of time (4.0 to 4.8 s of monday.parquet; 2.0 to 3.0 s of "
-        "tuesday.parquet) one wrench"
+        "tuesday.parquet) the errors of joints 1, 2, 3, 4, 5, 6 and 7 are far larger"
     )
+    assert "up to 11.2 N, explains 1 of them" in finding.evidence
     calm, pushed = (np.array(wrench) for wrench in finding.parameters["wrench"].value)
     assert np.abs(calm).max() < 0.1
     assert pushed[0] > 5.0
@@ -54,12 +57,14 @@ def test_each_stretch_is_told_with_its_recording(observed):
 
 def test_of_one_recording_only_the_time_is_told(observed):
     alone = observed.part(1)
-    finding = finding_of((Push(0, *SECOND, 200.0),), alone)
-    assert finding.evidence.startswith("In a short stretch of time (2.0 to 3.0 s) one wrench")
+    finding = finding_of((Push(0, *SECOND, 200.0, EVERY, held=True),), alone)
+    assert finding.evidence.startswith("In a short stretch of time (2.0 to 3.0 s) the errors of")
     assert finding.where.recording == (1,)
 
 
 def test_recordings_of_one_name_are_numbered(observed):
     named = tuple(replace(r, source="run.parquet") for r in observed.recordings)
-    finding = finding_of((Push(1, *SECOND, 200.0),), replace(observed, recordings=named))
+    finding = finding_of(
+        (Push(1, *SECOND, 200.0, EVERY, held=True),), replace(observed, recordings=named)
+    )
     assert "(2.0 to 3.0 s of recording 2)" in finding.evidence

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from estimators.diagnosis import diagnose, pipeline
-from estimators.diagnosis.contact import Push
+from estimators.diagnosis.residuals.pushes import Push
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import RecordingError
@@ -98,6 +98,9 @@ def given(arm):
     )
 
 
+PUSH = Push(recording=0, start=20.0, end=21.0, evidence=500.0, joints=tuple(range(7)))
+
+
 def plus(simulation, effect):
     return replace(simulation, effects=(*simulation.effects, effect))
 
@@ -112,9 +115,8 @@ def test_a_simulation_that_is_right_is_consistent(given, seed):
 
 
 def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeypatch):
-    push = Push(recording=0, start=20.0, end=21.0, evidence=500.0)
-    scans = iter([(), (push,), (push,)])  # of the first set, of the whole one, and without its rows
-    monkeypatch.setattr(pipeline, "_beyond_doubt", lambda *_: next(scans))
+    scans = iter([(), (PUSH,), (PUSH,)])  # of the first set, of the whole one, and without its rows
+    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
     found = diagnose(given, [record(given, 0)])
     assert [item.effect for item in found.verdict.findings] == ["external_contact"]
     assert found.verdict.findings[0].where.time == ((20.0, 21.0),)
@@ -124,8 +126,10 @@ def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeyp
 
 
 def test_what_looks_like_a_push_only_beside_missing_effects_is_none(given, monkeypatch):
-    scans = iter([(Push(recording=0, start=20.0, end=21.0, evidence=500.0),), ()])
-    monkeypatch.setattr(pipeline, "_beyond_doubt", lambda *_: next(scans))
+    scans = iter(
+        [(Push(recording=0, start=20.0, end=21.0, evidence=500.0, joints=tuple(range(7))),), ()]
+    )
+    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
     assert diagnose(given, [record(given, 0)]).verdict.verdict == "consistent"
 
 
@@ -142,6 +146,18 @@ def test_it_tells_its_progress_keeps_blas_to_one_thread_and_gives_the_others_bac
     assert done == sorted(done)
     assert done[0] == 0.0
     assert done[-1] == 1.0
+
+
+def test_intervals_that_fail_leave_the_verdict(given, monkeypatch):
+    def failing(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(pipeline, "with_parameters", failing)
+    found = diagnose(given, [record(plus(given, TorqueGain(joint=1, gain=0.08)), 1)])
+    assert names(found) == {("torque_gain", "missing", (1,))}
+    (failure,) = found.failures
+    assert "intervals (LinAlgError: Singular matrix)" in found.verdict.notes[0] == failure.note()
+    assert isinstance(failure.error, np.linalg.LinAlgError)
 
 
 def test_a_low_bandwidth_makes_no_hysteresis_of_reversals(given):
@@ -344,3 +360,21 @@ def test_a_recording_of_another_robot_is_refused(given):
     position = 0.3 * np.sin(t)[:, None] * np.ones(3)
     with pytest.raises(RecordingError, match=r"has 3 joints, but \S*two_joints\S* has 2"):
         diagnose(given, [Recording.from_arrays(t, position, position)])
+
+
+def test_a_joint_without_torque_is_left_out_by_name_and_the_others_are_judged():
+    iiwa = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))
+    payload = Payload(mass=1.5, com=(0.02, 0.0, 0.08), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.005))
+    whole = record(plus(iiwa, payload), 4, duration=25.0)
+    torque = np.array(whole.torque)
+    torque[:, 2] = 0.0
+    found = diagnose(iiwa, [replace(whole, torque=torque)])
+    assert names(found) == {("payload", "missing", (7,))}
+    assert "Joint 3 is left out: its torque is 0 N m in all rows." in found.verdict.notes
+    assert found.verdict.rows.usable[2] == 0
+
+
+def test_recordings_without_any_torque_are_refused(given):
+    whole = record(given, 0)
+    with pytest.raises(RecordingError, match="N m in all rows; expected measured torque"):
+        diagnose(given, [replace(whole, torque=0.0 * whole.torque)])

@@ -3,67 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from lanes import sampled
-from scipy.signal import lfilter
-from wandering import wander
+from noisy_recordings import half_sines, motion, observed
 
-from estimators.diagnosis.contact import ContactIn, Push, covered, pushes, wrench_of
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.hypotheses.ripple import ripples
-from estimators.diagnosis.residuals.noise import Noise
-from estimators.diagnosis.residuals.observations import Observations
-from limo_driver.physics import ExternalContact, Simulation, TorqueRipple
-from limo_driver.recordings.recording import Recording
-
-if TYPE_CHECKING:
-    from limo_driver.physics import Effect
-    from limo_driver.types import FloatArray, Motion
-
-RATE, DURATION = 200.0, 60.0
-NOISE = 0.02  # [N m], RMS, most of it below 3 Hz
-WINDOWS = ((20.0, 20.8), (40.0, 40.6))  # [s]
-WRENCHES = ((20.0, -10.0, 15.0, 0.0, 1.0, 0.0), (-10.0, 20.0, 5.0, 1.0, 0.0, 0.0))
-
-
-def half_sines() -> ExternalContact:
-    """Push as people do; made of pieces shorter than the filter can tell."""
-    windows: list[tuple[float, float]] = []
-    wrenches: list[tuple[float, ...]] = []
-    for (start, end), wrench in zip(WINDOWS, WRENCHES, strict=True):
-        edges = np.linspace(start, end, 41)
-        windows += list(pairwise(edges.tolist()))
-        course = np.sin(np.pi * (np.arange(40) + 0.5) / 40)
-        wrenches += [tuple(size * np.array(wrench)) for size in course]
-    return ExternalContact(windows=tuple(windows), wrench=tuple(wrenches))
-
-
-def motion(seed: int) -> Motion:
-    """All seven joints wander over about 2 rad, none at the pace of another."""
-    t = np.arange(0.0, DURATION, 1.0 / RATE)
-    return wander(t, np.zeros(7), seed, (0.03, 0.12), (0.2, 0.5))
-
-
-def observed(*effects: Effect, seeds: tuple[int, ...] = (1,), affected: int = 0) -> Observations:
-    """Record motion with coloured noise; the effects act in one recording alone."""
-    simulation = Simulation("iiwa14")
-    recordings: list[Recording] = []
-    for k, seed in enumerate(seeds):
-        true = Simulation("iiwa14", effects) if k == affected else simulation
-        moved = motion(seed)
-        white = np.random.default_rng(100 + seed).standard_normal((len(moved), 7))
-        coloured = lfilter([1.0], [1.0, -0.9], white, axis=0)
-        torque = true.predict(moved) + NOISE * coloured / coloured.std()
-        recordings.append(Recording.from_arrays(moved.time, moved.position, torque, source=str(k)))
-    return Observations.of(simulation, recordings, 10.0)
-
-
-def noise_of(o: Observations, residual: FloatArray) -> Noise:
-    return Noise.of(residual, o.moving, o.segment)
+from estimators.diagnosis.residuals.pushes import covered, pushes
+from limo_driver.physics import TorqueRipple
 
 
 def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
@@ -136,68 +85,14 @@ def test_nothing_is_found_in_coloured_noise(seed: int) -> None:
     o = observed(seeds=(seed, seed + 50))
 
     assert ripples(o, o.residual) == []
-    assert pushes(o, o.residual, noise_of(o, o.residual)) == ()
+    assert pushes(o, o.residual) == ()
 
 
 def test_a_ripple_is_no_push_and_rows_without_pushes_have_no_ripple() -> None:
     shaken = observed(TorqueRipple(joint=4, cycles_per_rev=(37,), amplitude=(0.1,), phase=(0.0,)))
     pushed = observed(half_sines())
 
-    assert pushes(shaken, shaken.residual, noise_of(shaken, shaken.residual)) == ()
-    found = pushes(pushed, pushed.residual, noise_of(pushed, pushed.residual))
+    assert pushes(shaken, shaken.residual) == ()
+    found = pushes(pushed, pushed.residual)
     rest = replace(pushed, disturbed=covered(pushed, found))
     assert ripples(rest, pushed.residual) == []
-
-
-def test_a_push_is_found_in_its_recording_and_its_seconds() -> None:
-    o = observed(half_sines(), seeds=(1, 2), affected=1)
-
-    found = sorted(pushes(o, o.residual, noise_of(o, o.residual)), key=lambda push: push.start)
-
-    assert [push.recording for push in found] == [1, 1]
-    for push, (start, end) in zip(found, WINDOWS, strict=True):
-        assert push.start == pytest.approx(start, abs=0.05)
-        assert push.end == pytest.approx(end, abs=0.05)
-    rows = covered(o, found)
-    assert 0.005 < rows.mean() < 0.05
-    assert not rows[o.recording == 0].any()
-
-
-def test_the_column_of_a_push_is_what_the_contact_adds_there_and_nothing_elsewhere() -> None:
-    o = observed(seeds=(1, 2))
-    window, wrench = (WINDOWS[0],), (WRENCHES[0],)
-    everywhere = response(ExternalContact(windows=window, wrench=wrench), o).values
-
-    own = response(ContactIn(windows=window, wrench=wrench, recording=1), o).values
-
-    there = o.recording == 1
-    assert own[:, there] == pytest.approx(everywhere[:, there], abs=0.02)  # of 15 N m
-    assert not own[:, ~there].any()
-
-
-def test_what_one_joint_does_alone_is_no_push() -> None:
-    o = observed()
-    residual = o.residual.copy()
-    time = o.slow.time
-    residual[(time > 20) & (time < 20.8), 3] += 0.5
-
-    assert pushes(o, residual, noise_of(o, o.residual)) == ()
-
-
-def test_a_wrench_is_made_of_unit_half_sines() -> None:
-    units = wrench_of(Push(0, 2.0, 3.0, 1.0))
-
-    for axis, unit in enumerate(units):
-        assert isinstance(unit, ExternalContact)
-        assert (unit.windows[0][0], unit.windows[-1][1]) == pytest.approx((2.0, 3.0))
-        course = np.array(unit.wrench)
-        assert course[:, axis].max() == pytest.approx(1.0, abs=0.02)
-        assert not np.delete(course, axis, axis=1).any()
-
-
-def test_half_a_second_of_motion_has_no_pushes() -> None:
-    o = observed()
-    still = Noise.of(np.zeros_like(o.residual), o.moving, o.segment)
-
-    assert pushes(o, np.zeros_like(o.residual), still) == ()
-    assert covered(o, [Push(0, 1.0, 2.0, 1.0)]).sum() == pytest.approx(1.6 * 25, abs=2)

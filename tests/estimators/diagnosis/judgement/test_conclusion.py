@@ -7,11 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, quiet
-from estimators.diagnosis.judgement.conclusion import explanations_of, shifts_of
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.judgement.conclusion import (
+    explanations_of,
+    fit_of,
+    not_observable,
+    rows_of,
+    shifts_of,
+)
+from estimators.diagnosis.judgement.judgement import RemainingResidual
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.result import CHOSEN
+from estimators.diagnosis.stages import quiet
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recordings.recording import Recording
 
@@ -73,3 +81,33 @@ def test_known_values_move_in_their_own_units(problem, noise):
     assert (dry.nominal, dry.unit) == (1.0, "N m")
     assert dry.fitted == pytest.approx(1.1, abs=0.02)
     assert dry.sigmas == pytest.approx((dry.fitted - 1.0) / 0.15)
+
+
+def test_rows_are_counted_from_all_of_them_to_those_that_are_judged(problem):
+    count, split = rows_of(problem), problem.split
+    assert count.used == len(problem.observed.recordings[0])
+    assert count.total == len(problem.observed.kept) > count.held_out > max(count.judged)
+    assert count.judged == tuple(split.held_out.sum(axis=0))
+    assert count.fitted == tuple(split.fitted.sum(axis=0))
+    assert count.usable == tuple(problem.observed.moving.sum(axis=0))
+    assert all(0 < part < 1 for part in count.part_judged())
+
+
+def test_errors_of_all_rows_have_those_near_rest(problem):
+    moving = problem.observed.moving
+    proven = np.where(moving, 0.01, 3.0)
+    fit = fit_of(problem, proven, FLOOR, FLOOR)
+    assert fit.heldout_rmse_after == pytest.approx((0.01, 0.01))
+    part = np.array(rows_of(problem).part_judged())
+    whole = np.sqrt(part * 0.01**2 + (1 - part) * 3.0**2)
+    assert fit.heldout_rmse_after_all_rows == pytest.approx(whole)
+    assert min(fit.heldout_rmse_before_all_rows) > 0
+
+
+def test_what_was_found_is_not_said_to_be_unobservable(problem, noise):
+    remaining = RemainingResidual(1e-4 * FLOOR, 0 * FLOOR, 0 * problem.target)
+    nothing = {x.effect for x in not_observable(problem, fitted(problem, (), noise), remaining)}
+    assert "spring_load" in nothing  # of so low a floor all torques are many
+    found = fitted(problem, (spring_of(problem),), noise)
+    beside = {x.effect for x in not_observable(problem, found, remaining)}
+    assert beside == nothing - {"spring_load"}

@@ -73,16 +73,30 @@ def test_the_predictable_part_is_kept_as_a_series(rigid, training_recording):
     assert np.abs(found.series[:, 1]).max() < 0.1
 
 
+def test_a_black_box_that_fails_predicts_nothing_and_says_so(
+    rigid, training_recording, monkeypatch
+):
+    def failing(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("estimators.diagnosis.judgement.judgement.predictable_part", failing)
+    observed = Observations.of(rigid, [training_recording], 10.0)
+    left = 0.1 * np.random.default_rng(0).standard_normal(observed.moving.shape)
+    found = remaining_residual(observed, left)
+    assert not found.clearly_predictable.any()
+    (failure,) = found.failures
+    assert "LinAlgError: Singular matrix" in str(failure)
+
+
 def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
     shifts = (
         Shift("tau_c of joint 2", 2.2, 3.0, "N m", 2.4),
         Shift("lag of sensor 5", 0, -9e-4, "s", -3.0),
         Shift("mass", 0, 0.01, "kg", 0.5),
     )
-    said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, passing=(), doubted=2))
+    said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, passing=()))
     assert "tau_c of joint 2 by +2.4 sigma; lag of sensor 5 by -3.0 sigma (as far as" in said[0]
     assert said[0].endswith("What a sensor adds is written into no simulation.")
     assert "mass" not in said[0]
     assert f"stopped at {SEARCH.largest} effects" in said[1]
-    assert said[2].startswith("2 short stretches")
-    assert tuple(remarks((), members=1, harmful=False, passing=(), doubted=0)) == ()
+    assert tuple(remarks((), members=1, harmful=False, passing=())) == ()

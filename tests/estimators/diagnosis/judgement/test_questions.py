@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lanes import sampled
 
-from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, quiet
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.judgement.questions import tests_of as ask
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,
     LoadDependentFriction,

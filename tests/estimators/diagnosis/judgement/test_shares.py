@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, quiet
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.judgement.findings import left_at, left_by_tolerances, shares_of
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.stages import quiet
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recordings.recording import Recording
 

@@ -122,8 +122,10 @@ def made_up(before: Simulation, after: Simulation, recordings, joint: int) -> Di
             (("stribeck_friction", "presliding_hysteresis"),), "next_motion.parquet"
         ),
         fit=Fit(*(tuple(e.tolist()) for e in (error["before"], error["after"], floor)), 0.91,
-                (0.88, 0.94), tuple(0.7 * error["before"] + 0.3 * floor)),
-        rows=RowCount(26_011, {"a value is missing or not finite": 12}),
+                (0.88, 0.94), tuple(0.7 * error["before"] + 0.3 * floor),
+                tuple(1.1 * error["before"]), tuple(2.0 * error["after"])),
+        rows=RowCount(26_011, {"a value is missing or not finite": 12}, 1300, (n * (900,)),
+                      (n * (600,)), 300, (210, 240)),
         notes=("Torque is measured on the link's side of the gear.",),
     )  # fmt: skip
     time = np.linspace(0.0, 6.0, 601)
@@ -293,6 +295,56 @@ def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(dia
     stretch = loop_stretch(diagnosis.traces, 1, 8.0)
     assert f"{stretch.stop:.1f} s of seed {stretch.recording + 1}" in page
     assert "stays" in page
+
+
+def test_the_first_screen_says_which_rows_count_and_the_error_of_all(parsed, diagnosis):
+    text = " ".join(parsed.text.split()).replace("\N{NO-BREAK SPACE}", " ")
+    assert "The errors count 70 % to 80 % of the rows held out" in text
+    assert "all rows, given [N m]" in text
+    fit = diagnosis.verdict.fit
+    for error in (*fit.heldout_rmse_before_all_rows, *fit.heldout_rmse_after_all_rows):
+        assert f"{error:.4f}" in text
+    assert "1 300 rows of a slow grid" in text
+
+
+def test_tolerances_that_do_worse_are_marked_and_explained(diagnosis, parsed):
+    assert "Worse than as given" not in parsed.text
+    fit = diagnosis.verdict.fit
+    fit = replace(fit, heldout_rmse_tolerances=(9.87654, fit.heldout_rmse_tolerances[1]))
+    page = render(replace(diagnosis, verdict=replace(diagnosis.verdict, fit=fit)))
+    assert page.count("9.8765 *") == 1
+    assert page.count("Worse than as given") == 1
+
+
+def test_six_seconds_fill_their_charts(rigid, true_arm, record):
+    recording = record(3, 6.0)
+    every = round(recording.rate / 25.0)  # rows of the slow grid
+    traces = traces_of(rigid, true_arm, (recording,), every)
+    for j in (0, 1):
+        for quantity in ("position", "velocity", "since_reversal", "load", "time"):
+            line = figures.dependence(traces, j, quantity, 0.01)["data"][-1]
+            assert sum(y is not None for y in line["y"]) >= 6, (j, quantity)
+        for drawn in figures.maps(traces, j):
+            cells = drawn["data"][0]["z"]
+            assert sum(z is not None for row in cells for z in row) >= 8, j
+
+
+def test_neither_bands_nor_lines_lead_across_bins_without_rows(diagnosis):
+    traces = diagnosis.traces
+    apart = traces.position + (traces.position > np.median(traces.position, axis=0))
+    drawn = figures.dependence(replace(traces, position=apart), 1, "position", 0.01)["data"]
+    for curve in drawn:
+        x = np.array([np.nan if v is None else v for v in curve["x"]])
+        assert np.nanmax(np.abs(np.diff(x))) < 0.5
+        assert np.isnan(x).sum() >= 2
+
+
+def test_curves_around_a_push_do_not_lead_across_a_pause(diagnosis):
+    traces = diagnosis.traces
+    own = (traces.recording == 1) & (traces.time > 4.2) & (traces.time < 4.4)
+    kept = {name: values[~own] for name, values in vars(traces).items()}
+    drawn = figures.push(Traces(**kept), 1, (4.0, 4.6))["data"]
+    assert all(curve["x"].count(None) == 1 for curve in drawn)
 
 
 def test_near_rest_nothing_is_binned_or_scored_and_curves_are_pale(diagnosis):

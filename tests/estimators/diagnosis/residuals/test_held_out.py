@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -148,3 +150,18 @@ def test_a_gain_in_one_moment_is_not_sure(observed, split):
     rows[first] = 100.0
     assert rows[split.held_out].sum() > 0
     assert not surely_positive(rows, observed, split.held_out)
+
+
+def test_the_blocks_held_out_have_the_rows_that_do_not_count_too(split, observed):
+    assert not (split.held_out & ~split.apart[:, None]).any()
+    assert (split.held_out == split.apart[:, None] & observed.moving).all()
+
+
+def test_blocks_of_two_recordings_are_two_whatever_their_clocks_say():
+    """Of a clock that counts from some day long ago, and one that counts from the start."""
+    slow = SimpleNamespace(time=np.array([3e6, 3e6 + 1.0, 0.0, 1.0]))
+    recordings = [SimpleNamespace(duration=60.0)] * 2
+    of = np.array([0, 0, 1, 1])
+    observed = SimpleNamespace(slow=slow, recordings=recordings, recording=of)
+    gained = np.array([[5.0], [5.0], [-3.0], [-3.0]])
+    assert not surely_positive(gained, observed, np.ones((4, 1), dtype=bool))

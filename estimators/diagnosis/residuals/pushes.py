@@ -1,0 +1,323 @@
+"""Pushes: short stretches of time in which something outside acts on the arm.
+
+A push is an event, not a property of the arm: nothing is fitted to its rows, and it cannot be
+predicted. It may act on any link, so that one joint alone or all of them feel it, may rebound, or
+may be held. What tells it from physics that is left out is that it is rare: over its seconds the
+errors of the joints are much larger than over nearly all others of the same length, in a way that
+neither the errors before them nor the arm's own acceleration explain.
+
+Source: Haddadin, De Luca and Albu-Schäffer, "Robot collisions: a survey on detection, isolation,
+and identification", IEEE T-RO 33(6), 2017.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.plausibility import doubtful_encoders
+from estimators.diagnosis.settings.pushes import PUSHES
+from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.residuals.observations import Observations
+
+_MAD = 1.4826  # of a normal distribution, its deviation over the median of absolute values
+
+
+@dataclass(frozen=True)
+class Push:
+    """When something pushed, in the time of one recording."""
+
+    recording: int  # 0-based
+    start: float  # [s]
+    end: float  # [s]
+    evidence: float  # [nat] against errors as they are elsewhere
+    joints: tuple[int, ...]  # 0-based, that felt it
+    held: bool = False  # at one strength, rather than in the course of half a sine
+
+
+def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
+    """Return the stretches of time in which something pushed, none where that recurs.
+
+    Args:
+        observed: Recordings and simulation, K slow rows of n joints.
+        residual: What a fit leaves, (K, n) [N m].
+    """
+    if doubtful_encoders(observed):  # the load of every joint may be strange at any time
+        return ()
+    scan = _Scan.of(observed.undisturbed(None), residual)
+    found: list[Push] = []
+    trials = scan.trials()
+    for push in trials:
+        if push.evidence < PUSHES.least_evidence or len(found) > PUSHES.most:
+            break
+        if not any(_near(push, other) for other in found):
+            found.append(scan.settled(push))
+    if len(found) > PUSHES.most:
+        return ()  # what recurs all the time is no push
+    return tuple(push for push in found if scan.is_event(push, found, trials))
+
+
+def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
+    """Mark the rows that pushes act on, filter included, (K,)."""
+    time = observed.slow.time
+    result = np.zeros(time.size, dtype=bool)
+    for push in found:
+        near = (time > push.start - PUSHES.spread) & (time < push.end + PUSHES.spread)
+        result |= near & (observed.recording == push.recording)
+    return result
+
+
+def overlap(a: Push, b: Push, within: float = PUSHES.spread) -> bool:
+    """Say whether two pushes share rows, once the filter has spread them.
+
+    Args:
+        a: One push.
+        b: Another.
+        within: What may lie between them [s].
+    """
+    between = max(a.start, b.start) - min(a.end, b.end)
+    return a.recording == b.recording and between < within
+
+
+def _near(a: Push, b: Push) -> bool:
+    """Say whether two pushes may be one, that rebounds or that errors remember."""
+    return overlap(a, b, PUSHES.apart)
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """Errors that those before them do not explain, over what each joint usually leaves."""
+
+    observed: Observations
+    residual: FloatArray  # (K, n) [N m]
+    floor: FloatArray  # (n,) [N m], what is usual
+    surprise: FloatArray  # (K, n), zero where it is not judged
+    judged: NDArray[np.bool_]  # (K, n)
+    resting: NDArray[np.bool_]  # (K,)
+
+    @classmethod
+    def of(cls, observed: Observations, residual: FloatArray) -> _Scan:
+        """Whiten a residual (K, n), smooth it over a push's least length, and scale it."""
+        moving, resting = _moving(observed), _resting(observed)
+        judged = moving | resting[:, None]
+        residual = _without_offsets(residual, resting)
+        floor = np.array([_usual(residual[use, j]) for j, use in enumerate(judged.T)])
+        noise = _noise(observed, residual, observed.moving | resting[:, None])
+        white = [noise.whiten(residual[:, j], j) for j in range(observed.n)]
+        rows = _rows(observed, PUSHES.smoothed) | 1
+        smooth = uniform_filter1d(np.stack(white, axis=1) * judged, rows, axis=0)
+        own = np.hypot(1.0, PUSHES.of_inertia * _inertial(observed, moving))
+        return cls(observed, residual, floor, smooth / own * judged, judged, resting)
+
+    def trials(self) -> list[Push]:
+        """Return all windows in which some joint felt something, the strongest first."""
+        found: list[Push] = []
+        time = self.observed.slow.time
+        for length in PUSHES.lengths:
+            rows = max(3, _rows(self.observed, length))
+            evidence = self._evidence(rows)
+            total = np.maximum(evidence - PUSHES.joint, 0.0).sum(axis=1)
+            for first in np.flatnonzero((evidence > PUSHES.felt).any(axis=1)).tolist():
+                last = first + rows - 1
+                felt = np.flatnonzero(evidence[first] > PUSHES.felt).tolist()
+                recording = int(self.observed.recording[first])
+                start, end = float(time[first]), float(time[last])
+                found.append(Push(recording, start, end, float(total[first]), tuple(felt)))
+        return sorted(found, key=lambda push: -push.evidence)
+
+    def is_event(self, push: Push, found: Sequence[Push], trials: Sequence[Push]) -> bool:
+        """Say whether what one joint alone felt may be an event; what several felt is.
+
+        It is physics of that joint where the joint has just turned or stopped, and where it leaves
+        weaker ones of the kind at other times.
+        """
+        joint, *more = push.joints
+        if more:
+            return True
+        if self._explained(push) < PUSHES.explained:
+            return False
+        time = self.observed.slow.time
+        before = (self.observed.recording == push.recording) & (time < push.end)
+        before &= time > push.start - PUSHES.steady
+        steady = self.observed.moving[before, joint].all() or self.resting[before].all()
+        others = (
+            trial.evidence
+            for trial in trials
+            if joint in trial.joints and not any(_near(trial, other) for other in found)
+        )
+        return bool(steady and push.evidence > PUSHES.outstanding * max(others, default=0.0))
+
+    def _explained(self, push: Push) -> float:
+        """Return the part of squared errors in and around a push that its course explains."""
+        near = covered(self.observed, (push,))
+        time, errors = self.observed.slow.time[near], self.residual[near][:, list(push.joints)]
+        course = partial(_hold, ramp=1.0 / self.observed.bandwidth) if push.held else _half_sine
+        others = np.ones((time.size, 1))
+        columns = np.column_stack([course(time, push.start, push.end), others])
+        return 1.0 - (_left(columns, errors) / max(_left(others, errors), 1e-12)) ** 2
+
+    def _evidence(self, rows: int) -> FloatArray:
+        """Return how much likelier each joint's errors are if they vary more than usual [nat].
+
+        Over so many rows from each on, (K, n); zero where too few of them are judged, or a
+        segment ends among them.
+        """
+        result = np.zeros_like(self.surprise)
+        if len(result) < rows:
+            return result
+        starts = np.arange(len(result) - rows + 1)
+        whole = self.observed.segment[starts] == self.observed.segment[starts + rows - 1]
+        energy, known = (_sums(x, rows) for x in (self.surprise**2, self.judged.astype(float)))
+        enough = whole[:, None] & (known >= PUSHES.judged * rows)
+        independent = rows / (PUSHES.alike * (_rows(self.observed, PUSHES.smoothed) | 1))
+        resting = _sums(self.resting[:, None].astype(float), rows)[:, 0] > 0
+        for j, use in enumerate(enough.T):
+            if use.sum() < PUSHES.fewest:
+                continue
+            usual = np.full(starts.size, max(np.median(energy[use, j]), np.finfo(float).tiny))
+            if (use & resting).any():
+                usual[resting] = max(usual[0], float(np.median(energy[use & resting, j])))
+            ratio = np.where(use, np.maximum(energy[:, j] / usual, 1.0), 1.0)
+            result[starts, j] = 0.5 * independent * (ratio - 1.0 - np.log(ratio))
+        return result
+
+    def settled(self, push: Push) -> Push:
+        """Move start and end to where half a sine, or a hold, leaves least of what was felt."""
+        middle = (push.start + push.end) / 2
+        away = np.abs(self.observed.slow.time - middle)
+        near = (self.observed.recording == push.recording) & (away < PUSHES.longest)
+        time, joints = self.observed.slow.time[near], list(push.joints)
+        errors = self.residual[near][:, joints] / self.floor[joints]
+        sine, hold = (
+            min(
+                _fitted(course, time, errors, middle - length / 2, middle + length / 2)
+                for length in (push.end - push.start, *PUSHES.lengths)
+            )
+            for course in (_half_sine, partial(_hold, ramp=1.0 / self.observed.bandwidth))
+        )
+        _, start, end = min(sine, hold)
+        return replace(push, start=start, end=end, held=hold < sine)
+
+
+_Course = Callable[[FloatArray, float, float], FloatArray]
+
+
+def _half_sine(time: FloatArray, start: float, end: float) -> FloatArray:
+    return np.sin(np.pi * np.clip((time - start) / (end - start), 0.0, 1.0))
+
+
+def _hold(time: FloatArray, start: float, end: float, ramp: float) -> FloatArray:
+    """Return a course of constant strength, with the ends that the filter makes of it."""
+    return np.clip(np.minimum(time - start, end - time) / ramp + 0.5, 0.0, 1.0)
+
+
+def _fitted(
+    course: _Course, time: FloatArray, errors: FloatArray, start: float, end: float
+) -> tuple[float, float, float]:
+    """Return what a course leaves of errors (R, j), and the start and end at which it is least."""
+    others = np.stack([np.ones_like(time), time - time[0]], axis=1)
+
+    def left(start: float, end: float) -> float:
+        return _left(np.column_stack([course(time, start, end), others]), errors)
+
+    best = (left(start, end), start, end)
+    for step in PUSHES.steps:
+        found = None
+        while found != best:
+            found = best
+            for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1), (1, 1), (-1, -1)):
+                start, end = found[1] + a * step, found[2] + b * step
+                inside = time[0] <= start and end <= time[-1]
+                if inside and PUSHES.shortest <= end - start <= PUSHES.longest:
+                    best = min(best, (left(start, end), start, end))
+    return best
+
+
+def _left(columns: FloatArray, errors: FloatArray) -> float:
+    """Return the size of what columns (R, c) leave of errors (R, j)."""
+    return float(np.linalg.norm(errors - columns @ np.linalg.lstsq(columns, errors)[0]))
+
+
+def _rows(observed: Observations, seconds: float) -> int:
+    return round(seconds / observed.row_period)
+
+
+def _usual(errors: FloatArray) -> float:
+    """Return the deviation of most errors [N m], whatever a few of them are."""
+    usual = _MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
+    return max(usual, np.finfo(float).tiny)
+
+
+def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_]) -> Noise:
+    """Return how errors (K, n) usually look: what a push adds is cut, and passes for none."""
+    most = PUSHES.cut * np.array([_usual(residual[rows, j]) for j, rows in enumerate(use.T)])
+    return Noise.of(np.clip(residual, -most, most), use, observed.segment)
+
+
+def _moving(observed: Observations) -> NDArray[np.bool_]:
+    """Mark the rows (K, n) on which a joint moves for a while.
+
+    The first and last moments of a motion are those of starting and of braking.
+    """
+    moving, time = observed.moving, observed.slow.time
+    result = np.asarray(
+        minimum_filter1d(moving, 2 * _rows(observed, PUSHES.settling) + 1, axis=0), dtype=bool
+    )
+    for recording in range(len(observed.recordings)):
+        rows = observed.recording == recording
+        inside = time[rows & moving.any(axis=1)]
+        if inside.size:
+            early, late = inside[0] + PUSHES.ends, inside[-1] - PUSHES.ends
+            result[rows & ((time < early) | (time > late))] = False
+    return result
+
+
+def _resting(observed: Observations) -> NDArray[np.bool_]:
+    """Mark the rows (K,) on which the whole arm has been at rest for a while, and stays.
+
+    While others move, a joint that rests holds any torque within its friction.
+    """
+    still = ~observed.moving.any(axis=1)
+    return np.asarray(minimum_filter1d(still, 2 * _rows(observed, PUSHES.ends) + 1), dtype=bool)
+
+
+def _without_offsets(residual: FloatArray, resting: NDArray[np.bool_]) -> FloatArray:
+    """Return errors (K, n) less what is usual over each rest: friction holds any torque there."""
+    result = residual.copy()
+    edges = np.flatnonzero(np.diff(resting.astype(int), prepend=0, append=0))
+    for start, end in edges.reshape(-1, 2):
+        result[start:end] -= np.median(residual[start:end], axis=0)
+    return result
+
+
+def _inertial(observed: Observations, moving: NDArray[np.bool_]) -> FloatArray:
+    """Return the largest torque of the arm's own acceleration about each row, (K, n).
+
+    Over what it usually is while a joint moves: an error that grows with it is no push.
+    """
+    slow, body = observed.slow, observed.reference.body
+    still = np.zeros_like(slow.velocity)
+    torque = body.inverse_dynamics(
+        slow.position, slow.velocity, slow.acceleration
+    ) - body.inverse_dynamics(slow.position, still, still)
+    near = maximum_filter1d(np.abs(torque), 2 * _rows(observed, PUSHES.spread) + 1, axis=0)
+    usual = [float(np.median(near[use, j])) if use.any() else 1.0 for j, use in enumerate(moving.T)]
+    return near / np.maximum(usual, np.finfo(float).tiny)
+
+
+def _sums(values: FloatArray, rows: int) -> FloatArray:
+    """Return the sums (K - rows + 1, n) over so many rows from each on."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return total[rows:] - total[:-rows]

@@ -1,0 +1,78 @@
+"""Summary: a verdict as lines of text, the same on the terminal and where it prints itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from limo_driver.physics import spoken
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.verdict import Finding, Verdict
+
+NOT_JUDGED = "near rest, at reversals or under a push"
+WORSE = (
+    "* Worse than as given: values are moved to fit other rows, on all joints at once, and bend "
+    "towards effects that are missing. The improved simulation is judged by itself."
+)
+
+
+def lines_of(verdict: Verdict) -> list[str]:
+    """Return the verdict, its findings, the errors of each joint, and the notes."""
+    findings = [line for item in verdict.findings for line in _said(item)]
+    return [verdict.sentence(), *findings, *_table(verdict), *(f"note: {n}" for n in verdict.notes)]
+
+
+def columns_of(verdict: Verdict) -> dict[str, Sequence[float]]:
+    """Return the errors of each joint by heading, [N m] but for the part of the rows that counts.
+
+    A column that the verdict does not have is left out.
+    """
+    fit = verdict.fit
+    columns: dict[str, Sequence[float]] = {
+        "given": fit.heldout_rmse_before,
+        "within tolerances": fit.heldout_rmse_tolerances,
+        "improved": fit.heldout_rmse_after,
+        "noise floor": fit.noise_floor,
+        "rows judged": verdict.rows.part_judged(),
+        "all rows, given": fit.heldout_rmse_before_all_rows,
+        "all rows, improved": fit.heldout_rmse_after_all_rows,
+    }
+    return {heading: values for heading, values in columns.items() if values}
+
+
+def coverage(verdict: Verdict) -> str:
+    """Say which part of the rows held out the errors count; nothing where that is not known."""
+    parts = verdict.rows.part_judged()
+    if not parts:
+        return ""
+    low, high = min(parts), max(parts)
+    counted = dict.fromkeys(f"{100 * part:.0f} %" for part in (low, high))
+    return (
+        f"The errors count {' to '.join(counted)} of the rows held out, by joint: those "
+        f"{NOT_JUDGED} are neither fitted nor judged. The errors of all rows have those, too."
+    )
+
+
+def _said(item: Finding) -> tuple[str, str]:
+    same = ", ".join(spoken(other) for other in item.equivalent)
+    sure = f"  confidence {100 * item.confidence:.0f} %"
+    return item.evidence, sure + (f"; cannot be told from {same}" if same else "")
+
+
+def _table(verdict: Verdict) -> list[str]:
+    """Return the errors as lines of one width, and what has to be known to read them."""
+    joints = [str(j + 1) for j in range(len(verdict.fit.noise_floor))]
+    worse = verdict.fit.worse_within_tolerances
+    cells = [["", "joint", *joints]]
+    for heading, values in columns_of(verdict).items():
+        texts = [f"{100 * v:.0f} %" if heading == "rows judged" else f"{v:.4f}" for v in values]
+        if worse and heading == "within tolerances":
+            texts = [text + " *"[j in worse] for j, text in enumerate(texts, start=1)]
+        first, _, second = heading.rpartition(" ")
+        cells.append([first, second, *texts])
+    widths = [max(map(len, column)) for column in cells]
+    rows = ["  ".join(map(str.rjust, row, widths)).rstrip() for row in zip(*cells, strict=True)]
+    said = (coverage(verdict), WORSE if worse else "")
+    return ["", "held-out RMSE [N m]", *rows, *filter(None, said)]

@@ -1,0 +1,144 @@
+"""Pushes: found when and where something acts on the arm, and nowhere else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from noisy_recordings import DURATION, NOISE, RATE, WINDOWS, WRENCHES, half_sines, motion, observed
+from scipy.interpolate import CubicSpline
+
+from estimators.diagnosis.contact import ContactIn, wrench_of
+from estimators.diagnosis.hypotheses.responses import response
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.residuals.pushes import Push, covered, pushes
+from limo_driver.physics import ExternalContact, Simulation
+from limo_driver.recordings.recording import Recording
+from limo_driver.types import Motion
+
+
+def paused() -> Observations:
+    """Record the same motion, with the whole arm at rest from 15 to 30 s."""
+    time = np.arange(0.0, DURATION, 1.0 / RATE)
+    pace = np.clip(np.abs(time - 22.5) - 7.5, 0.0, 1.0)
+    pace = pace**2 * (3 - 2 * pace)
+    path = CubicSpline(time, motion(1).position)
+    position = path(np.cumsum(pace) / RATE)
+    velocity = np.gradient(position, time, axis=0)
+    moved = Motion(time, position, velocity, np.gradient(velocity, time, axis=0))
+    noise = NOISE * np.random.default_rng(9).standard_normal(position.shape)
+    torque = Simulation("iiwa14").predict(moved) + noise
+    return Observations.of(
+        Simulation("iiwa14"), [Recording.from_arrays(time, position, torque)], 10.0
+    )
+
+
+def test_a_push_is_found_in_its_recording_and_its_seconds() -> None:
+    o = observed(half_sines(), seeds=(1, 2), affected=1)
+
+    found = sorted(pushes(o, o.residual), key=lambda push: push.start)
+
+    assert [push.recording for push in found] == [1, 1]
+    for push, (start, end) in zip(found, WINDOWS, strict=True):
+        assert push.start == pytest.approx(start, abs=0.05)
+        assert push.end == pytest.approx(end, abs=0.05)
+    rows = covered(o, found)
+    assert 0.005 < rows.mean() < 0.05
+    assert not rows[o.recording == 0].any()
+
+
+def test_a_push_that_one_joint_alone_feels_is_found_there() -> None:
+    o = observed()
+    residual = o.residual.copy()
+    time = o.slow.time
+    residual[(time > 20) & (time < 20.8), 3] += 0.5
+
+    (found,) = pushes(o, residual)
+
+    assert found.joints == (3,)
+    assert (found.start, found.end) == pytest.approx((20.0, 20.8), abs=0.1)
+
+
+def test_what_recurs_is_no_push() -> None:
+    o = observed()
+    residual = o.residual.copy()
+    time = o.slow.time
+    residual[time % 6.0 < 0.5, 3] += 0.5
+
+    assert pushes(o, residual) == ()
+
+
+def test_a_push_at_rest_is_found() -> None:
+    o = paused()
+    residual = o.residual.copy()
+    time = o.slow.time
+    residual[(time > 15) & (time < 30)] += 0.3  # what friction holds
+    residual[(time > 22) & (time < 22.5), :3] += 0.4
+
+    (found,) = pushes(o, residual)
+
+    assert found.joints == (0, 1, 2)
+    assert (found.start, found.end) == pytest.approx((22.0, 22.5), abs=0.1)
+
+
+def test_the_column_of_a_push_is_what_the_contact_adds_there_and_nothing_elsewhere() -> None:
+    o = observed(seeds=(1, 2))
+    window, wrench = (WINDOWS[0],), (WRENCHES[0],)
+    everywhere = response(ExternalContact(windows=window, wrench=wrench), o).values
+
+    own = response(ContactIn(windows=window, wrench=wrench, recording=1), o).values
+
+    there = o.recording == 1
+    assert own[:, there] == pytest.approx(everywhere[:, there], abs=0.02)  # of 15 N m
+    assert not own[:, ~there].any()
+
+
+def test_a_wrench_is_made_of_unit_half_sines() -> None:
+    units = wrench_of(Push(0, 2.0, 3.0, 1.0, (0,)))
+
+    for axis, unit in enumerate(units):
+        assert isinstance(unit, ExternalContact)
+        assert (unit.windows[0][0], unit.windows[-1][1]) == pytest.approx((2.0, 3.0))
+        course = np.array(unit.wrench)
+        assert course[:, axis].max() == pytest.approx(1.0, abs=0.02)
+        assert not np.delete(course, axis, axis=1).any()
+
+
+def test_half_a_second_of_motion_has_no_pushes() -> None:
+    o = observed()
+
+    assert pushes(o, np.zeros_like(o.residual)) == ()
+    assert covered(o, [Push(0, 1.0, 2.0, 1.0, (0,))]).sum() == pytest.approx(1.6 * 25, abs=2)
+
+
+def test_what_one_joint_does_at_times_more_and_at_times_less_is_no_push() -> None:
+    o = observed()
+    residual = o.residual.copy()
+    time = o.slow.time
+    for start, size in ((20.0, 0.2), (31.0, 0.11), (45.0, 0.11)):
+        residual[(time > start) & (time < start + 0.4), 3] += size
+
+    assert pushes(o, residual) == ()
+    residual[time > 25.0] = o.residual[time > 25.0]
+    assert [push.joints for push in pushes(o, residual)] == [(3,)]
+
+
+def test_what_one_joint_does_as_it_turns_is_no_push() -> None:
+    o = observed()
+    residual = o.residual.copy()
+    time, turns = o.slow.time, np.flatnonzero(np.diff(np.sign(o.slow.velocity[:, 3])))
+    start = time[turns[np.searchsorted(time[turns], 20.0)]] + 0.35
+    residual[(time > start) & (time < start + 0.3), 3] += 0.3
+
+    assert pushes(o, residual) == ()
+    residual[(time > start) & (time < start + 0.3), 1] += 0.3
+    assert len(pushes(o, residual)) == 1
+
+
+def test_what_one_joint_does_as_it_vibrates_is_no_push() -> None:
+    o = observed()
+    residual = o.residual.copy()
+    time = o.slow.time
+    shaking = (time > 30.0) & (time < 32.0)
+    residual[shaking, 3] += 0.12 * np.sin(2 * np.pi * 2.5 * (time[shaking] - 30.0))
+
+    assert pushes(o, residual) == ()

@@ -1,0 +1,45 @@
+"""Stages: progress never goes back, and what fails beside a verdict does not end it."""
+
+from __future__ import annotations
+
+import pytest
+
+from estimators.diagnosis.stages import Attempts, Failure, forward
+
+
+def test_progress_never_goes_back_and_tells_every_stage():
+    told = []
+    tell = forward(lambda stage, done: told.append((stage, done)))
+    for stage, done in (("a", 0.0), ("b", 0.7), ("a", 0.4), ("c", 0.8), ("done", 1.0)):
+        tell(stage, done)
+    assert told == [("a", 0.0), ("b", 0.7), ("a", 0.7), ("c", 0.8), ("done", 1.0)]
+
+
+def test_progress_of_a_part_of_the_work_ends_there():
+    told = []
+    tell = forward(lambda _, done: told.append(done), 0.5)
+    tell("a", 0.5)
+    tell("b", 1.0)
+    assert told == [0.25, 0.5]
+
+
+def test_a_stage_that_fails_leaves_its_error_and_the_others_go_on():
+    attempts = Attempts()
+    assert attempts.at("intervals", lambda: 1 / 0, "none") == "none"
+    assert attempts.at("tests", lambda: 2, 0) == 2
+    (failure,) = attempts.failures
+    assert isinstance(failure.error, ZeroDivisionError)
+    assert str(failure) == "intervals (ZeroDivisionError: division by zero)"
+    assert failure.note().endswith(f"is missing: {failure}.")
+
+
+def test_ctrl_c_is_no_failure():
+    def stopped():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Attempts().at("intervals", stopped, None)
+
+
+def test_a_failure_without_words_is_said_by_its_name():
+    assert str(Failure("report", ValueError())) == "report (ValueError)"

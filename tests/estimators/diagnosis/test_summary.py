@@ -1,0 +1,63 @@
+"""Summary: one text for terminal and Python, with all that a reader needs to trust an error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from estimators.diagnosis.summary import columns_of, coverage, lines_of
+from estimators.diagnosis.verdict import (
+    BeforeAfter,
+    Finding,
+    Fit,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
+
+FIT = Fit((0.4312, 3.7), (0.0312, 0.0078), (0.03, 0.0096), 0.9, (0.8, 0.95), (0.5, 3.0),
+          (0.52, 3.9), (0.12, 0.2))  # fmt: skip
+FINDING = Finding(
+    "payload", "missing", (2,), ("link_inertia",), 0.93, {}, Where(), 0.8,
+    BeforeAfter((0.4, 3.0), (0.1, 0.1)), "At joint 2 the error goes with the load.",
+)  # fmt: skip
+ROWS = RowCount(3810, {}, 400, (300, 280), (200, 180), 100, (69, 81))
+VERDICT = Verdict("explained", (FINDING,), Unexplained(), (), None, FIT, ROWS, ("A note.",))
+
+
+def test_it_has_findings_equivalents_table_and_notes():
+    lines = lines_of(VERDICT)
+    assert lines[0] == VERDICT.sentence()
+    assert lines[1:3] == [FINDING.evidence, "  confidence 93 %; cannot be told from link inertia"]
+    assert lines[-1] == "note: A note."
+    table = lines[lines.index("held-out RMSE [N m]") :]
+    assert table[2].split() == [
+        "joint", "given", "tolerances", "improved", "floor", "judged", "given", "improved"
+    ]  # fmt: skip
+    assert " ".join(table[4].split()) == "2 3.7000 3.0000 0.0078 0.0096 81 % 3.9000 0.2000"
+    assert max(map(len, table[:5])) <= 80
+
+
+def test_it_says_which_part_of_the_rows_the_errors_count():
+    assert "count 69 % to 81 % of the rows held out" in coverage(VERDICT)
+    assert coverage(VERDICT) in lines_of(VERDICT)
+    assert columns_of(VERDICT)["rows judged"] == pytest.approx((0.69, 0.81))
+
+
+def test_tolerances_that_do_worse_are_marked_and_explained():
+    lines = lines_of(VERDICT)
+    assert FIT.worse_within_tolerances == (1,)
+    assert sum("0.5000*" in line for line in lines) == 1
+    assert any(line.startswith("* Worse than as given") for line in lines)
+    better = replace(VERDICT, fit=replace(FIT, heldout_rmse_tolerances=(0.4, 3.0)))
+    assert not any("*" in line for line in lines_of(better))
+
+
+def test_what_is_not_known_has_no_column():
+    errors = (FIT.heldout_rmse_before, FIT.heldout_rmse_after, FIT.noise_floor)
+    bare = replace(VERDICT, fit=Fit(*errors, 0.9, (0.8, 0.95)), rows=RowCount(10, {}))
+    assert list(columns_of(bare)) == ["given", "improved", "noise floor"]
+    assert coverage(bare) == ""
+    assert len(lines_of(bare)) == 10
