@@ -9,7 +9,6 @@ import size
 import yaml
 from draft import Place
 from known_effects import KNOWN
-from lanes import sampled
 from other_effects import UNKNOWN, WRONG
 from world import COULOMB, FRICTION, INERTIA, World, off_within
 
@@ -87,15 +86,10 @@ def bench():
 
 
 EFFECTS = KNOWN | UNKNOWN | WRONG
-ONE_OF_EACH = [next(iter(effects)) for effects in (KNOWN, UNKNOWN, WRONG)]
 
 
-@sampled(
-    "name",
-    dict.fromkeys([*ONE_OF_EACH, *EFFECTS]),
-    "simulates 48 s of motion at 1 kHz for each of dozens of effects",
-    first=len(ONE_OF_EACH),
-)
+@pytest.mark.slow("simulates 48 s of motion at 1 kHz for each of dozens of effects")
+@pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_shows(bench, name):
     make = EFFECTS[name]
     draft = make(Place(np.random.default_rng(2), 3, float(bench.floor[3]), bench.world))

@@ -67,6 +67,7 @@ def test_a_push_at_the_flange_is_carried_by_its_jacobian(arm):
     np.testing.assert_allclose(pushed - free, -J.T @ wrench, atol=1e-12)
 
 
+@pytest.mark.slow("compiles the plant, which no change of limo touches")
 def test_a_falling_arm_keeps_its_energy_and_friction_takes_it(arm):
     start = np.array([0.3, 1.2, -0.4, 0.9, 0.2, 0.5, 0.1])
     free = drop(arm, drive_.plain(NOTHING, NOTHING, NOTHING, 1e-3), start, 0.4)

@@ -111,6 +111,7 @@ def test_ctrl_c_ends_with_a_page_of_what_there_is(tmp_path, monkeypatch, capfd):
     assert "Interrupted: 1 of 10 parts were done, 1 failed" in page  # it left no picture
 
 
+@pytest.mark.slow("draws all pages of the demo once more")
 def test_what_cannot_be_shown_is_a_failure_too(out, monkeypatch, capfd):
     (out / "plan.png").unlink()
     (out / "diagnosis" / "verdict.json").write_text("{}")
