@@ -235,16 +235,25 @@ class TestOverTheNetwork:
                     key, codec.encode(stamp, values, 0 * values, values), attachment=attachment
                 )
 
-            def spoil(t: int) -> None:
-                """Its gripper alone, a message of no ROS node, and none at all."""
+            def grip(t: int) -> bytes:
+                """Send its gripper alone."""
                 one = np.zeros(1)
                 payload = gripper.encode(START + t, one, one, one)
                 attachment = RosAttachment(t, START + t, bytes(16)).encode()
                 served.session.put(key, payload, attachment=attachment)
+                return payload
+
+            def spoil(t: int) -> None:
+                """Its gripper alone, a message of no ROS node, and none at all."""
+                payload = grip(t)
                 served.session.put(key, payload, attachment=state(t)[1])
                 served.session.put(key, b"")
 
-            spoil(0)
+            def heard() -> bool:
+                grip(0)
+                return served.server.status()["counts"]["malformed"] > 0
+
+            wait_until(heard)  # what is sent before sessions know of each other is lost
             first = served.begin(send)
             for t in range(first, first + 100):
                 spoil(t)

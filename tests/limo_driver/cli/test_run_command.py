@@ -84,17 +84,16 @@ def test_recording_can_be_thinned(limo, tmp_path, trajectory):
 def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
     trajectory = write_trajectory(tmp_path / "long.parquet", 600.0)
     record = tmp_path / "run.parquet"
-    child = subprocess.Popen(
-        [
-            sys.executable, "-c", "from limo_driver.cli import main; main()",
-            "run", "--backend", "mujoco", "--trajectory", trajectory, "--record", record, "--json",
-        ],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    command = [
+        sys.executable, "-c", "from limo_driver.cli import main; main()",
+        "run", "--backend", "mujoco", "--trajectory", trajectory, "--record", record, "--json",
+    ]  # fmt: skip
     partial = partial_path(record)  # rows come after the header
-    wait_until(lambda: partial.exists() and partial.stat().st_size > 10_000)
-    child.send_signal(number)
-    stdout, stderr = child.communicate(timeout=PATIENCE)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as child:
+        wait_until(lambda: partial.exists() and partial.stat().st_size > 10_000)
+        child.send_signal(number)
+        stdout, stderr = child.communicate(timeout=PATIENCE)
     assert child.returncode == 130, stderr
     summary = json.loads(stdout)
     assert summary["interrupted"]

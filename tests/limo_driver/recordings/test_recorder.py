@@ -147,16 +147,14 @@ def test_the_header_is_on_the_disk_before_the_first_row(tmp_path):
 def test_killed_process_keeps_all_that_was_flushed(tmp_path, flushes):
     assert FLUSH_PERIOD <= 0.25  # [s], so that at most the last second is lost
     path = tmp_path / "run.parquet"
-    child = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
-    )
+    command = [sys.executable, "-c", WRITER, str(path)]
     told = [0]
-    while len(set(told)) <= flushes:
-        told.append(int(child.stdout.readline()))
-    os.kill(child.pid, signal.SIGKILL)
-    told += [int(line) for line in child.stdout.read().splitlines()]
-    child.stdout.close()
-    assert child.wait() == -signal.SIGKILL
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        while len(set(told)) <= flushes:
+            told.append(int(child.stdout.readline()))
+        os.kill(child.pid, signal.SIGKILL)
+        told += [int(line) for line in child.stdout.read().splitlines()]
+    assert child.returncode == -signal.SIGKILL
     assert not path.exists()
     table = read_log(partial_path(path))
     assert read_header(table) == {"robot": "two"}
@@ -167,14 +165,12 @@ def test_killed_process_keeps_all_that_was_flushed(tmp_path, flushes):
 
 def killed_run(path):
     """Record over `path` in another process and kill it with -9."""
-    child = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
-    )
-    while not int(child.stdout.readline()):  # rows on the disk
-        pass
-    os.kill(child.pid, signal.SIGKILL)
-    child.stdout.close()
-    assert child.wait() == -signal.SIGKILL
+    command = [sys.executable, "-c", WRITER, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        while not int(child.stdout.readline()):  # rows on the disk
+            pass
+        os.kill(child.pid, signal.SIGKILL)
+    assert child.returncode == -signal.SIGKILL
 
 
 def test_a_killed_rerun_is_told_when_the_older_recording_is_read(tmp_path):

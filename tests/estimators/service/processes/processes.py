@@ -131,12 +131,12 @@ def served(
 ) -> Generator[subprocess.Popen[Any]]:
     """Run `limo serve` in a process of its own, and end it however it stands."""
     command = limo("serve", *arguments, "--zenoh-config", network.there)
-    process = subprocess.Popen(command, **options)
-    try:
-        yield process
-    finally:
-        process.terminate()
+    with subprocess.Popen(command, **options) as process:
         try:
-            process.wait(PATIENCE)
+            yield process
         finally:
-            process.kill()
+            process.terminate()
+            try:
+                process.wait(PATIENCE)
+            finally:
+                process.kill()

@@ -12,7 +12,7 @@ import pytest
 from processes import ARM, PATIENCE, driven, limo, served, slow_motion, wait_for
 
 from limo_driver.errors import ServiceNotReadyError
-from limo_driver.network.readiness import ServicePhase, wait_until_serving
+from limo_driver.network.readiness import ServicePhase, ServiceWatch, wait_until_serving
 from limo_driver.network.streaming import Keys, open_session
 
 if TYPE_CHECKING:
@@ -60,8 +60,10 @@ def test_a_service_says_how_far_it_is_on_its_output_and_on_the_network(
     ):
         waiting = watch(network, "--arm", ARM, "--until", "waiting", "--timeout", PATIENCE)
         assert waiting.stdout == f"{ARM}: waiting for joint states\n", waiting.stderr
-        with pytest.raises(ServiceNotReadyError, match="said 'waiting for joint states'"):
-            wait_until_serving(session, ARM, timeout=0.01)
+        with ServiceWatch(session, ARM) as heard:
+            heard.wait("waiting", PATIENCE)
+            with pytest.raises(ServiceNotReadyError, match="said 'waiting for joint states'"):
+                heard.wait(timeout=0.01)
         with driven(session):
             assert wait_until_serving(session, ARM, timeout=PATIENCE).phase is ServicePhase.SERVING
             late = watch(network, "--until", "preparing", "--timeout", PATIENCE, "--json")

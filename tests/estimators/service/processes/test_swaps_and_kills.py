@@ -112,12 +112,12 @@ def running(network: Network, trajectory: Path, record: Path) -> Generator[subpr
     """Run `limo run --stream` on an ideal arm in a process of its own."""
     given = ["--backend", "virtual", "--trajectory", trajectory, "--record", record, "--stream"]
     given += ["--name", ARM, "--robot", trajectory.with_name("two_links.urdf")]
-    process = subprocess.Popen(limo("run", *given, "--zenoh-config", network.there))
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait(PATIENCE)
+    command = limo("run", *given, "--zenoh-config", network.there)
+    with subprocess.Popen(command) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def test_a_killed_driver_leaves_its_recording_and_the_service_follows_the_next_one(
