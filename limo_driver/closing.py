@@ -1,12 +1,16 @@
-"""Base class of resources that the constructor opens and a `with` block closes."""
+"""Resources that a `with` block closes, also where Ctrl-C comes while they are opened."""
 
 from __future__ import annotations
 
+import signal
+import threading
 from abc import ABC, abstractmethod
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from types import TracebackType
+    from collections.abc import Generator
+    from types import FrameType, TracebackType
     from typing import Self
 
 
@@ -27,3 +31,32 @@ class Closing(ABC):
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+@contextmanager
+def uninterrupted() -> Generator[None]:
+    """Let Ctrl-C wait for the end of the block, which has to be short.
+
+    Between the start of a thread and the `with` that ends it, an interrupt would leave a thread
+    that nobody ends, and the process would wait for it for ever. Elsewhere than in the main thread,
+    where no interrupt arrives, this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        came.append(number)
+
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler):  # ignored, or none of Python's
+        yield
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)

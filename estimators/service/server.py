@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import gc
+import select
 import signal
+import socket
 import sys
 import threading
+import time
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
@@ -22,6 +25,14 @@ if TYPE_CHECKING:
 
 STATUS_PERIOD: Final = 1.0  # [s]
 _SWITCH_INTERVAL: Final = 2e-4  # [s] that a thread may keep the interpreter from the stream's
+_ENDING: Final = {signal.SIGINT, signal.SIGTERM}
+_STOP: Final = b"\0"  # no signal has this number
+_AT_ONCE: Final = 4096  # signals read
+_LONGEST: Final = 1e6  # [s] that the operating system waits at once
+
+
+def _do_nothing(_signal: int, _frame: FrameType | None) -> None:
+    """Take a signal, which has written its number into the socket."""
 
 
 @contextmanager
@@ -58,7 +69,10 @@ class Service(Closing):
         self.logs = logs
         self._servers, self._show = servers, show
         self._due: SimpleQueue[None] = SimpleQueue()  # something changed
-        self._ended: SimpleQueue[None] = SimpleQueue()  # whose `put` a signal handler may call
+        # A signal writes into the one end itself. A lock would not hear a signal that comes just
+        # before it is waited for.
+        self._heard, self._ended = socket.socketpair()
+        self._ended.setblocking(False)
         self._stopped = threading.Event()
         self._failure: BaseException | None = None
         sys.setswitchinterval(_SWITCH_INTERVAL)
@@ -85,27 +99,47 @@ class Service(Closing):
         Raises:
             Exception: What ended the telling of the status, such as an output that is gone.
         """
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, self._take)
-        longest = None if duration is None else min(duration, threading.TIMEOUT_MAX)
-        with suppress(Empty):
-            self._ended.get(timeout=longest)
+        ends = None if duration is None else time.monotonic() + duration
+        with self._signalled():
+            while not self._asked_to_end(ends):
+                pass
         if self._failure is not None:
             raise self._failure
 
     def stop(self) -> None:
         """End `wait`, from any thread; the service goes on until it is closed."""
-        self._ended.put(None)
+        with suppress(OSError):  # closed, or so much was written that it will be heard
+            self._ended.send(_STOP)
 
     def close(self) -> None:
         """Tell the status once more, and no more."""
         self._stopped.set()
         self._due.put(None)
         self._thread.join()
+        self._heard.close()
+        self._ended.close()
 
-    def _take(self, _signal: int, _frame: FrameType | None) -> None:
-        self.stop()
+    @contextmanager
+    def _signalled(self) -> Generator[None]:
+        """Let SIGINT and SIGTERM do nothing but end `wait`, where they can be listened to."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = signal.set_wakeup_fd(self._ended.fileno(), warn_on_full_buffer=False)
+        for number in _ENDING:
+            signal.signal(number, _do_nothing)
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(before)
+
+    def _asked_to_end(self, ends: float | None) -> bool:
+        """Wait for the next signal or `stop`, and say whether to go on no longer."""
+        left = None if ends is None else min(max(ends - time.monotonic(), 0.0), _LONGEST)
+        if select.select([self._heard], [], [], left)[0]:
+            heard = self._heard.recv(_AT_ONCE)
+            return _STOP in heard or not _ENDING.isdisjoint(heard)
+        return ends is not None and time.monotonic() >= ends
 
     def _tell(self) -> None:
         try:

@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from limo_driver.closing import uninterrupted
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -85,24 +86,20 @@ def serve(
     from limo_driver.network.readiness import ServicePhase
     from limo_driver.network.streaming import Presence
 
-    if ros is not None and config is not None:
-        from limo_driver.network.config import require_passage
-
-        require_passage(Path(config), ros.key_of_any_hash, "ingress", "`ros`")
     trusted = tuple(map(Path, [trust] if isinstance(trust, (Path, str)) else trust))
     key = None if sign is None else Path(sign)
     stores = _stores(arms, store, model, simulation)
     _check_signing(trusted, key, model)
-    if ros is not None and len(stores) > 1:
-        raise ConfigError(f"`ros` is the topic of one arm, and {len(stores)} are to be served")
+    _check_ros(ros, config, len(stores))
     if retraining is not None:
         _check_retraining(stores, log, retraining)
     bulletins = Bulletins(list(stores), told or (lambda _arm, _event: None))
     bulletins.enter(ServicePhase.LOADING, "loading models and physics")
     with ExitStack() as open_:
-        presence = open_.enter_context(
-            Presence(list(stores), "service", connect, listen, config, joined=bulletins.join)
-        )
+        with uninterrupted():
+            presence = open_.enter_context(
+                Presence(list(stores), "service", connect, listen, config, joined=bulletins.join)
+            )
         # While links come about, what the first estimates need is imported and loaded; nearly all
         # of that stays, so that looking for garbage in it would only take time.
         collecting = gc.isenabled()
@@ -126,18 +123,19 @@ def serve(
             for models in served.values():
                 rehearse(models, chosen)
         session = presence.session()
-        open_.enter_context(as_before())
         servers: list[ArmServer] = []
         logs: dict[str, McapLog] = {}
-        for name, models in served.items():
-            if log is not None:
-                logs[name] = open_.enter_context(McapLog(log, name, log_limits))
-            arm = ArmServer(session, bulletins.of[name], models, chosen, logs.get(name), ros)
-            open_.callback(arm.close)
-            servers.append(arm)
-            if retraining is not None and log is not None:
-                _keep(arm, Path(log), retraining)
-        service = open_.enter_context(Service(servers, show or (lambda _status: None), logs))
+        open_.enter_context(as_before())
+        with uninterrupted():
+            for name, models in served.items():
+                if log is not None:
+                    logs[name] = open_.enter_context(McapLog(log, name, log_limits))
+                arm = ArmServer(session, bulletins.of[name], models, chosen, logs.get(name), ros)
+                open_.callback(arm.close)
+                servers.append(arm)
+                if retraining is not None and log is not None:
+                    _keep(arm, Path(log), retraining)
+            service = open_.enter_context(Service(servers, show or (lambda _status: None), logs))
         if collecting:
             gc.enable()
         yield service
@@ -211,6 +209,18 @@ def _stores(
     if not stores:
         raise ConfigError("no arm is named, expected one or more")
     return stores
+
+
+def _check_ros(ros: RosTopic | None, config: Path | str | None, arms: int) -> None:
+    """Check that a topic of ROS 2 is of one arm, and that the network lets it pass."""
+    if ros is None:
+        return
+    if config is not None:
+        from limo_driver.network.config import require_passage
+
+        require_passage(Path(config), ros.key_of_any_hash, "ingress", "`ros`")
+    if arms > 1:
+        raise ConfigError(f"`ros` is the topic of one arm, and {arms} are to be served")
 
 
 def _check_signing(trust: Sequence[Path], sign: Path | None, model: object) -> None:

@@ -52,6 +52,47 @@ def test_a_driver_is_answered_and_the_process_is_left_as_it_was(ends, tmp_path):
     assert before == (sys.getswitchinterval(), signal.getsignal(signal.SIGTERM), gc.isenabled())
 
 
+@pytest.mark.parametrize("thread", ["limo-join_0", "limo-a", "limo-status"])
+def test_ctrl_c_while_a_thread_is_started_leaves_none(ends, tmp_path, monkeypatch, thread):
+    """A thread that nobody ends would keep the process from ending."""
+    started = threading.Thread.start
+
+    def start(self):
+        started(self)
+        if self.name == thread:
+            interrupted.append(thread)
+            signal.raise_signal(signal.SIGINT)
+
+    interrupted = []
+    monkeypatch.setattr(threading.Thread, "start", start)
+    others = set(threading.enumerate())
+    with (
+        pytest.raises(KeyboardInterrupt),
+        limo.serve("a", store=tmp_path, simulation=BELIEVED, config=ends[0]),
+    ):
+        pytest.fail("nothing was interrupted")
+    assert interrupted == [thread]
+    left = set(threading.enumerate()) - others
+    assert not [one.name for one in left if one.name.startswith("limo")]
+
+
+def test_waiting_ends_by_a_signal_by_stop_and_in_time(ends, tmp_path):
+    main = threading.get_ident()
+    with limo.serve("a", store=tmp_path, simulation=BELIEVED, config=ends[0]) as service:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            threading.Timer(0.05, signal.pthread_kill, (main, number)).start()
+            service.wait(60.0)
+        service.stop()  # is heard by who waits later, too
+        service.wait(60.0)
+        service.wait(0.05)
+        waiting = threading.Thread(target=service.wait)  # elsewhere than in the main thread
+        waiting.start()
+        service.stop()
+        waiting.join(60.0)
+        assert not waiting.is_alive()
+    service.stop()
+
+
 def test_what_ends_the_telling_is_raised_by_who_waits(ends, tmp_path):
     def show(_status):
         raise BrokenPipeError
