@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _LEVELS: Final = 3  # of halving
 REGIONS: Final = 2**_LEVELS
 _POSES: Final = 20_000  # that the halves are made of
+_ALIKE: Final = 1e-9  # [rad]; poses closer than this may differ by rounding only
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Regions:
     """A tree of halves; the two of node k are the nodes 2 k + 1 and 2 k + 2."""
 
     axes: FloatArray  # (REGIONS - 1, n), first principal component of a node's poses
-    middles: FloatArray  # (REGIONS - 1,) [rad], their median along it
+    middles: FloatArray  # (REGIONS - 1,) [rad], between the halves along it
 
     @classmethod
     def of(cls, recordings: Sequence[Recording]) -> Regions:
@@ -50,9 +51,10 @@ class Regions:
                 parts += [own, own]
                 continue
             centred = own - own.mean(axis=0)
-            found.axes[node] = np.linalg.eigh(centred.T @ centred)[1][:, -1]
+            axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
+            found.axes[node] = axis * np.sign(axis[np.abs(axis).argmax()])
             along = own @ found.axes[node]
-            found.middles[node] = np.median(along)
+            found.middles[node] = _middle(along)
             parts += [own[along <= found.middles[node]], own[along > found.middles[node]]]
         return found
 
@@ -63,3 +65,16 @@ class Regions:
             along = np.einsum("ti,ti->t", position, self.axes[node])
             node = 2 * node + 1 + (along > self.middles[node])
         return node - self.middles.size
+
+
+def _middle(along: FloatArray) -> float:
+    """Return a place near the median of values (T,) [rad] that none of them is at.
+
+    At the median itself lie poses that rounding would put on the one side or the other.
+    """
+    values = np.sort(along)
+    apart = np.flatnonzero(np.diff(values) > _ALIKE)
+    if not apart.size:
+        return float(values[-1])  # all are alike, and stay together
+    k = int(apart[np.abs(apart + 1 - values.size / 2).argmin()])
+    return float(values[k] + values[k + 1]) / 2

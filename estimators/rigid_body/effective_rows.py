@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 REMEMBERED = 2.0  # [s], that errors are correlated at most
 _TOLD_APART = 1e-6  # least eigenvalue of a correlation matrix that counts as a direction
+_ROUNDING = 1e-8  # of the greatest column; less is what sums that should be zero leave
 _CHUNK = 1024  # rows whose regressor is held at a time
 
 
@@ -119,7 +120,7 @@ def effective_rows(
 def _design_effect(scores: FloatArray, expected: FloatArray) -> float:
     """Compare scores (b, k) with the covariance (k, k) of their sum if errors were independent."""
     scale = np.sqrt(np.diag(expected))
-    known = scale > 0
+    known = scale > _ROUNDING * scale.max(initial=0.0)
     correlation = expected[np.ix_(known, known)] / np.outer(scale[known], scale[known])
     values, vectors = np.linalg.eigh(correlation)
     apart = values > _TOLD_APART

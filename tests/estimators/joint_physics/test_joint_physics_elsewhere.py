@@ -79,6 +79,20 @@ def test_a_motion_that_repeats_itself_comes_back_to_its_regions(soft_arm: Simula
     assert counts.min() > 0.9 * len(twice) / REGIONS
 
 
+@pytest.mark.parametrize("poses", [2001, 2002])  # with a pose at the median, and without
+def test_rounding_puts_no_pose_into_another_region(poses: int) -> None:
+    random = np.random.default_rng(poses)
+    time = np.arange(poses) / RATE
+    position = np.cumsum(0.01 * random.standard_normal((poses, 3)), axis=0)
+    still = Recording.from_arrays(time, position, np.zeros((poses, 3)))
+    region = Regions.of([still]).at(position)
+    assert np.bincount(region, minlength=REGIONS).min() > 0.9 * poses / REGIONS
+    for _ in range(5):
+        rounded = position * (1.0 + 1e-15 * random.standard_normal(position.shape))
+        same = Recording.from_arrays(time, rounded, np.zeros((poses, 3)))
+        np.testing.assert_array_equal(Regions.of([same]).at(position), region)
+
+
 def test_regions_of_poses_that_are_all_alike() -> None:
     time = np.arange(90) / RATE
     still = Recording.from_arrays(time, np.full((90, 2), 0.3), np.zeros((90, 2)))
