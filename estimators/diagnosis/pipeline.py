@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.contact import contact_of
 from estimators.diagnosis.fitting.intervals import with_parameters
+from estimators.diagnosis.fitting.lateness import made_late
 from estimators.diagnosis.fitting.linearised import polished
 from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
 from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
@@ -37,7 +38,7 @@ from estimators.diagnosis.settings.pushes import ROUNDS
 from estimators.diagnosis.stages import Attempts, Progress, forward, quiet
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
-from limo_driver.physics import spoken
+from limo_driver.physics import TimeDelay, spoken
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
@@ -224,7 +225,7 @@ def _round(
 ) -> tuple[_Judged, tuple[Push, ...]]:
     """Judge a settled set; return it with the pushes that are seen in what it leaves."""
     progress("proving on held-out motion", 0.8)
-    judged = _best(_Judged.of(problem, solution), progress)
+    judged = _in_time(_best(_Judged.of(problem, solution), progress), progress)
     return judged, pushes(problem.observed, judged.proven)
 
 
@@ -240,6 +241,18 @@ def _best(judged: _Judged, progress: Progress) -> _Judged:
         return judged
     again = _Judged.of(*settled_around(problem, solution, progress))
     return judged if worse(problem, again.proven, judged.proven, judged.remaining) else again
+
+
+def _in_time(judged: _Judged, progress: Progress) -> _Judged:
+    """Return what is found around a lateness of all of it, where that predicts no worse."""
+    late = made_late(judged.problem, judged.solution)
+    if late is None:
+        return judged
+    again = _Judged.of(*settled_around(*late, progress))
+    found = {effect for effect, _ in again.places(again.named)}
+    if TimeDelay.name not in found:
+        return judged
+    return judged if worse(again.problem, again.proven, judged.proven, judged.remaining) else again
 
 
 def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:

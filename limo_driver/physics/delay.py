@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 UNIT_DELAY = 1e-3  # [s]
 LATE = (4e-3, 0.012, 0.03)  # [s], since within a sample all delays look alike
-DELAYS = (2e-4, 0.1)  # [s]
+DELAYS = (2e-4, 0.5)  # [s]
 DELAYED, LAGGING = "a pure delay", "a first-order lag"
 
 _LAST = 3  # time, input and output of the lag stand before the samples still to come
@@ -68,6 +68,21 @@ class TimeDelay(SensorEffect):
         kept = max(int(np.searchsorted(times, times[-1] - self.delay, side="right")) - 1, 0)
         after = [[sensed.time[-1], late[-1], output[-1]], times[kept:], torques[kept:]]
         return output - torque, np.concatenate(after)
+
+    def late(self, time: FloatArray, torque: FloatArray) -> FloatArray:
+        """Return torques as late as this makes them.
+
+        Args:
+            time: Increasing, (T,) [s].
+            torque: (T, ...) [N m]; before the first sample each was what it is there.
+        """
+        at = np.ascontiguousarray(time)
+        flat = torque.reshape(at.size, -1)
+        result = np.empty_like(flat)
+        for k, column in enumerate(flat.T):
+            value = np.interp(at - self.delay, at, column)
+            result[:, k] = _lagged(np.array([at[0], value[0], value[0]]), at, value, self.lag)
+        return result.reshape(torque.shape)
 
     @classmethod
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003

@@ -18,6 +18,7 @@ from estimators.diagnosis.fitting.problem import (
     search_on,
 )
 from estimators.diagnosis.fitting.refinement import Setting, replaced
+from estimators.diagnosis.fitting.simplicity import simplified
 from estimators.diagnosis.hypotheses.ripple import ripples
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
@@ -123,6 +124,8 @@ def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
     """
     while refused := impossible(problem, solution):
         solution = _less(solution, refused)
+    while (runaway := _runaway(problem, solution)) is not None:
+        solution = _less(solution, (runaway,))
     while solution.members:
         size = {member: material(problem, solution, member) for member in solution.members}
         least = min(size, key=lambda member: size[member])
@@ -130,6 +133,36 @@ def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
             break
         solution = _less(solution, (least,))
     return solution
+
+
+def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
+    """Return the member to blame where a simulation errs more than the given one; else None.
+
+    A fit is linear in what it adds. The simulation need not follow it: a joint that is so soft that
+    it turns by a radian under its load carries everything beyond it along. To blame is the one that
+    is missed least of those that take most of the excess with them.
+    """
+    if not solution.members or (whole := _excess(problem, solution)) <= 0.0:
+        return None
+    rest = {member: _less(solution, (member,)) for member in solution.members}
+    excess = {member: _excess(problem, less) for member, less in rest.items()}
+    cures = [member for member in rest if excess[member] < (1.0 - SOLVING.blamed) * whole]
+    if cures:
+        return max(cures, key=lambda member: rest[member].gain)
+    return min(rest, key=lambda member: excess[member])
+
+
+def _excess(problem: RegressionProblem, solution: Solution) -> float:
+    """Return by how much the simulation of a fit errs more than it may at the worst joint.
+
+    It may err as the given one does, or somewhat more than the fit says, relative to the former.
+    """
+    observed, rows = problem.observed, problem.split.fitted
+    given = rmse(observed.residual, rows)
+    linear = rmse(problem.left(solution.fitted), rows)
+    simulated = rmse(observed.beside(improve(problem, solution)).residual, rows)
+    allowed = np.maximum(given, SOLVING.followed * linear)
+    return float(np.max((simulated - allowed) / given))
 
 
 def _less(solution: Solution, some: Collection[int]) -> Solution:
@@ -180,9 +213,9 @@ def refined(
 def settled(
     problem: RegressionProblem, solution: Solution, progress: Progress
 ) -> tuple[RegressionProblem, Solution]:
-    """Prune and refine a set; return it with the problem that has its refined candidates."""
+    """Prune, refine and simplify a set; return it with the problem that has its candidates."""
     problem, solution = refined(problem, pruned(problem, solution), progress)
-    return problem, pruned(problem, solution)
+    return problem, pruned(problem, simplified(problem, pruned(problem, solution)))
 
 
 def settled_around(

@@ -53,7 +53,18 @@ def responses(effects: Sequence[Effect], observed: Observations) -> list[Respons
     filtered = observed.filter(np.concatenate([part.values for part in parts], axis=1))
     ends = np.cumsum([part.values.shape[1] for part in parts])[:-1]
     own = np.split(filtered, ends, axis=1)
-    return [part.read(values) for part, values in zip(parts, own, strict=True)]
+    found = [part.read(values) for part, values in zip(parts, own, strict=True)]
+    return [_sensed(effect, item, observed) for effect, item in zip(effects, found, strict=True)]
+
+
+def _sensed(effect: Effect, found: Response, observed: Observations) -> Response:
+    """Return a response as late as the torque sensors tell it, unless it is that of a sensor."""
+    if isinstance(effect, SensorEffect):
+        return found
+    rows = [
+        observed.sensed(row, joint) for row, joint in zip(found.values, found.joints, strict=True)
+    ]
+    return Response(found.joints, np.stack(rows))
 
 
 def stacked(found: Sequence[Response], rows: int) -> tuple[tuple[int, ...], FloatArray]:
@@ -70,11 +81,11 @@ def difference(ahead: Effect, behind: Effect, observed: Observations) -> Respons
     """Return what one effect adds more than another of its kind; filtered once."""
     more, less = sharp(ahead, observed), sharp(behind, observed)
     if more.values.shape[1]:
-        return more.read(observed.filter(more.values - less.values))
+        return _sensed(ahead, more.read(observed.filter(more.values - less.values)), observed)
     a, b = more.read(more.values), less.read(less.values)  # filtered already
     if a.joints != b.joints:
         raise AssertionError("an effect acts on the same joints whatever its size")
-    return Response(a.joints, a.values - b.values)
+    return _sensed(ahead, Response(a.joints, a.values - b.values), observed)
 
 
 @singledispatch

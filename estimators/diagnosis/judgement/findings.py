@@ -26,12 +26,17 @@ import numpy as np
 from estimators.diagnosis.fitting.contribution import contribution, material
 from estimators.diagnosis.fitting.laws import sentence_of
 from estimators.diagnosis.fitting.problem import fitted
-from estimators.diagnosis.judgement.judgement import equivalents, identical, margin
+from estimators.diagnosis.judgement.judgement import (
+    acts_most,
+    equivalents,
+    identical,
+    margin,
+)
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
-from estimators.diagnosis.wording import is_of_bodies, listed, of_joints, signature_of, times
+from estimators.diagnosis.wording import listed, of_joints, signature_of, times
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -67,9 +72,7 @@ def findings_of(
         candidate = problem.candidates[member]
         same = equivalents(problem, solution, member)
         gained = contribution(problem, solution, member)
-        everywhere = is_of_bodies(candidate.effect) or not candidate.joints
-        own = list(range(problem.observed.n) if everywhere else candidate.joints)
-        joint = own[int(np.argmax((gained / remaining.floor**2)[own]))]
+        joint = acts_most(problem, solution, member, remaining.floor)
         lead = margin(problem, solution, member, same)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(

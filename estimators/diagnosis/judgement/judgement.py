@@ -16,7 +16,7 @@ from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import Attempts
-from estimators.diagnosis.wording import LINK_INERTIA
+from estimators.diagnosis.wording import LINK_INERTIA, is_of_bodies
 from estimators.regression.evidence import REACH
 from limo_driver.physics.catalogue import identical_to
 
@@ -147,14 +147,29 @@ def abstained(
     removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
     explained = removed / np.maximum(removed + remaining.predictable**2, 1e-12)
     unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
-    doubtful = {int(j) for j in unknown if explained[j] < JUDGEMENT.dominant}
+    small = remaining.predictable < JUDGEMENT.small * remaining.floor
+    least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
+    doubtful = {int(j) for j in unknown if explained[j] < least[j]}
     stay = tuple(
         member
         for member in solution.members
-        if int(np.argmax(contribution(problem, solution, member) / remaining.floor**2))
-        not in doubtful
+        if acts_most(problem, solution, member, remaining.floor) not in doubtful
     )
     return stay, tuple(int(j) for j in unknown)
+
+
+def acts_most(
+    problem: RegressionProblem, solution: Solution, member: int, floor: FloatArray
+) -> int:
+    """Return the joint (0-based) on which a member explains most, of those that it acts on.
+
+    Without it, what is fitted beside it would change elsewhere, too.
+    """
+    candidate = problem.candidates[member]
+    everywhere = is_of_bodies(candidate.effect) or not candidate.joints
+    own = list(range(problem.observed.n) if everywhere else candidate.joints)
+    gained = contribution(problem, solution, member)
+    return own[int(np.argmax((gained / floor**2)[own]))]
 
 
 def gains(problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual) -> bool:

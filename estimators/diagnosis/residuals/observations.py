@@ -19,6 +19,7 @@ from scipy.ndimage import binary_opening, maximum_filter1d
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
+from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.physics.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_OF_MOTION = ("chain", "regressor", "recording", "segment", "since_reversal", "sign_width")
-_OF_REFERENCE = ("load", "predicted", "stiffness", "inertia")
+_OF_MOTION = ("chain", "in_time", "recording", "segment", "since_reversal", "sign_width")
+_OF_REFERENCE = ("load", "predicted", "regressor", "stiffness", "inertia")
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,29 @@ class Observations:
         return RegressorChain.of(self.simulation.model)
 
     @cached_property
-    def regressor(self) -> FloatArray:
+    def in_time(self) -> FloatArray:
         """Regressor of the rigid body on the slow rows, (n, K, 10 n)."""
         return self.chain.regressor(self.slow)
+
+    @cached_property
+    def regressor(self) -> FloatArray:
+        """The same, as late as sensors tell it."""
+        return np.stack([self.sensed(Y, joint) for joint, Y in enumerate(self.in_time)])
+
+    def sensed(self, torque: FloatArray, joint: int) -> FloatArray:
+        """Return torques (K, ...) of a joint (0-based) as late as its sensor tells them."""
+        late = [
+            effect
+            for effect in self.reference.effects
+            if isinstance(effect, TimeDelay) and effect.joint == joint + 1
+        ]
+        if not late:
+            return torque
+        result = np.array(torque)
+        for rows in _runs(self.segment):
+            for effect in late:
+                result[rows] = effect.late(self.slow.time[rows], result[rows])
+        return result
 
     @cached_property
     def recording(self) -> NDArray[np.int64]:
@@ -417,3 +438,9 @@ def _joined(motions: Sequence[Motion]) -> Motion:
         np.concatenate([motion.acceleration for motion in motions]),
         np.concatenate(known) if len(known) == len(motions) else None,
     )
+
+
+def _runs(values: NDArray[np.int64]) -> list[slice]:
+    """Return the stretches of equal values."""
+    ends = [*(np.flatnonzero(np.diff(values)) + 1).tolist(), values.size]
+    return [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]

@@ -19,12 +19,33 @@ class SolvingSettings:
         "higher underrates the errors of short recordings; lower divides by nearly nothing")
     rounds: int = setting(2, "", "of noise and search in turn",
         "more cost time; fewer search under a noise that has physics in it")
+    followed: float = setting(2.0, "times the error of the linear fit",
+        "that a simulation may have, where that is more than the given one's",
+        "higher keeps what no simulation can follow; lower drops what a search around it mends")
+    blamed: float = setting(0.9, "of what a simulation errs too much",
+        "that goes with the member to blame",
+        "higher blames what feeds a runaway; lower what only adds to it")
     curved: float = setting(0.4, "of the remaining residual",
         "by which a simulation may be off its linear fit",
         "higher keeps fits that are not what is simulated; lower searches again too often")
 
 
 SOLVING = SolvingSettings()
+
+
+@dataclass(frozen=True)
+class LatenessSettings:
+    """Torque that is late as a whole (fitting.lateness)."""
+
+    times: tuple[float, ...] = setting((0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32), "s",
+        "of a lag or delay that are tried",
+        "more cost time; fewer start far from the true one",
+        chosen="to 0.5 s, as filters of reported currents are, a factor of two apart")
+    asked: int = setting(2, "", "of these that a longer one may do without",
+        "more cost time; fewer miss what begins to help late")
+
+
+LATENESS = LatenessSettings()
 
 
 @dataclass(frozen=True)
@@ -54,6 +75,9 @@ class ContributionSettings:
     material: float = setting(0.5, "errors left",
         "that a finding has to take off the error of some joint",
         "higher names less; lower names what hardly matters")
+    most: float = setting(0.6, "of the evidence for a finding",
+        "that a simpler one in its place has to bring",
+        "higher keeps laws with many parameters; lower gives names to what only resembles")
     tellable: float = setting(4.0, "nat", "within which explanations are indistinguishable",
         "higher lists more equivalents; lower is sure too soon")
     seen: float = setting(0.5, "of an effect's mean square",

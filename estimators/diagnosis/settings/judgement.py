@@ -30,6 +30,12 @@ class JudgementSettings:
         "that its findings have to explain",
         "higher abstains more often; lower names what stands in for the unknown",
         chosen="by judgement, changed once while developing on concealed cases: from 0.7")
+    most: float = setting(0.75, "of a joint's predictable error",
+        "the same, where what remains is small", "as above",
+        chosen="by judgement on real recordings, whose small remainders no catalogue explains")
+    small: float = setting(1.0, "noise floors", "of predictable residual that counts as small",
+        "higher names more beside unknown physics; lower calls all of it unknown",
+        chosen="what stands in for concealed unknown physics leaves more, or explains less")
     precise: float = setting(0.99, "of a joint's predictable error",
         "beyond which the remainder is imprecision of a law",
         "higher abstains more often; lower overlooks small unknown physics")
