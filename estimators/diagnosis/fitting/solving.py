@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from estimators.diagnosis.stages import Progress
 
 
+_TINY = 1e-12  # [N m], that nothing is divided by less than
+
+
 def solve(
     problem: RegressionProblem, progress: Progress, near: tuple[int, ...] | None = None
 ) -> tuple[RegressionProblem, Solution]:
@@ -158,7 +161,7 @@ def _excess(problem: RegressionProblem, solution: Solution) -> float:
     It may err as the given one does, or somewhat more than the fit says, relative to the former.
     """
     observed, rows = problem.observed, problem.split.fitted
-    given = rmse(observed.residual, rows)
+    given = np.maximum(rmse(observed.residual, rows), _TINY)
     linear = rmse(problem.left(solution.fitted), rows)
     simulated = rmse(observed.beside(improve(problem, solution)).residual, rows)
     allowed = np.maximum(given, SOLVING.followed * linear)

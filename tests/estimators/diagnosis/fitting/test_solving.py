@@ -1,0 +1,79 @@
+"""Which members of a set stay: none that a simulation cannot follow, and the simpler of two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from noisy_recordings import observed
+
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.fitting.simplicity import simplified
+from estimators.diagnosis.fitting.solving import pruned
+from estimators.diagnosis.judgement.judgement import acts_most
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.stages import quiet
+from limo_driver.physics import JointElasticity, Payload, SpringLoad, TorqueOffset
+
+BODY = Payload(mass=1.5, com=(0.0, 0.0, 0.1), inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
+
+
+def problem_of(*effects):
+    """Lay out what competes, with the noise that is left once the effects are known."""
+    problem = RegressionProblem.of(observed(*effects), quiet)
+    noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
+    return problem, noise
+
+
+def place_of(problem, effect, joint):
+    """Return the candidate of an effect at a joint (1-based) with most columns."""
+    there = [
+        (candidate.prior.index.size, i)
+        for i, candidate in enumerate(problem.candidates)
+        if candidate.place == (effect, (joint - 1,))
+    ]
+    return max(there)[1]
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    return problem_of(BODY)
+
+
+def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(loaded):
+    problem, noise = loaded
+    payload, soft = place_of(problem, "payload", 7), place_of(problem, "joint_elasticity", 4)
+    solution = fitted(problem, (payload, soft), noise)
+    mean = solution.fitted.mean.copy()
+    at = problem.nuisance.prior.index.size
+    own = [i for m in solution.members for i in [m] * problem.candidates[m].prior.index.size]
+    (coefficient,) = [at + k for k, member in enumerate(own) if member == soft]
+    (gear,) = problem.candidates[soft].hypothesis.realise(np.array([1.0]))
+    assert isinstance(gear, JointElasticity)
+    mean[coefficient] = gear.stiffness / 2.0  # 2 N m/rad, under a load of tens of newton metres
+    runaway = replace(solution, fitted=replace(solution.fitted, mean=mean))
+    assert pruned(problem, runaway).members == (payload,)
+
+
+def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(loaded):
+    problem, noise = loaded
+    payload = place_of(problem, "payload", 7)
+    drag = place_of(problem, "spring_load", 6)
+    solution = fitted(problem, tuple(sorted((payload, drag))), noise)
+    floor = np.array([1e9, 1e9, 1e9, 1e9, 1e9, 1e9, 1e-9])  # joint 7 would come first by far
+    assert acts_most(problem, solution, drag, floor) == 5
+
+
+def test_of_two_that_predict_alike_the_simpler_stays():
+    problem, noise = problem_of(TorqueOffset(joint=3, offset=0.4))
+    offset, spring = place_of(problem, "torque_offset", 3), place_of(problem, "spring_load", 3)
+    assert simplified(problem, fitted(problem, (spring,), noise)).members == (offset,)
+    assert simplified(problem, fitted(problem, (offset,), noise)).members == (offset,)
+
+
+def test_what_is_more_than_the_simpler_explains_keeps_its_name():
+    problem, noise = problem_of(SpringLoad(joint=3, stiffness=2.0, rest=0.3))
+    knots = place_of(problem, "spring_load", 3)
+    (kept,) = simplified(problem, fitted(problem, (knots,), noise)).members
+    assert problem.candidates[kept].effect == "spring_load"
