@@ -138,12 +138,20 @@ class _Scan:
         return sorted(found, key=lambda push: -push.evidence)
 
     def is_event(self, push: Push, found: Sequence[Push], trials: Sequence[Push]) -> bool:
-        """Say whether what one joint alone felt may be an event; what several felt is.
+        """Say whether what was found may be an event: if several joints felt it, it is.
 
-        It is physics of that joint where the joint has just turned or stopped, and where it leaves
-        weaker ones of the kind at other times.
+        What one joint alone felt is physics of that joint where the joint has just turned or
+        stopped, and where it leaves weaker ones of the kind at other times. And what reaches over
+        the start or the end of a motion is what friction does there.
         """
         joint, *more = push.joints
+        within = (self.observed.recording == push.recording) & (
+            np.abs(self.observed.slow.time - (push.start + push.end) / 2)
+            <= (push.end - push.start) / 2
+        )
+        judged = self.judged[within][:, list(push.joints)]
+        if judged.size and judged.mean() < PUSHES.judged:
+            return False
         if more:
             return True
         if self._explained(push) < PUSHES.explained:
