@@ -49,7 +49,9 @@ class Robot(Closing):
 
     def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
         self.spec = spec
-        self._contract = SafetyContract(spec, start_tolerance, self._check)
+        self._contract = SafetyContract(
+            spec, start_tolerance, self._check, self._gravity(), self._gains()
+        )
         self._state: JointState | None = None
         self._answered = True  # the set-point of this cycle was sent
         self._open = True
@@ -84,9 +86,10 @@ class Robot(Closing):
         if not self._answered and (command := self._contract.stand_in()) is not None:
             self._send(command)
         measured = self._receive(timeout)
-        state = self._state_of(measured, timeout)
+        state = self._contract.observe(self._state_of(measured, timeout))
+        if state is None:  # numbers that cannot be true are no measurement
+            raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
         self._answered = False
-        self._contract.observe(state)
         if self._contract.holding:
             state = replace(state, holding=True)
         self._state = state
@@ -99,7 +102,7 @@ class Robot(Closing):
             command: What all joints should do next.
 
         Returns:
-            What was really sent: the command within the limits, with the limits that changed it.
+            What the drives will apply: the command within the limits, with those that changed it.
 
         Raises:
             ConnectionLostError: The robot is closed.
@@ -114,9 +117,9 @@ class Robot(Closing):
         sent = self._contract.admit(command)
         if starts:
             self._begin()
-        self._send(sent)
+        applied = self._send(sent)
         self._answered = True
-        return sent
+        return sent if applied is None else applied
 
     def stand_by(self) -> JointState:
         """Wait for the next cycle before the motion, in which the arm stands.
@@ -250,8 +253,12 @@ class Robot(Closing):
         """Wait for one cycle; return its measurement, or None if it was lost."""
 
     @abstractmethod
-    def _send(self, command: JointCommand) -> None:
-        """Put a set-point, within the limits, on the wire."""
+    def _send(self, command: JointCommand) -> JointCommand | None:
+        """Put a set-point, within the limits, on the wire; the last one of a cycle counts.
+
+        Returns:
+            What the drives will apply, if that is something else.
+        """
 
     @abstractmethod
     def _close(self) -> None:
@@ -263,6 +270,14 @@ class Robot(Closing):
 
     def _check(self, command: JointCommand) -> None:  # most take every command
         """Raise if the robot cannot carry out a command; nothing is sent then."""
+
+    def _gravity(self) -> Callable[[], FloatArray] | None:
+        """Return what tells the torque that is added to commanded ones; None if drives do that."""
+        return None
+
+    def _gains(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return the gains by which positions are kept, (n,) each; None if drives do that."""
+        return None
 
     def _stand_at(self, position: FloatArray) -> None:
         """Stand somewhere before the first cycle; a real arm cannot be put there."""
