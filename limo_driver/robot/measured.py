@@ -66,9 +66,8 @@ class Measured:
         elif shown + before.ahead >= before.time + SHORTEST_STEP * self._period:
             own = shown + before.ahead
         since = 0.0 if pose is None else own - pose.time
-        fine = _judge(
-            state.position, state.velocity, state.torque, known, self._fastest, since, SLACK
-        )
+        reach = self._fastest, since + self._period, SLACK  # a cycle may begin a little late
+        fine = _judge(state.position, state.velocity, state.torque, known, *reach)
         if fine == _UNREADABLE:
             return before._replace(time=own, doubts=0, jumped=False), False
         ahead = own - shown
@@ -86,7 +85,7 @@ class Measured:
         """Take a measurement that is out of reach: it is believed once others agree with it."""
         doubts, last = 1, before.doubt
         if last is not None and before.doubts:
-            reach = self._fastest * (own - last.time) + SLACK
+            reach = self._fastest * (own - last.time + self._period) + SLACK
             doubts += before.doubts * bool((np.abs(state.position - last.position) <= reach).all())
         fresh = Pose(state.position, state.velocity, self._still, own)
         if doubts >= CONSISTENT:

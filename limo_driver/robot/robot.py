@@ -7,14 +7,18 @@ stale measurements, and the end of the session.
 
 from __future__ import annotations
 
+import time
 from abc import abstractmethod
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
-from limo_driver.errors import ConnectionLostError, CycleTimeoutError
+from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError
 from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 
+BRAKING_TIMEOUT = 10.0  # [s] of cycles in which an arm that is closed comes to rest
+BRAKING_PATIENCE = 0.5  # [s] in which it may not be heard meanwhile
 READY_TIMEOUT = 60.0  # [s] for a person to start what has to be started on the robot's side
 
 if TYPE_CHECKING:
@@ -83,17 +87,7 @@ class Robot(Closing):
         """
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")
-        if not self._answered and (command := self._contract.stand_in()) is not None:
-            self._send(command)
-        measured = self._receive(timeout)
-        state = self._contract.observe(self._state_of(measured, timeout))
-        if state is None:  # numbers that cannot be true are no measurement
-            raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
-        self._answered = False
-        if self._contract.holding:
-            state = replace(state, holding=True)
-        self._state = state
-        return state
+        return self._next_state(timeout)
 
     def send(self, command: JointCommand) -> JointCommand:
         """Answer the last state with a command; the last one of a cycle counts.
@@ -223,11 +217,42 @@ class Robot(Closing):
         return self._contract.setpoint
 
     def close(self) -> None:
-        """End the session; a second call does nothing."""
-        if self._open:
-            self._open = False
-            self._contract.hold("the robot is closed")
+        """Brake to rest within the limits, and end the session; a second call does nothing."""
+        if not self._open:
+            return
+        self._open = False
+        self._contract.hold("the robot is closed")
+        try:
+            with suppress(BackendError):  # where nobody is reached, the drives' watchdogs stop them
+                self._brake()
+        finally:
             self._close()
+
+    def _brake(self) -> None:
+        """Come to rest within the limits; the arm holds, or nobody is reached for a while."""
+        heard = time.monotonic()
+        for _ in range(int(BRAKING_TIMEOUT / self.spec.period)):
+            if self._contract.standing:
+                return
+            state = self._next_state(None)
+            if not state.stale:
+                heard = time.monotonic()
+            elif time.monotonic() > heard + BRAKING_PATIENCE:
+                return
+
+    def _next_state(self, timeout: float | None) -> JointState:
+        """Answer the last state, if nobody did, and wait for the next."""
+        if not self._answered and (command := self._contract.stand_in()) is not None:
+            self._send(command)
+        measured = self._receive(timeout)
+        state = self._contract.observe(self._state_of(measured, timeout))
+        if state is None:  # numbers that cannot be true are no measurement
+            raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
+        self._answered = False
+        if self._contract.holding:
+            state = replace(state, holding=True)
+        self._state = state
+        return state
 
     def _save_session(self) -> object:
         """Return a copy of the books, for simulated robots that can go back."""
