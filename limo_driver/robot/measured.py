@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 SLACK = 0.01  # [rad] that a joint may be moved beyond what its velocity allows
 CONSISTENT = 3  # measurements in a row, elsewhere than expected, that are believed after all
-SHORTEST_STEP = 0.8  # of a period, by which time goes on in a cycle, whatever the robot's clock says
+SHORTEST_STEP = (
+    0.8  # of a period, by which time goes on in a cycle, whatever the robot's clock says
+)
 _FINE, _FAR, _UNREADABLE = 0, 1, 2
 
 
@@ -36,6 +38,7 @@ class Belief(NamedTuple):
     pose: Pose | None = None  # the last one that was believed
     doubt: Pose | None = None  # the last one that was not
     doubts: int = 0  # in a row, consistent with each other
+    anywhere: bool = True  # the next one is believed wherever it has the arm
     jumped: bool = False  # the pose was believed only because it insisted
 
 
@@ -71,12 +74,12 @@ class Measured:
         if fine == _UNREADABLE:
             return before._replace(time=own, doubts=0, jumped=False), False
         ahead = own - shown
-        if pose is None or fine == _FINE:
+        if before.anywhere or fine == _FINE:
             acceleration = self._still
-            if pose is not None and since > 0.0:
+            if pose is not None and since > 0.0 and not before.anywhere:
                 acceleration = (state.velocity - pose.velocity) / since
             fresh = Pose(state.position, state.velocity, acceleration, own)
-            return Belief(own, ahead, fresh), True
+            return Belief(own, ahead, fresh, anywhere=False), True
         return self._doubted(state, before, own, ahead)
 
     def _doubted(
@@ -89,8 +92,10 @@ class Measured:
             doubts += before.doubts * bool((np.abs(state.position - last.position) <= reach).all())
         fresh = Pose(state.position, state.velocity, self._still, own)
         if doubts >= CONSISTENT:
-            return Belief(own, ahead, fresh, jumped=True), True
-        return before._replace(time=own, ahead=ahead, doubt=fresh, doubts=doubts, jumped=False), False
+            return Belief(own, ahead, fresh, anywhere=False, jumped=True), True
+        return before._replace(
+            time=own, ahead=ahead, doubt=fresh, doubts=doubts, jumped=False
+        ), False
 
     def now(self, belief: Belief) -> Pose | None:
         """Return where the arm is in this cycle; a lost measurement is carried on by its motion."""

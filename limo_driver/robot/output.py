@@ -208,9 +208,7 @@ class OutputStage:
         )  # fmt: skip
         return after, hit | met
 
-    def _impedance(
-        self, last: Setpoint, pose: Pose
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _impedance(self, last: Setpoint, pose: Pose) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the impedance that drives have: none, apart from a torque, if they are rigid."""
         if last.mode is ImpedanceCommand or (last.rigid and self._gains is not None):
             return last.stiffness, last.damping, last.torque

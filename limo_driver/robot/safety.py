@@ -222,14 +222,20 @@ class SafetyContract:
         """Let the set-point rest where another one, such as the arm's own controller, has it.
 
         For arms whose controller keeps a set-point of its own: called while nothing is commanded,
-        and streams of commands start from there, not from where the arm happens to be.
+        and streams of commands start from there, not from where the arm happens to be. Wherever
+        that is, the next measurement is believed.
         """
         memory = self._memory
+        memory.belief = memory.belief._replace(anywhere=True)
         memory.now, memory.after, memory.commanded = self._stage.at_rest(position), None, True
 
-    def withhold(self) -> None:
-        """Forget the set-point of the next cycle, since it could not be sent."""
-        self._memory.after = None
+    def withhold(self, sent: Setpoint | None = None) -> None:
+        """Forget the set-point of the next cycle: it could not be sent.
+
+        Args:
+            sent: What had been sent already in its stead, if anything.
+        """
+        self._memory.after = sent
 
     def save(self) -> object:
         """Return a copy of all that the contract remembers."""
@@ -250,9 +256,7 @@ class SafetyContract:
         rigid, belief = memory.now.rigid, memory.belief
         if pose is None:
             return ""
-        if not given.stale and (
-            j := first_runaway(given.position, given.velocity, self._runaway)
-        ):
+        if not given.stale and (j := first_runaway(given.position, given.velocity, self._runaway)):
             return f"joint {j} leaves its range or its velocity limit"
         if belief.jumped:
             return "the measured pose jumped"
@@ -271,7 +275,11 @@ class SafetyContract:
             return ""
         # What gives way goes where torques take it: told in time, and sooner if it may be fast.
         late = lost + self.spec.period >= COMPLIANT_TIMEOUT - 1e-9
-        if not rigid and not late and not first_runaway(pose.position, pose.velocity, self._runaway):
+        if (
+            not rigid
+            and not late
+            and not first_runaway(pose.position, pose.velocity, self._runaway)
+        ):
             return ""
         self._memory.floats = not rigid and self.spec.on_loss == "float"
         return f"no measurement for {lost:.3g} s"

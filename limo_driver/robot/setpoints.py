@@ -79,9 +79,7 @@ class PositionLimits:
         )
         return path, speeds, hit | _follow_on(targets, self._bounds, self._period, path, speeds)
 
-    def brake(
-        self, position: FloatArray, velocity: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def brake(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the next set-point on the way to rest, (n,) [rad], and its velocity [rad/s].
 
         An end of the range that is too near for the limit of acceleration comes first.
@@ -235,7 +233,9 @@ def _first_beyond(
         more = max(math.copysign(acceleration[j], v * acceleration[j]), 0.0)
         most = max(abs(v), VELOCITY_TOLERANCE * bounds[2, j])
         fast = min(abs(v) + _CYCLES_TO_ACT * more * period, most)
-        if v != 0.0 and fast > _braking(room - _CYCLES_TO_ACT * fast * period, bounds[3, j], period):
+        if v != 0.0 and fast > _braking(
+            room - _CYCLES_TO_ACT * fast * period, bounds[3, j], period
+        ):
             return j + 1
     return 0
 

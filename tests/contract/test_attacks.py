@@ -251,9 +251,7 @@ class TestImpedance:
         for before, after, state in zip(applied, applied[1:], states[:-1], strict=False):
             q, v = state.position, state.velocity
             total = [
-                np.clip(
-                    g.stiffness * (after.position - q) - g.damping * v + g.torque, -most, most
-                )
+                np.clip(g.stiffness * (after.position - q) - g.damping * v + g.torque, -most, most)
                 for g in (before, after)
             ]
             if before.mode == after.mode:

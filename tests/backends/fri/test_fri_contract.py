@@ -26,7 +26,6 @@ POSITION = {
         "test_command_for_another_number_of_joints_is_refused",
         "test_refused_command_leaves_the_one_in_force",
         "test_lost_measurement_is_flagged_and_never_zero",
-        "test_last_command_of_a_cycle_counts",
         "test_states_cannot_be_written_to",
     ],
     "test_robot_holding": [
