@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
 from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError
+from limo_driver.robot import exits
 from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 
 BRAKING_TIMEOUT = 10.0  # [s] of cycles in which an arm that is closed comes to rest
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 class Robot(Closing):
     """An arm that is read and commanded once every cycle.
+
+    However a program ends, an arm that moves brakes to rest within its limits: at the end of the
+    `with` block, whatever was raised in it, and at SIGTERM, SIGHUP or SIGQUIT (see `exits`).
 
     Args:
         spec: The arm and its limits.
@@ -110,6 +114,7 @@ class Robot(Closing):
         starts = self._contract.at_rest
         sent = self._contract.admit(command)
         if starts:
+            exits.guard(self)
             self._begin()
         applied = self._send(sent)
         self._answered = True
@@ -226,6 +231,7 @@ class Robot(Closing):
             with suppress(BackendError):  # where nobody is reached, the drives' watchdogs stop them
                 self._brake()
         finally:
+            exits.release(self)
             self._close()
 
     def _brake(self) -> None:

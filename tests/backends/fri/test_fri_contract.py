@@ -92,6 +92,13 @@ def test_resuming_while_braking_keeps(commanded, robot):
     module.test_resuming_while_braking_keeps_the_limits(robot, commanded)
 
 
+@pytest.mark.parametrize("answered", [False, True])
+@pytest.mark.parametrize("resumed", [False, True])
+def test_closing_keeps(answered, resumed, robot):
+    module = importlib.import_module("test_robot_holding")
+    module.test_closing_at_full_speed_brakes_within_the_limits(robot, answered, resumed)
+
+
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_position_that_is_not_finite_is_refused(bad, robot):
     robot.receive()
