@@ -172,10 +172,13 @@ class OutputStage:
             wrench = self._wrenches.fade(wrench) if wrench.any() else _NO_WRENCH
         if self._gains is not None:
             gravity = self._carried()
-            wanted = (*self._gains, zero)
+            wanted, before = (*self._gains, zero), self._impedance(last, pose)
             away, speed = position - pose.position, pose.velocity - velocity
+            if not last.rigid:  # the spring begins anew where the arm is; its torque does not
+                kept = before[0] * away - before[1] * speed
+                before = before[0], before[1], self._effort(last, pose) - kept
             (stiffness, damping, torque), _ = self._impedances.follow(
-                wanted, self._impedance(last, pose), away, speed, gravity
+                wanted, before, away, speed, gravity
             )
             return Setpoint(
                 PositionCommand, position, velocity, torque, stiffness, damping, wrench, gravity,

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robot_commands import START, impedance, position
-from wire_tap import POSITION, TORQUE, tapped
+from wire_rules import POSITION, TORQUE
+from wire_tap import tapped
 
 from limo_driver.errors import CycleTimeoutError, HoldingError, JointLimitError
 from limo_driver.robot.registry import open_robot

@@ -3,27 +3,14 @@
 It is read where the simulation reads it, behind everything that limits commands.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
+from wire_rules import IMPEDANCE, POSITION, TORQUE, Applied
 
 from backends.mujoco_sim import MujocoRobot, layout
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
-POSITION, IMPEDANCE, TORQUE = "position", "impedance", "torque"
 _KINDS = {PositionCommand: POSITION, ImpedanceCommand: IMPEDANCE, TorqueCommand: TORQUE}
 _MODES = {layout.POSITION: POSITION, layout.IMPEDANCE: IMPEDANCE, layout.TORQUE: TORQUE}
-
-
-@dataclass(frozen=True)
-class Applied:
-    """What the drives had in one cycle; what their mode does not use is zero."""
-
-    mode: str
-    position: np.ndarray
-    torque: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
 
 
 def tapped(robot):
