@@ -196,10 +196,12 @@ class OutputStage:
         """Return a set-point of position, stiffness, damping and feed-forward."""
         begun = self._begun(command.position, last, pose, ImpedanceCommand)
         position, velocity, hit = self._positions.follow(command.position, *begun)
-        gravity = self._carried()
+        gravity, before = self._carried(), self._impedance(last, pose)
+        if last.rigid and self._gains is not None:  # what it was damped towards stands from now on
+            before = before[0], before[1], before[2] + before[1] * last.velocity
         gains, met = self._impedances.follow(
             (command.stiffness, command.damping, command.torque),
-            self._impedance(last, pose),
+            before,
             position - pose.position,
             pose.velocity,
             gravity,

@@ -298,9 +298,8 @@ class DamiaoRig(CanRig):
         velocity = self.sign * (codes[1] / 4095 * 2 * v - v)
         torque = self.sign * (codes[4] / 4095 * 2 * t - t)
         stiffness, damping = codes[2] / 4095 * 500, codes[3] / 4095 * 5
-        mode = IMPEDANCE if stiffness.any() or damping.any() else TORQUE
         torque = torque - self.carried
-        return Applied(mode, position, torque, stiffness, damping, velocity, self.carried)
+        return Applied(IMPEDANCE, position, torque, stiffness, damping, velocity, self.carried)
 
 
 @contextmanager
