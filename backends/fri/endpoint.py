@@ -20,6 +20,7 @@ _TIMESPEC: Final = struct.Struct("@qq")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
 _LAST_PORT: Final = 0xFFFF
 SILENCE: Final = 1.0  # [s] of the robot, after which it may speak from another port
+MOST_FOREIGN: Final = 1000  # datagrams that are read past when no time is left
 _OLDEST: Final = 10.0  # [s]; a greater age is a step of the clock
 
 
@@ -69,8 +70,8 @@ class Endpoint:
 
     def receive(self, timeout: float) -> Datagram | None:
         """Return the oldest datagram of the robot that waits, or comes within `timeout` [s]."""
-        deadline = time.monotonic() + timeout
-        while True:
+        deadline, foreign = time.monotonic() + timeout, MOST_FOREIGN
+        while foreign:
             self._socket.settimeout(max(deadline - time.monotonic(), 0.0))
             try:
                 data, extra, _, sender = self._socket.recvmsg(MAX_DATAGRAM + 1, _ANCILLARY)
@@ -83,8 +84,8 @@ class Endpoint:
             if self._is_robot(sender):
                 return Datagram(data, sender, _age(extra))
             self.ignore(sender)
-            if time.monotonic() >= deadline:
-                return None
+            foreign -= time.monotonic() >= deadline  # the robot's packet may wait behind them
+        return None
 
     def waiting(self) -> bool:
         """Say whether a datagram waits to be read."""
