@@ -100,9 +100,10 @@ class Link(ABC):
 
     def gravity(self) -> FloatArray:
         """Return the torque that carries the arm where it was measured last, (n,) [N m]."""
-        if self._gravity is None:
-            self._gravity = self._model.gravity_torque(self._position())[0]
-        return self._gravity
+        known = self._gravity
+        if known is None:
+            known = self._gravity = self._model.gravity_torque(self._position())[0]
+        return known
 
     @abstractmethod
     def _position(self) -> FloatArray:

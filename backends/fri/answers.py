@@ -188,7 +188,7 @@ def sent_as(command: JointCommand, said: CommandData | None, *, sent: bool = Tru
     return replace(command, limited_by=(*command.limited_by, "link"), **{name[0]: last})
 
 
-_SAID_AS: Final = {
+_SAID_AS: Final[dict[type[JointCommand], tuple[str, str]]] = {
     PositionCommand: ("position", "joint_position"),
     TorqueCommand: ("torque", "joint_torque"),
     WrenchCommand: ("wrench", "wrench"),

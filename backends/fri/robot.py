@@ -74,9 +74,10 @@ class FriRobot(Robot):
     a hold, which ends only by `resume`. Where packets stay away for longer than a period and 10 ms,
     states are stale, and what is sent then reaches nobody: the set-point waits for the next packet.
     One sender is the robot, an address and a port; what others send is counted and has no effect.
-    While it is commanded, a pose that the arm cannot have got to since the last one is ignored, too:
-    a jump needs a new session. After a stall of this machine, packets that others have followed already are not returned, and
-    answered with what was said last: set-points that pile up would reach the robot as a jump.
+    While it is commanded, a pose that the arm cannot have got to since the last one is ignored,
+    too: a jump needs a new session. After a stall of this machine, packets that others have
+    followed already are not returned, and answered with what was said last: set-points that pile up
+    would reach the robot as a jump.
 
     FRI measures no velocity. It is the difference of positions over the robot's own time through a
     causal low-pass of first order with a time constant of 5 ms, so it lags by about that much.

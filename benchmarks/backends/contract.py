@@ -10,6 +10,8 @@ of its own (protobuf's generated code, `struct`) and judged by `tests/contract/w
 shares nothing with what limits commands. One core.
 """
 
+# ruff: noqa: E402  # what tests share is found once its folders are on the path
+
 from __future__ import annotations
 
 import os
@@ -69,7 +71,7 @@ def sessions(
         with opened() as rig:
             attacker = Attacker(rig)
             try:
-                for actions in range(1, SESSION + 1):
+                for actions in range(1, SESSION + 1):  # noqa: B007  # how far it came
                     attacker.act(str(random.choice(ACTIONS)), int(random.integers(2**31)))
                     if done + attacker.cycles >= cycles:
                         break

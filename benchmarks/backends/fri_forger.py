@@ -8,6 +8,8 @@ ten for each packet of the robot. The bar: no state that it told, no hold, no se
 motion that was commanded, no answer to the forger. All that was ignored is counted.
 """
 
+# ruff: noqa: E402  # what tests share is found once its folders are on the path
+
 from __future__ import annotations
 
 import json
@@ -25,8 +27,7 @@ import typer
 
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [
-    str(ROOT / "tests" / folder)
-    for folder in ("contract", "backends/fri", "limo_driver/network")
+    str(ROOT / "tests" / folder) for folder in ("contract", "backends/fri", "limo_driver/network")
 ]
 
 from fri_messages import POSE
@@ -65,11 +66,11 @@ def packets(seed: int) -> list[bytes]:
 
 
 def forge(port: int, count: int, seed: int) -> None:
-    """Send so many packets in bursts, one for each line that is read; say how many were answered."""
+    """Send packets, a burst for each line that is read; say how many were answered."""
     made, answers = packets(seed), 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind((HOST, 0))
-        own.setblocking(False)  # noqa: FBT003
+        own.setblocking(False)
         print("ready", flush=True)
         for sent in range(0, count, BURST):
             sys.stdin.readline()

@@ -153,8 +153,8 @@ class OutputStage:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return where positions are led from: goal of the cycle before, set-point, velocity."""
         if last.rigid or last.mode is mode:
-            goes_on = last.mode is mode and last.goal is not None
-            return last.goal if goes_on else goal, last.position, last.velocity
+            before = goal if last.goal is None or last.mode is not mode else last.goal
+            return before, last.position, last.velocity
         # What moves faster than it may, or than it can stop, is not followed in that.
         return goal, pose.position, self._positions.stoppable(pose.position, pose.velocity)
 
@@ -241,7 +241,7 @@ def told(command: JointCommand, after: Setpoint, hit: int) -> JointCommand:
     return replace(command, **values)
 
 
-_TOLD = {
+_TOLD: dict[type[JointCommand], tuple[str, ...]] = {
     PositionCommand: ("position",),
     ImpedanceCommand: ("position", "stiffness", "damping", "torque"),
     TorqueCommand: ("torque",),

@@ -253,24 +253,23 @@ class SafetyContract:
     def _fault(self, given: JointState, *, stale: bool) -> str:
         """Say why the arm has to hold; empty if it need not."""
         memory, command, pose = self._memory, self._memory.command, self._pose()
-        rigid, belief = memory.now.rigid, memory.belief
-        if pose is None:
+        rigid, belief, reason = memory.now.rigid, memory.belief, ""
+        if pose is None or belief.pose is None:
             return ""
         if not given.stale and (j := first_runaway(given.position, given.velocity, self._runaway)):
-            return f"joint {j} leaves its range or its velocity limit"
-        if belief.jumped:
-            return "the measured pose jumped"
-        if stale and belief.pose is not None and (reason := self._loss(belief, pose, rigid=rigid)):
-            return reason
-        if not rigid and (j := self._stage.first_beyond(pose)):
-            return f"joint {j} could not have stopped inside its range a moment later"
-        if command is not None and belief.time > memory.command_time + command.valid_for + 1e-9:
-            return f"the last command expired after {command.valid_for:.3g} s"
-        return ""
+            reason = f"joint {j} leaves its range or its velocity limit"
+        elif belief.jumped:
+            reason = "the measured pose jumped"
+        elif stale and (loss := self._loss(belief.time - belief.pose.time, pose, rigid=rigid)):
+            reason = loss
+        elif not rigid and (j := self._stage.first_beyond(pose)):
+            reason = f"joint {j} could not have stopped inside its range a moment later"
+        elif command is not None and belief.time > memory.command_time + command.valid_for + 1e-9:
+            reason = f"the last command expired after {command.valid_for:.3g} s"
+        return reason
 
-    def _loss(self, belief: Belief, pose: Pose, *, rigid: bool) -> str:
-        """Say why an arm that is not measured has to hold; empty if it need not yet."""
-        lost = belief.time - (0.0 if belief.pose is None else belief.pose.time)
+    def _loss(self, lost: float, pose: Pose, *, rigid: bool) -> str:
+        """Say why an arm that is not measured for a time [s] has to hold; empty if not yet."""
         if rigid and lost <= STALE_TIMEOUT:
             return ""
         # What gives way goes where torques take it: told in time, and sooner if it may be fast.

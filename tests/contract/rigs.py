@@ -92,29 +92,18 @@ def mujoco():
         yield SimulatedRig(robot)
 
 
-class TappedArm(SteppedArm):
-    """Keeps the bytes of every answer."""
+class TappedSocket:
+    """A socket that keeps what it received."""
 
-    raw = ()
+    def __init__(self, plain):
+        self.plain, self.raw = plain, []
 
-    def listen(self):
-        self.socket.settimeout(0)
-        took, receive = [], self.socket.recv
+    def __getattr__(self, name):
+        return getattr(self.plain, name)
 
-        class Tap:
-            def __getattr__(tap, name):
-                return getattr(self.plain, name)
-
-            def recv(tap, size):
-                took.append(receive(size))
-                return took[-1]
-
-        self.plain, self.socket = self.socket, Tap()
-        try:
-            return super().listen()
-        finally:
-            self.socket = self.plain
-            self.raw = [*self.raw, *took]
+    def recv(self, size):
+        self.raw.append(self.plain.recv(size))
+        return self.raw[-1]
 
 
 class FriRig(Rig):
@@ -128,7 +117,7 @@ class FriRig(Rig):
 
     def told(self):
         self.arm.listen()
-        raw, self.arm.raw = self.arm.raw, []
+        raw, self.arm.socket.raw = self.arm.socket.raw, []
         return [self.decoded(data) for data in raw]
 
     def decoded(self, data):
@@ -183,7 +172,7 @@ class TappedRobot(SteppedRobot):
 
 @contextmanager
 def fri(schema, mode=CommandMode.POSITION):
-    arm = TappedArm(position=START, mode=mode)
+    arm = SteppedArm(position=START, mode=mode)
     try:
         robot = wake(arm, factory=TappedRobot)
     except BaseException:
@@ -191,7 +180,7 @@ def fri(schema, mode=CommandMode.POSITION):
         raise
     robot.arm = arm
     arm.sequence, arm.ns = -1, arm.ns - 1_000_000
-    arm.raw = []
+    arm.socket = TappedSocket(arm.socket)
     with robot:
         robot.rig = FriRig(robot, schema)
         yield robot.rig
@@ -283,7 +272,13 @@ class DamiaoRig(CanRig):
             if not 1 <= frame_id <= 7 or data[:7] == b"\xff" * 7:
                 continue
             word = int.from_bytes(data, "big")
-            codes = word >> 48, word >> 36 & 0xFFF, word >> 24 & 0xFFF, word >> 12 & 0xFFF, word & 0xFFF
+            codes = (
+                word >> 48,
+                word >> 36 & 0xFFF,
+                word >> 24 & 0xFFF,
+                word >> 12 & 0xFFF,
+                word & 0xFFF,
+            )
             self.row[frame_id] = codes
             if frame_id == 7:
                 told.append(self.applied())

@@ -97,7 +97,7 @@ class Judge:
         if before is None:
             self.path = [now.position]
             return
-        elif not self.path or self.anew:
+        if not self.path or self.anew:
             # It gave way: set-points begin where it is, as fast as it moves at most.
             if state.stale:
                 self.path = [now.position]
@@ -156,4 +156,3 @@ class Judge:
             slack = (quantum + self.quanta.torque) / self.step
             assert (rate <= 1 + ROUNDING + slack).all(), f"torque rate {rate.max():.4g}"
         self.fade, self.sure = now.torque, True
-

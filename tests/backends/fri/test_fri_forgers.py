@@ -1,6 +1,9 @@
 """Others who send to the driver's port, and packets that no arm can have sent."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,8 +56,20 @@ def test_nobody_else_is_heard_from_the_address_of_the_robot(forger, state):
             robot.receive()
         assert robot.foreign == before + 10
         figures = robot.link_figures()
-        assert figures["last_foreign"] == "%s:%d" % forger.socket.getsockname()
+        assert figures["last_foreign"] == ":".join(map(str, forger.socket.getsockname()))
         assert forger.listen() == []
+
+
+@pytest.mark.slow("starts a Python, and commands an arm for 1 000 cycles")
+def test_a_forger_in_another_process_changes_nothing():
+    """The benchmark with fewer packets: of all kinds, ten for each of the robot's."""
+    script = Path(__file__).parents[3] / "benchmarks" / "backends" / "fri_forger.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--packets", "10000"],
+        check=False, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "10000 forged packets in 1000 cycles: 0 effects" in done.stdout
 
 
 @pytest.mark.parametrize("where", ["ipo", "position"])
@@ -96,7 +111,7 @@ def test_an_arm_that_really_jumped_is_taken_up_in_a_new_session():
             robot.send(position(arm.position))
 
 
-def test_a_robot_that_restarted_may_speak_from_another_port(monkeypatch):
+def test_a_robot_that_restarted_may_speak_from_another_port():
     """Once the old one is silent, and with a new session."""
     with stepped() as robot:
         moving(robot)

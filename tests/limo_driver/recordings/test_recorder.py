@@ -247,6 +247,8 @@ def test_full_disk_is_reported_and_not_forgotten(tmp_path):
     recorder._thread.join(timeout=120)
     recorder.append(state(1))  # who controls an arm has other cares
     assert not recorder._rows
-    with pytest.raises(RecordingError, match=r"No space left.*what was written is in .*run\.parquet\.partial"):
+    with pytest.raises(
+        RecordingError, match=r"No space left.*what was written is in .*run\.parquet\.partial"
+    ):
         recorder.close()
     recorder._file.close()

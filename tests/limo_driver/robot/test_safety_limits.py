@@ -103,7 +103,7 @@ class TestFirstCommand:
 
 
 class TestRange:
-    """An arm that is carried 0.01 rad out of its range holds; one that gives way, before its end."""
+    """Carried 0.01 rad out of its range, an arm holds; one that gives way, before the end."""
 
     def near_the_end(self, kind, j, sign):
         """Return a contract of an arm 2 mrad before an end of its range, and that end."""
