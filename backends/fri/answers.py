@@ -136,10 +136,10 @@ def _active(
 ) -> CommandData | None:
     """Return a command; None where the arm and its application stand outside the range."""
     if mode is _POSITION:
-        wanted = numbers(command.position if isinstance(command, PositionCommand) else setpoint)
+        commanded = isinstance(command, PositionCommand)
+        position = wire.setpoint(command.position if commanded else setpoint)
     else:
-        wanted = application_position(message, wire) or numbers(setpoint)
-    position = wire.position(wanted)
+        position = wire.position(application_position(message, wire) or numbers(setpoint))
     if position is None:
         return None
     if mode is _TORQUE:

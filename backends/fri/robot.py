@@ -20,13 +20,13 @@ from backends.fri.codec.messages import (
 )
 from backends.fri.codec.template import CommandTemplate, MonitoringTemplate
 from backends.fri.codec.version import FriVersion
-from backends.fri.connection import Connection, connect, pace, unusable
+from backends.fri.connection import Connection, connect, incomplete, pace, unusable
 from backends.fri.lead import Lead
 from backends.fri.outputs import Outputs
-from backends.fri.plausibility import Plausibility
+from backends.fri.plausibility import Plausibility, warm_up_plausibility
 from backends.fri.session import LinkFigures, Order, RobotSession, Visit
 from backends.fri.velocity import VelocityFilter
-from backends.fri.wire_limits import WireLimits
+from backends.fri.wire_limits import WireLimits, warm_up_wire_limits
 from limo_driver.errors import (
     BackendError,
     ConfigError,
@@ -263,9 +263,12 @@ class FriRobot(Robot):
         self._lead.commanded = True
         if self._replied:  # one answer to each packet: this one goes on with the next
             self._contract.withhold(self._sent)
-        else:
-            self._reply(command)
-            self._sent = self._contract.following
+            return sent_as(command, self._lead.said)
+        changed = self._wire.changed
+        self._reply(command)
+        self._sent = self._contract.following
+        if self._wire.changed == changed and self._lead.said is not None:
+            return command
         return sent_as(command, self._lead.said)
 
     def _receive(self, timeout: float | None) -> JointState | None:
@@ -314,28 +317,31 @@ class FriRobot(Robot):
             message: Monitoring = self._reader.decode(datagram.data)
         except WireFormatError as error:
             return self._refuse(str(error))
-        if problem := unusable(message):
+        if problem := incomplete(message):
             return self._refuse(problem)
         if datagram.sender != self._link.endpoint.peer and not self._plausible.begins(message):
             self._link.endpoint.ignore(datagram.sender)  # a robot that restarted begins anew
             return None
         if not self._link.fits(message):
             return self._refuse_pace(message)
-        if problem := self._plausible.problem(message):
-            self._session.figures.implausible += 1
-            self.malformed = problem
-            return None
-        return self._take(message, datagram)
+        position, torque = _measured(message)
+        if not self._plausible.fine(message, position, torque):
+            return self._refuse_measured(message)
+        return self._take(message, datagram, position, torque)
 
-    def _take(self, message: Monitoring, datagram: Datagram) -> Monitoring | None:
+    def _take(
+        self, message: Monitoring, datagram: Datagram, position: FloatArray, torque: FloatArray
+    ) -> Monitoring | None:
         """Note a message of the robot; return it if it is to be answered."""
         before, order = self._session.state, self._session.take(message)
         if order is Order.OLD:
             return None
         self._link.endpoint.settle(datagram.sender)
         self._arrived, self._message = time.monotonic() - datagram.age, message
-        self._note(message)
-        self._plausible.take(message)
+        self._position, self._torque = position, torque
+        self._velocity.update(self._session.time, position)
+        self._outputs.note_received(message.header.reflected)
+        self._plausible.take(message, position)
         self._lead.follow(message, order, (before, self._session.state), self._position)
         if self._session.packets - self._answered_packet < self._link.multiplier:
             return None
@@ -345,16 +351,13 @@ class FriRobot(Robot):
             return None
         return message
 
-    def _note(self, message: Monitoring) -> None:
-        """Take the measurements of a message that is known to have them."""
-        data = message.data
-        if data is not None and data.measured_position and data.measured_torque:
-            self._position = np.array(data.measured_position)
-            self._torque = np.array(data.measured_torque)
-            self._position.setflags(write=False)  # else it is copied on its way into the state
-            self._torque.setflags(write=False)
-            self._velocity.update(self._session.time, self._position)
-        self._outputs.note_received(message.header.reflected)
+    def _refuse_measured(self, message: Monitoring) -> None:
+        """Refuse a message that no arm has sent, or not this one."""
+        if problem := unusable(message):
+            return self._refuse(problem)
+        self._session.figures.implausible += 1
+        self.malformed = self._plausible.problem(message)
+        return None
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1
@@ -411,9 +414,22 @@ class FriRobot(Robot):
         self.latency.add(time.monotonic() - self._arrived)
 
 
+def _measured(message: Monitoring) -> tuple[FloatArray, FloatArray]:
+    """Return position and torque of a message that has them, (7,) each [rad, N m]."""
+    data = message.data
+    if data is None or data.measured_position is None or data.measured_torque is None:
+        raise WireFormatError("no measurements", 0)
+    position, torque = np.array(data.measured_position), np.array(data.measured_torque)
+    position.setflags(write=False)  # else they are copied on their way into the state
+    torque.setflags(write=False)
+    return position, torque
+
+
 def _warm_up(spec: RobotSpec) -> None:
     """Load what is compiled, before a robot waits for an answer."""
     warm_up(spec)
     velocity, middle = VelocityFilter(spec.n), readonly(np.zeros(spec.n))
+    warm_up_plausibility(middle)
+    warm_up_wire_limits(spec)
     for cycle in range(3):  # from no velocity, and from one
         velocity.update(cycle * spec.period, middle)

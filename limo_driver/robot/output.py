@@ -104,9 +104,14 @@ class OutputStage:
             pose: Where the arm is and how it moves.
         """
         if isinstance(command, PositionCommand):
-            begun = self._begun(command.position, last, pose, PositionCommand)
-            position, velocity, hit = self._positions.follow(command.position, *begun)
-            return self._rigid(last, pose, position, velocity, command.position), hit
+            goal = command.position
+            begun = (
+                (last.goal, last.position, last.velocity)  # most often, at once
+                if last.mode is PositionCommand and last.goal is not None
+                else self._begun(goal, last, pose, PositionCommand)
+            )
+            position, velocity, hit = self._positions.follow(goal, *begun)
+            return self._rigid(last, pose, position, velocity, goal), hit
         if isinstance(command, ImpedanceCommand):
             return self._compliant(command, last, pose)
         gravity = self._carried()

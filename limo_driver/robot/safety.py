@@ -24,12 +24,7 @@ import numpy as np
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
 from limo_driver.robot.measured import Belief, Measured, Pose
 from limo_driver.robot.output import OutputStage, Setpoint, told
-from limo_driver.robot.setpoints import (
-    VELOCITY_TOLERANCE,
-    first_runaway,
-    first_unreadable,
-    names_of,
-)
+from limo_driver.robot.setpoints import first_unreadable, names_of
 from limo_driver.types import (
     ImpedanceCommand,
     JointState,
@@ -44,7 +39,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointCommand, RobotSpec
 
 START_TOLERANCE = 0.02  # [rad], distance of the first command from the measured pose
-RANGE_TOLERANCE = 0.01  # [rad], how far outside its range a joint may be carried
 LONGEST_VALIDITY = 1.0  # [s], of a command; an arm whose sender is gone holds by then
 STALE_TIMEOUT = 0.1  # [s] without a measurement after which the arm holds
 COMPLIANT_TIMEOUT = 0.01  # [s] of the same, by which an arm that gives way is told to hold
@@ -103,9 +97,6 @@ class SafetyContract:
         self._stage = OutputStage(spec, gravity, gains)
         self._measured = Measured(spec.limits, spec.period)
         self._memory = _Memory(self._stage.at_rest(np.zeros(spec.n)))
-        limits = spec.limits
-        lower, upper = limits.position_min - RANGE_TOLERANCE, limits.position_max + RANGE_TOLERANCE
-        self._runaway = np.array([lower, upper, VELOCITY_TOLERANCE * limits.velocity])
 
     @property
     def holding(self) -> bool:
@@ -145,10 +136,9 @@ class SafetyContract:
             where there is none yet.
         """
         memory, before = self._memory, self._memory.state
-        memory.belief, believed = self._measured.take(state, memory.belief)
+        believed = self._measured.take(state, memory.belief)
         if memory.after is not None:
             memory.now, memory.after = memory.after, None
-        given = state
         if not believed and not state.stale:
             if before is None:
                 return None
@@ -158,7 +148,7 @@ class SafetyContract:
             memory.now = self._stage.at_rest(state.position)
             memory.commanded = memory.phase is _HOLDING
         memory.floats = memory.floats and not believed
-        if memory.phase is _ACTIVE and (reason := self._fault(given, stale=state.stale)):
+        if memory.phase is _ACTIVE and (reason := self._fault(stale=state.stale)):
             self.hold(reason)
         return state
 
@@ -226,7 +216,7 @@ class SafetyContract:
         that is, the next measurement is believed.
         """
         memory = self._memory
-        memory.belief = memory.belief._replace(anywhere=True)
+        memory.belief.anywhere = True
         memory.now, memory.after, memory.commanded = self._stage.at_rest(position), None, True
 
     def withhold(self, sent: Setpoint | None = None) -> None:
@@ -239,24 +229,27 @@ class SafetyContract:
 
     def save(self) -> object:
         """Return a copy of all that the contract remembers."""
-        return replace(self._memory)  # what it holds is replaced, never written into
+        memory = (
+            self._memory
+        )  # apart from the belief, what it holds is replaced, never written into
+        return replace(memory, belief=replace(memory.belief))
 
     def restore(self, saved: object) -> None:
         """Go back to what `save` returned."""
         if not isinstance(saved, _Memory):
             raise TypeError(f"expected what save() returned, given {type(saved).__name__}")
-        self._memory = replace(saved)
+        self._memory = replace(saved, belief=replace(saved.belief))
 
     def _pose(self) -> Pose | None:
         return self._measured.now(self._memory.belief)
 
-    def _fault(self, given: JointState, *, stale: bool) -> str:
+    def _fault(self, *, stale: bool) -> str:
         """Say why the arm has to hold; empty if it need not."""
         memory, command, pose = self._memory, self._memory.command, self._pose()
         rigid, belief, reason = memory.now.rigid, memory.belief, ""
         if pose is None or belief.pose is None:
             return ""
-        if not given.stale and (j := first_runaway(given.position, given.velocity, self._runaway)):
+        if j := belief.runaway:
             reason = f"joint {j} leaves its range or its velocity limit"
         elif belief.jumped:
             reason = "the measured pose jumped"
@@ -274,11 +267,7 @@ class SafetyContract:
             return ""
         # What gives way goes where torques take it: told in time, and sooner if it may be fast.
         late = lost + self.spec.period >= COMPLIANT_TIMEOUT - 1e-9
-        if (
-            not rigid
-            and not late
-            and not first_runaway(pose.position, pose.velocity, self._runaway)
-        ):
+        if not rigid and not late and not self._measured.runaway(pose):
             return ""
         self._memory.floats = not rigid and self.spec.on_loss == "float"
         return f"no measurement for {lost:.3g} s"

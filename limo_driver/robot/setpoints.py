@@ -119,6 +119,14 @@ def first_unreadable(values: FloatArray, lowest: float) -> int:
     return 0
 
 
+@compiled(inline="always")
+def runs_away(j: int, position: FloatArray, velocity: FloatArray, bounds: FloatArray) -> bool:
+    """Say whether a joint, from 0, is too fast or on its way out of range."""
+    q, v = position[j], velocity[j]
+    leaving = (v > 0 and q > bounds[1, j]) or (v < 0 and q < bounds[0, j])
+    return leaving or abs(v) > bounds[2, j]
+
+
 @compiled(reads=("position", "velocity"))
 def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray) -> int:
     """Return the first joint, from 1, that is too fast or on its way out of range; 0 if none.
@@ -129,9 +137,7 @@ def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray
         bounds: Lower and upper end of the range [rad], and highest speed [rad/s], (3, n).
     """
     for j in range(position.size):
-        q, v = position[j], velocity[j]
-        leaving = (v > 0 and q > bounds[1, j]) or (v < 0 and q < bounds[0, j])
-        if leaving or abs(v) > bounds[2, j]:
+        if runs_away(j, position, velocity, bounds):
             return j + 1
     return 0
 

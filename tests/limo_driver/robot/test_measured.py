@@ -15,8 +15,7 @@ def believing(*states):
     """Return what is believed after some states, and whether each was."""
     measured, belief, told = Measured(LIMITS, PERIOD), Belief(), []
     for item in states:
-        belief, believed = measured.take(item, belief)
-        told.append(believed)
+        told.append(measured.take(item, belief))
     return measured, belief, told
 
 
@@ -71,7 +70,7 @@ def test_time_goes_on_whatever_the_clock_says(jump):
     shown = [k * PERIOD for k in range(5)] + [4 * PERIOD + jump + k * PERIOD for k in range(1, 5)]
     measured, belief, times = Measured(LIMITS, PERIOD), Belief(), []
     for cycle, time in enumerate(shown):
-        belief, _ = measured.take(state(cycle, time=time), belief)
+        measured.take(state(cycle, time=time), belief)
         times.append(belief.time)
     steps = np.diff(times)
     assert (steps >= 0.8 * PERIOD - 1e-12).all()
