@@ -139,7 +139,7 @@ def _judge(
     bounds: FloatArray,
     since: float,
 ) -> int:
-    """Say whether a measurement is fine, out of reach, or unreadable, plus 4 times who runs away."""
+    """Say whether a measurement is fine, and by 4 times its number from 1 who runs away."""
     fine, runaway = _FINE, 0
     for j in range(position.size):
         total = position[j] + velocity[j] + torque[j]

@@ -164,10 +164,10 @@ class FriRig(Rig):
 class TappedRobot(SteppedRobot):
     rig = None
 
-    def _take(self, message, datagram):
+    def _take(self, message, *rest):
         if self.rig is not None and message.connection is not None:
             self.rig.states[message.header.sequence] = message.connection.session_state
-        return super()._take(message, datagram)
+        return super()._take(message, *rest)
 
 
 @contextmanager
