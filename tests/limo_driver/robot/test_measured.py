@@ -13,10 +13,8 @@ REACH = 1.2 * LIMITS.velocity * 2 * PERIOD + 0.01  # [rad] in a cycle, which may
 
 def believing(*states):
     """Return what is believed after some states, and whether each was."""
-    measured, belief, told = Measured(LIMITS, PERIOD), Belief(), []
-    for item in states:
-        told.append(measured.take(item, belief))
-    return measured, belief, told
+    measured, belief = Measured(LIMITS, PERIOD), Belief()
+    return measured, belief, [measured.take(item, belief) for item in states]
 
 
 @pytest.mark.parametrize("j", range(3))
