@@ -53,8 +53,9 @@ class Setpoint(NamedTuple):
 
     @property
     def rests(self) -> bool:
-        """Whether it is a position that stands."""
-        return self.mode is PositionCommand and not self.velocity.any()
+        """Whether it is a position that stands, and no torque is left of what was before."""
+        moves = self.velocity.any() or self.torque.any() or self.wrench.any()
+        return self.mode is PositionCommand and not moves
 
 
 class OutputStage:

@@ -271,6 +271,22 @@ class TestChangingTheMode:
         contract.observe(state(5))
         assert contract.admit(pushed()).torque[0] == pytest.approx(20.0 - 2 * 1000.0 * PERIOD)
 
+    def test_leaves_nothing_behind_where_nobody_commands_any_more(self):
+        """The torque that is left fades also while nothing has to be sent."""
+        contract = started(pushed(only(0, 7.0), valid_for=LONG))
+        contract.observe(state(1))
+        for cycle in range(2, 5):
+            contract.admit(pushed(only(0, 30.0), valid_for=LONG))
+            contract.observe(state(cycle))
+        contract.hold("asked")
+        contract.resume()
+        for cycle in range(5, 20):
+            contract.stand_in()
+            contract.observe(state(cycle))
+        assert contract.at_rest
+        assert contract.stand_in() is None
+        assert contract.admit(pushed()).torque[0] == 0.0
+
     def test_goes_on_from_the_torque_of_an_impedance(self):
         contract = started(sprung(torque=only(0, 7.0)))
         contract.observe(state(1, POSE - only(0, 0.01)))
