@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import PurePath
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,6 +107,9 @@ class RobotSpec:
     wrench_limits: WrenchLimits | None = None  # of a robot that takes wrenches
     torque_resolution: FloatArray | None = None  # (n,) [N m], of measured torque, where known
     measures_temperature: bool = False  # of its joints
+    # An arm that gave way and is not measured any more: hold where it should be, or float, without
+    # torque but that of gravity, until it is measured again.
+    on_loss: Literal["hold", "float"] = "hold"
 
     @property
     def n(self) -> int:

@@ -4,8 +4,9 @@
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -80,6 +81,7 @@ def last_frame(model: pin.Model, joint: int) -> int:
 def _with_ends(urdf: Path) -> tuple[str, tuple[str, ...]]:
     """Return the text with an end to either side of each continuous joint, and their names."""
     root = ET.parse(urdf).getroot()  # noqa: S314  # the user's own file
+    _check_numbers(root, urdf)
     joints = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
     for joint in joints:
         joint.set("type", "revolute")
@@ -89,3 +91,37 @@ def _with_ends(urdf: Path) -> tuple[str, tuple[str, ...]]:
         limit.set("lower", repr(-TURN))
         limit.set("upper", repr(TURN))
     return ET.tostring(root, encoding="unicode"), tuple(str(j.get("name")) for j in joints)
+
+
+def _check_numbers(root: ET.Element, urdf: Path) -> None:
+    """Refuse what the parser would leave out silently, all other masses with it.
+
+    Raises:
+        ConfigError: Names the link or joint, and what is no finite number.
+    """
+    for kind, parts in _NUMBERS.items():
+        for owner in root.findall(kind):
+            for part in parts:
+                for element in owner.findall(part):
+                    _check_element(f"{kind} {owner.get('name')!r}", element, urdf)
+
+
+def _check_element(owner: str, element: ET.Element, urdf: Path) -> None:
+    for name, text in element.attrib.items():
+        for word in text.split():
+            try:
+                value = float(word)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value) or (element.tag == "mass" and value < 0.0):
+                expected = "0 or more" if element.tag == "mass" else "a finite number"
+                raise ConfigError(
+                    f"{owner}: {name} of its {element.tag} is {word}, expected {expected}",
+                    path=urdf,
+                )
+
+
+_NUMBERS: Final = {
+    "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
+    "joint": ("origin", "axis", "limit"),
+}

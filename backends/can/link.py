@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from backends.can.config import ArmConfig
     from backends.can.port import BusPort, Frame
-    from limo_driver.types import FloatArray, JointCommand
+    from limo_driver.model import RobotModel
+    from limo_driver.robot.output import Setpoint
+    from limo_driver.types import FloatArray, JointCommand, RobotSpec
 
 BACKLOG: Final = 256  # frames that are still read when no time is left
 SHORTEST_WAIT: Final = 0.5  # of a period, for answers to a cycle that began late
@@ -66,16 +71,43 @@ class Link(ABC):
     Args:
         port: The bus.
         period: Of the cycles [s].
+        model: The arm.
     """
 
-    def __init__(self, port: BusPort, period: float) -> None:
-        self.port, self._period = port, period
+    gains: tuple[FloatArray, FloatArray] | None = None  # by which positions are kept, if sent
+
+    def __init__(self, port: BusPort, period: float, model: RobotModel) -> None:
+        self.port, self._period, self._model = port, period, model
+        self.target = np.zeros(model.n)  # [rad]; not used before drives are enabled
+        self._gravity: FloatArray | None = None  # of this cycle
         self.overslept = 0.0  # how late this program woke up for answers, in the last cycle [s]
 
     @property
     @abstractmethod
     def torque_resolution(self) -> FloatArray:
         """Smallest change that the measured torques show, (n,) [N m]."""
+
+    @property
+    @abstractmethod
+    def most_torque(self) -> FloatArray:
+        """Highest torque that can be said to the drives, (n,) [N m]."""
+
+    def limit(self, config: ArmConfig) -> RobotSpec:
+        """Return the arm's specification, with no more torque than can be said to its drives."""
+        spec = config.spec(self.torque_resolution)
+        torque = np.minimum(spec.limits.torque, self.most_torque)
+        return replace(spec, limits=replace(spec.limits, torque=torque))
+
+    def gravity(self) -> FloatArray:
+        """Return the torque that carries the arm where it was measured last, (n,) [N m]."""
+        known = self._gravity
+        if known is None:
+            known = self._gravity = self._model.gravity_torque(self._position())[0]
+        return known
+
+    @abstractmethod
+    def _position(self) -> FloatArray:
+        """Return the positions measured last, (n,) [rad]."""
 
     @abstractmethod
     def connect(self) -> None:
@@ -105,7 +137,7 @@ class Link(ABC):
         """
 
     @abstractmethod
-    def command(self, command: JointCommand) -> None:
+    def command(self, told: Setpoint) -> None:
         """Take the set-points of the coming cycle."""
 
     @abstractmethod

@@ -15,7 +15,8 @@ from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
 from limo_driver.robot.robot import Robot
-from limo_driver.robot.safety import START_TOLERANCE, VELOCITY_TOLERANCE, warm_up
+from limo_driver.robot.safety import START_TOLERANCE, warm_up
+from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:
@@ -24,9 +25,9 @@ if TYPE_CHECKING:
     import can
 
     from backends.can.link import DriveStatus, Link
+    from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
-BRAKING_TIMEOUT: Final = 10.0  # [s] in which an arm that is closed comes to rest
 # Of a period, after a cycle that began late: sooner, the next set-point would be a faster motion
 # than any that may be measured.
 SHORTEST_CYCLE: Final = 1.0 / VELOCITY_TOLERANCE
@@ -71,12 +72,13 @@ class CanRobot(Robot):
         try:
             self._link = _link(self.config, self._port, reset=reset_faults)
             self._link.connect()
-            super().__init__(self.config.spec(self._link.torque_resolution), start_tolerance)
+            super().__init__(self._link.limit(self.config), start_tolerance)
         except BaseException:
             self._port.close()
             raise
         self.lateness = LatencyHistogram()
         self._enabled = False
+        self._wanted: Setpoint | None = None  # of the next cycle, if it is another
         self._began = self._due = self._last = self._free = 0.0  # [s], of the port's clock
         self._cycle = -1  # counts SYNCs, or what else starts a cycle
         self._slipped = 0.0  # time by which cycles came later than their grid, in all [s]
@@ -116,9 +118,7 @@ class CanRobot(Robot):
             raise ConnectionLostError("the robot is closed; open it again")
         self.hold("drives were reset")
         self._brake()
-        self._link.enable(reset=True)
-        self._enabled = True
-        self._restart_clock()
+        self._enable(reset=True)
 
     def resume(self) -> None:
         """Take commands again, starting from the measured pose.
@@ -133,9 +133,10 @@ class CanRobot(Robot):
 
     def _receive(self, timeout: float | None) -> JointState | None:
         if not self._enabled:
-            self._link.enable()
-            self._enabled = True
-            self._restart_clock()
+            self._enable()
+        if self._wanted is not None:
+            self._link.command(self._wanted)
+            self._wanted = None
         self._link.send()
         self._link.listen(self._due)
         now = self._port.now()
@@ -165,6 +166,13 @@ class CanRobot(Robot):
     def _condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
         return self._link.condition()
 
+    def _enable(self, *, reset: bool = False) -> None:
+        """Enable the drives where they stand, and lead set-points from there."""
+        self._link.enable(reset=reset)
+        self._enabled = True
+        self._contract.lead(self._link.target.copy())
+        self._restart_clock()
+
     def _restart_clock(self) -> None:
         self._due = self._port.now()
         self._began = self._began or self._due
@@ -189,8 +197,14 @@ class CanRobot(Robot):
             "(limo run --fifo), or the arm more patience (hold_after, watchdog)"
         )
 
-    def _send(self, command: JointCommand) -> None:
-        self._link.command(command)
+    def _send(self, command: JointCommand) -> None:  # noqa: ARG002  # its set-point says more
+        self._wanted = self._contract.following
+
+    def _gravity(self) -> Callable[[], FloatArray]:
+        return self._link.gravity
+
+    def _gains(self) -> tuple[FloatArray, FloatArray] | None:
+        return self._link.gains
 
     def _check(self, command: JointCommand) -> None:
         self._link.check(command)
@@ -200,22 +214,10 @@ class CanRobot(Robot):
 
     def _close(self) -> None:
         try:
-            # Where the bus is gone, the drives' watchdogs stop them.
-            with suppress(BackendError):
-                self._brake()
-            with suppress(BackendError):
+            with suppress(BackendError):  # where the bus is gone, the drives' watchdogs stop them
                 self._link.disable()
         finally:
             self._port.close()
-
-    def _brake(self) -> None:
-        """Come to rest within the limits; the arm holds."""
-        until = self._port.now() + BRAKING_TIMEOUT
-        while self._enabled and not self.standing and self._port.now() < until:
-            if (command := self._contract.stand_in()) is not None:
-                self._send(command)
-            state = self._state_of(self._receive(None), None)
-            self._contract.observe(state)
 
 
 def _link(config: ArmConfig, port: BusPort, *, reset: bool) -> Link:

@@ -11,7 +11,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from backends.fri.codec.messages import Command, CommandData, CommandMode, Header, SessionState
 from backends.fri.codec.version import Generation
@@ -133,10 +136,10 @@ def _active(
 ) -> CommandData | None:
     """Return a command; None where the arm and its application stand outside the range."""
     if mode is _POSITION:
-        wanted = numbers(command.position if isinstance(command, PositionCommand) else setpoint)
+        commanded = isinstance(command, PositionCommand)
+        position = wire.setpoint(command.position if commanded else setpoint)
     else:
-        wanted = application_position(message, wire) or numbers(setpoint)
-    position = wire.position(wanted)
+        position = wire.position(application_position(message, wire) or numbers(setpoint))
     if position is None:
         return None
     if mode is _TORQUE:
@@ -166,3 +169,27 @@ def _mirrored(
     if mode is _WRENCH:
         return CommandData(position, wrench=wire.wrench(None), io=outputs)
     return CommandData(position, io=outputs)
+
+
+def sent_as(command: JointCommand, said: CommandData | None, *, sent: bool = True) -> JointCommand:
+    """Return a command as the robot was told it last, with the limits that changed it.
+
+    Args:
+        command: Within the limits.
+        said: To the robot, last; None for nothing.
+        sent: Whether there was a packet that could be answered with the command.
+    """
+    name = _SAID_AS[type(command)]
+    values: Joints | None = None if said is None else getattr(said, name[1])
+    given: FloatArray = getattr(command, name[0])
+    if sent and values is not None and values == numbers(given):
+        return command
+    last = given if values is None else np.array(values)
+    return replace(command, limited_by=(*command.limited_by, "link"), **{name[0]: last})
+
+
+_SAID_AS: Final[dict[type[JointCommand], tuple[str, str]]] = {
+    PositionCommand: ("position", "joint_position"),
+    TorqueCommand: ("torque", "joint_torque"),
+    WrenchCommand: ("wrench", "wrench"),
+}

@@ -91,6 +91,15 @@ def _generation(data: bytes, version: FriVersion | None) -> Generation | None:
 
 def unusable(message: Monitoring) -> str:
     """Say why a message cannot be used; empty if it can."""
+    if (problem := incomplete(message)) or (data := message.data) is None:
+        return problem
+    return _unlike(data.measured_position, LARGEST_POSITION, "measured position") or _unlike(
+        data.measured_torque, LARGEST_TORQUE, "measured torque"
+    )
+
+
+def incomplete(message: Monitoring) -> str:
+    """Say what a message lacks, whatever its measurements are; empty for nothing."""
     data, connection = message.data, message.connection
     if connection is None:
         return "the message does not say how the session stands"
@@ -100,16 +109,14 @@ def unusable(message: Monitoring) -> str:
         return f"a receive multiplier of {connection.receive_multiplier}"
     if data is None:
         return "no measurements"
-    return _unlike(data.measured_position, LARGEST_POSITION, "measured position") or _unlike(
-        data.measured_torque, LARGEST_TORQUE, "measured torque"
-    )
+    if data.measured_position is None or data.measured_torque is None:
+        return f"no measured {'position' if data.measured_position is None else 'torque'}"
+    return ""
 
 
 def _unlike(values: Joints | None, most: float, name: str) -> str:
     """Say why values cannot be those of an arm; empty if they can."""
-    if values is None:
-        return f"no {name}"
-    for value in values:
+    for value in values or ():
         if not -most <= value <= most:  # a NaN compares false
             return f"a {name} that no arm has"
     return ""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from backends.fri.advice import why_not_ready
-from backends.fri.answers import answer_to, check_taken
+from backends.fri.answers import answer_to, check_taken, sent_as
 from backends.fri.codec.messages import (
     DEFAULT_PORT,
     Command,
@@ -20,12 +20,13 @@ from backends.fri.codec.messages import (
 )
 from backends.fri.codec.template import CommandTemplate, MonitoringTemplate
 from backends.fri.codec.version import FriVersion
-from backends.fri.connection import Connection, connect, pace, unusable
+from backends.fri.connection import Connection, connect, incomplete, pace, unusable
 from backends.fri.lead import Lead
 from backends.fri.outputs import Outputs
+from backends.fri.plausibility import Plausibility, warm_up_plausibility
 from backends.fri.session import LinkFigures, Order, RobotSession, Visit
 from backends.fri.velocity import VelocityFilter
-from backends.fri.wire_limits import WireLimits
+from backends.fri.wire_limits import WireLimits, warm_up_wire_limits
 from limo_driver.errors import (
     BackendError,
     ConfigError,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
     from backends.fri.codec.version import Generation
     from backends.fri.endpoint import Datagram
+    from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
 WRENCH_LIMITS: Final = WrenchLimits(
@@ -71,8 +73,11 @@ class FriRobot(Robot):
     measured pose, so that an arm that was pushed aside does not jump. Leaving COMMANDING_ACTIVE is
     a hold, which ends only by `resume`. Where packets stay away for longer than a period and 10 ms,
     states are stale, and what is sent then reaches nobody: the set-point waits for the next packet.
-    After a stall of this machine, packets that others have followed already are not returned, and
-    answered with what was said last: set-points that pile up would reach the robot as a jump.
+    One sender is the robot, an address and a port; what others send is counted and has no effect.
+    While it is commanded, a pose that the arm cannot have got to since the last one is ignored,
+    too: a jump needs a new session. After a stall of this machine, packets that others have
+    followed already are not returned, and answered with what was said last: set-points that pile up
+    would reach the robot as a jump.
 
     FRI measures no velocity. It is the difference of positions over the robot's own time through a
     causal low-pass of first order with a time constant of 5 ms, so it lags by about that much.
@@ -119,6 +124,7 @@ class FriRobot(Robot):
         self._session = RobotSession(1e-3 * self._link.send_period)
         self._wire = WireLimits(spec)
         self._lead = Lead(self._contract, self._wire)
+        self._plausible = Plausibility(spec.limits, 1e-3 * self._link.send_period)
         self._velocity = VelocityFilter(spec.n)
         self._outputs = Outputs()
         self._message: Monitoring | None = None  # the last one
@@ -126,6 +132,7 @@ class FriRobot(Robot):
         self._arrived = 0.0  # [s], of this machine's monotonic clock
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
+        self._sent: Setpoint | None = None  # in answer to it, by a command
         self._missed = 0  # cycles in a row
         self._most_unconfirmed = max(FEWEST_UNCONFIRMED, round(UNCONFIRMED / spec.period))
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
@@ -203,6 +210,7 @@ class FriRobot(Robot):
         return {
             **self.figures.as_json(),
             "foreign": self.foreign,
+            "last_foreign": self._link.endpoint.last_foreign,
             "limited_at_wire": self.limited_at_wire,
             "answer": self.latency.as_json(),
         }
@@ -248,13 +256,20 @@ class FriRobot(Robot):
     def _check(self, command: JointCommand) -> None:
         check_taken(self.monitoring, command)
 
-    def _send(self, command: JointCommand) -> None:
+    def _send(self, command: JointCommand) -> JointCommand:
         if self._missed or self._session.state is not _ACTIVE:
             self._contract.withhold()  # there is no packet that could be answered with it
-        else:
-            self._lead.commanded = True
-            if not self._replied:  # else it goes out with the next packet: one answer to each
-                self._reply(command)
+            return sent_as(command, self._lead.said, sent=False)
+        self._lead.commanded = True
+        if self._replied:  # one answer to each packet: this one goes on with the next
+            self._contract.withhold(self._sent)
+            return sent_as(command, self._lead.said)
+        changed = self._wire.changed
+        self._reply(command)
+        self._sent = self._contract.following
+        if self._wire.changed == changed and self._lead.said is not None:
+            return command
+        return sent_as(command, self._lead.said)
 
     def _receive(self, timeout: float | None) -> JointState | None:
         if not self._replied:
@@ -264,7 +279,7 @@ class FriRobot(Robot):
             self._missed += 1
             self._session.figures.stale += 1
             return None
-        self._missed, self._replied = 0, False
+        self._missed, self._replied, self._sent = 0, False, None
         if self._session.state is not _ACTIVE:
             self._reply(None)
         elif self._session.unconfirmed > self._most_unconfirmed and not self._contract.at_rest:
@@ -302,20 +317,31 @@ class FriRobot(Robot):
             message: Monitoring = self._reader.decode(datagram.data)
         except WireFormatError as error:
             return self._refuse(str(error))
-        if problem := unusable(message):
+        if problem := incomplete(message):
             return self._refuse(problem)
+        if datagram.sender != self._link.endpoint.peer and not self._plausible.begins(message):
+            self._link.endpoint.ignore(datagram.sender)  # a robot that restarted begins anew
+            return None
         if not self._link.fits(message):
             return self._refuse_pace(message)
-        return self._take(message, datagram)
+        position, torque = _measured(message)
+        if not self._plausible.fine(message, position, torque):
+            return self._refuse_measured(message)
+        return self._take(message, datagram, position, torque)
 
-    def _take(self, message: Monitoring, datagram: Datagram) -> Monitoring | None:
+    def _take(
+        self, message: Monitoring, datagram: Datagram, position: FloatArray, torque: FloatArray
+    ) -> Monitoring | None:
         """Note a message of the robot; return it if it is to be answered."""
         before, order = self._session.state, self._session.take(message)
         if order is Order.OLD:
             return None
         self._link.endpoint.settle(datagram.sender)
         self._arrived, self._message = time.monotonic() - datagram.age, message
-        self._note(message)
+        self._position, self._torque = position, torque
+        self._velocity.update(self._session.time, position)
+        self._outputs.note_received(message.header.reflected)
+        self._plausible.take(message, position)
         self._lead.follow(message, order, (before, self._session.state), self._position)
         if self._session.packets - self._answered_packet < self._link.multiplier:
             return None
@@ -325,16 +351,13 @@ class FriRobot(Robot):
             return None
         return message
 
-    def _note(self, message: Monitoring) -> None:
-        """Take the measurements of a message that is known to have them."""
-        data = message.data
-        if data is not None and data.measured_position and data.measured_torque:
-            self._position = np.array(data.measured_position)
-            self._torque = np.array(data.measured_torque)
-            self._position.setflags(write=False)  # else it is copied on its way into the state
-            self._torque.setflags(write=False)
-            self._velocity.update(self._session.time, self._position)
-        self._outputs.note_received(message.header.reflected)
+    def _refuse_measured(self, message: Monitoring) -> None:
+        """Refuse a message that no arm has sent, or not this one."""
+        if problem := unusable(message):
+            return self._refuse(problem)
+        self._session.figures.implausible += 1
+        self.malformed = self._plausible.problem(message)
+        return None
 
     def _refuse(self, problem: str) -> None:
         self._session.figures.malformed += 1
@@ -391,9 +414,22 @@ class FriRobot(Robot):
         self.latency.add(time.monotonic() - self._arrived)
 
 
+def _measured(message: Monitoring) -> tuple[FloatArray, FloatArray]:
+    """Return position and torque of a message that has them, (7,) each [rad, N m]."""
+    data = message.data
+    if data is None or data.measured_position is None or data.measured_torque is None:
+        raise WireFormatError("no measurements", 0)
+    position, torque = np.array(data.measured_position), np.array(data.measured_torque)
+    position.setflags(write=False)  # else they are copied on their way into the state
+    torque.setflags(write=False)
+    return position, torque
+
+
 def _warm_up(spec: RobotSpec) -> None:
     """Load what is compiled, before a robot waits for an answer."""
     warm_up(spec)
     velocity, middle = VelocityFilter(spec.n), readonly(np.zeros(spec.n))
+    warm_up_plausibility(middle)
+    warm_up_wire_limits(spec)
     for cycle in range(3):  # from no velocity, and from one
         velocity.update(cycle * spec.period, middle)

@@ -41,6 +41,7 @@ class LinkFigures:
     lost: int = 0  # packets of the robot that never came
     old: int = 0  # copies, and packets that others had overtaken
     malformed: int = 0  # datagrams that are no message, or none that can be used
+    implausible: int = 0  # messages with a pose that the arm cannot have got to
     outdated: int = 0  # valid, but followed by others already when they were read
     answered: int = 0  # commands sent
     unsent: int = 0  # commands that the network did not take

@@ -5,7 +5,8 @@ the other, whoever made them: a set-point, a mirrored position of the robot's ow
 hold. The first of them is compared with where the arm stands; where nobody knows that, none leaves.
 Torques and wrenches that are no longer wanted go to zero at their rate, not at once.
 
-Seven numbers are quicker in plain Python than in arrays, and the wire takes plain numbers anyway.
+Seven numbers are quicker in plain Python than in arrays, and the wire takes plain numbers anyway;
+but a set-point that changes nothing, which is what most are, is compared in one compiled call.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from limo_driver.robot.safety import RANGE_TOLERANCE
+from limo_driver.compiled import compiled
+from limo_driver.robot.measured import RANGE_TOLERANCE
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, RobotSpec
@@ -44,6 +46,7 @@ class WireLimits:
         self._wrench = numbers(none if wrench is None else wrench.wrench)
         rate = none if wrench is None else wrench.rate
         self._wrench_step = numbers(rate * period * (1 + _LAST_DIGITS))
+        self._bounds = np.array([self._step, self._lower, self._upper])
         self.changed = 0  # commands that had to be changed here
         self.begin(None)
 
@@ -55,6 +58,7 @@ class WireLimits:
                 that is not known.
         """
         self._position = position  # sent last
+        self._last: FloatArray | None = None  # the same, where it was a set-point
         self._effort: Numbers | None = None  # torque or wrench, sent last
 
     @property
@@ -81,8 +85,17 @@ class WireLimits:
         if not self.usable(sent):
             sent = self._position
         self.changed += sent is not wanted
-        self._position = sent
+        self._position, self._last = sent, None
         return sent
+
+    def setpoint(self, wanted: FloatArray) -> Numbers | None:
+        """Return the position to send of a set-point (n,) [rad]; most often just that."""
+        if self._last is None or not _keeps(wanted, self._last, self._bounds):
+            sent = self.position(numbers(wanted))
+            self._last = None if sent is None else np.array(sent)
+            return sent
+        self._position, self._last = numbers(wanted), wanted
+        return self._position
 
     def torque(self, wanted: Numbers | None) -> Numbers:
         """Return the torque to send, (n,) [N m]; None asks for no torque."""
@@ -99,6 +112,25 @@ class WireLimits:
         self.changed += wanted is not None and sent is not wanted
         self._effort = sent
         return sent
+
+
+@compiled(reads=("wanted", "last"))
+def _keeps(wanted: FloatArray, last: FloatArray, bounds: FloatArray) -> bool:
+    """Say whether a position keeps the range, and is a step from the last; a NaN does not."""
+    for j in range(wanted.size):
+        if not (
+            abs(wanted[j] - last[j]) <= bounds[0, j] and bounds[1, j] <= wanted[j] <= bounds[2, j]
+        ):
+            return False
+    return True
+
+
+def warm_up_wire_limits(spec: RobotSpec) -> None:
+    """Compile what compares set-points, before a robot waits for an answer."""
+    limits, middle = WireLimits(spec), np.zeros(spec.n)
+    limits.begin(numbers(middle))
+    for _ in range(2):
+        limits.setpoint(middle)
 
 
 def numbers(values: FloatArray) -> Numbers:

@@ -141,6 +141,7 @@ class MujocoRobot(SimulatedRobot):
         )
         self._mode = layout.POSITION
         self._fresh = False  # the next position starts a stream
+        self._wanted: JointCommand | None = None  # in the next cycle, if another than in this one
         self._place(start_position(arm, initial_position))
 
     def run(self, targets: FloatArray) -> SimulatedRun:
@@ -165,7 +166,7 @@ class MujocoRobot(SimulatedRobot):
         path, limited_by = self._contract.admit_path(targets)
         if starts:
             self._begin()
-        self._send(PositionCommand(position=path[0]))
+        self._apply(PositionCommand(position=path[0]))
         first = self._cycle
         log = np.empty((len(path), layout.LOG_ROWS, self.spec.n))
         self._advance(path, log)
@@ -198,6 +199,11 @@ class MujocoRobot(SimulatedRobot):
             check_impedance(command, self._inertia, self.spec.period)
 
     def _send(self, command: JointCommand) -> None:
+        self._wanted = command
+
+    def _apply(self, command: JointCommand) -> None:
+        """Give the drives the last command of a cycle."""
+        self._wanted = None
         mode = _MODES[type(command)]
         if isinstance(command, ImpedanceCommand):
             self._command[layout.STIFFNESS] = command.stiffness
@@ -215,6 +221,8 @@ class MujocoRobot(SimulatedRobot):
         self._fresh, self._mode = False, mode
 
     def _cycle_once(self) -> JointState:
+        if self._wanted is not None:
+            self._apply(self._wanted)
         self._advance(self._command[layout.TARGET : layout.TARGET + 1], self._log)
         return self._measurement(self._cycle, self._log[0])
 
@@ -256,8 +264,7 @@ class MujocoRobot(SimulatedRobot):
             log[layout.MEASURED_TORQUE],
             self._cycle - 1,
         )
-        self._contract.observe(state)
-        self._state, self._answered = state, False
+        self._state, self._answered = self._contract.observe(state), False
 
     def _place(self, position: FloatArray) -> None:
         """Put the arm at rest in equilibrium where the encoders read `position`."""
@@ -285,13 +292,15 @@ class MujocoRobot(SimulatedRobot):
             self._command.copy(),
             self._mode,
             self._fresh,
+            self._wanted,
             self._noise.save(),
             self._sampled.save(),
             self._sensors.save(),
         )
 
     def _restore_plant(self, saved: Any) -> None:  # noqa: ANN401  # what save returned
-        physics, memory, command, self._mode, self._fresh, noise, sampled, sensors = saved
+        physics, memory, command, self._mode, self._fresh, self._wanted = saved[:6]
+        noise, sampled, sensors = saved[6:]
         mujoco.mj_setState(self._model, self._data, physics, _STATE)
         self._memory[:], self._command[:] = memory, command
         self._noise.restore(noise)

@@ -41,7 +41,8 @@ from backends.can.simulator import SimulatedDrives
 from backends.can.simulator.station import Station
 from limo_driver.errors import BackendError
 from limo_driver.physics import Simulation
-from limo_driver.robot.safety import RANGE_TOLERANCE, VELOCITY_TOLERANCE
+from limo_driver.robot.measured import RANGE_TOLERANCE
+from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:

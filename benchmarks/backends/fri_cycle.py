@@ -51,14 +51,17 @@ class Fed:
     """A socket that has every packet already, for timing without the kernel."""
 
     foreign, last_foreign = 0, ""
+    peer = ("127.0.0.2", 30200)
 
     def __init__(self, packets: list[bytes]) -> None:
         self.packets, self.at, self.sent = packets, 0, 0.0
 
-    def receive(self, _timeout: float) -> Datagram:
-        """Return the next packet."""
+    def receive(self, _timeout: float) -> Datagram | None:
+        """Return the next packet; None after the last."""
         self.at += 1
-        return Datagram(self.packets[self.at - 1], ("127.0.0.2", 30200), 0.0)
+        if self.at > len(self.packets):
+            return None
+        return Datagram(self.packets[self.at - 1], self.peer, 0.0)
 
     def settle(self, _sender: object) -> None:
         """Do as the socket does."""
@@ -150,7 +153,7 @@ def main(
     fuzz: Annotated[int, typer.Option(help="Fuzz the driver with this many datagrams.")] = 0,
 ) -> None:
     """Print what a cycle costs, or fuzz the driver."""
-    sys.path.insert(0, str(SHARED))
+    sys.path[:0] = [str(SHARED), str(SHARED.parents[1] / "limo_driver" / "network")]
     if fuzz:
         _fuzz(fuzz)
         return

@@ -69,7 +69,7 @@ class Recorder(Closing):
         self._n = n
         self._rows: list[FloatArray] = []
         self._lock = threading.Lock()
-        self._failure: OSError | None = None
+        self._failure: Exception | None = None
         try:
             self._file = self.partial.open("xb")
         except FileExistsError:
@@ -100,12 +100,10 @@ class Recorder(Closing):
     def append(self, state: JointState, target: FloatArray | None = None) -> None:
         """Record a state and the position commanded in answer to it, if any.
 
-        Raises:
-            RecordingError: What was recorded before could not be written.
+        Nothing that goes wrong here may stop who controls an arm: what cannot be written any more
+        is dropped, and `close` says so.
         """
-        if self._failure is not None:
-            raise self._lost(self._failure)
-        if state.stale:
+        if self._failure is not None or state.stale:
             return
         row = np.full(1 + len(self._quantities) * self._n, np.nan)
         row[0] = state.time
@@ -128,14 +126,16 @@ class Recorder(Closing):
         self._done.set()
         self._thread.join()
         try:
+            if self._failure is not None:
+                raise self._failure
             self._flush()
             self._stream.close()
             self._sync()
             self._file.close()
             _to_parquet(self.partial, self.path)
-        except OSError as error:
+        except (OSError, MemoryError, pa.ArrowException) as error:
             self._abandon()
-            raise self._lost(self._failure or error) from None
+            raise self._lost(error) from None
 
     def _abandon(self) -> None:
         """Close the log as it is, after it could not be written."""
@@ -146,8 +146,9 @@ class Recorder(Closing):
         while not self._done.wait(FLUSH_PERIOD):
             try:
                 self._flush()
-            except OSError as error:
+            except (OSError, MemoryError, pa.ArrowException) as error:
                 self._failure = error
+                self._rows.clear()
                 return
 
     def _flush(self) -> None:
@@ -164,9 +165,10 @@ class Recorder(Closing):
         self._file.flush()
         os.fsync(self._file.fileno())
 
-    def _lost(self, error: OSError) -> RecordingError:
+    def _lost(self, error: Exception) -> RecordingError:
+        why = reason(error) if isinstance(error, OSError) else str(error)
         return RecordingError(
-            f"cannot be written: {reason(error)}; what was written is in {self.partial}",
+            f"cannot be written: {why}; what was written is in {self.partial}",
             path=self.path,
         )
 

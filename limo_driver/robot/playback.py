@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from inspect import signature
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, LimoError
 from limo_driver.outputs import require_file, require_parquet
 from limo_driver.plugins import ROBOTS, find
 from limo_driver.recordings.recorder import Recorder
@@ -127,7 +127,7 @@ class Playback:
     start_when: Callable[[], bool] | None = None
 
     def run(self, robot: Robot, progress: Callable[[int, int], None]) -> PlaybackSummary:
-        """Move the arm along the trajectory; SIGINT or SIGTERM slows it down to a hold.
+        """Move the arm along the trajectory; a signal that ends programs slows it down to a hold.
 
         Args:
             robot: Open, standing where the trajectory starts.
@@ -159,6 +159,7 @@ class Playback:
                 state = self._stand_by(self.start_when, states, state, interrupted, realtime)
             start, began = state.time, time.monotonic()
             recorder = open_.enter_context(self._recorder(robot, start))
+            open_.enter_context(self._braking(robot, recorder))
             for done, target in enumerate(targets, start=1):  # how far it came
                 sent = robot.send(self._command(target))
                 limited.update(sent.limited_by)
@@ -177,7 +178,7 @@ class Playback:
                 if interrupted.is_set():
                     break
             if interrupted.is_set():
-                self._stop(states, recorder)
+                self._stop(states.receive, robot, recorder, "interrupted")
         progress(done, len(targets))
         return PlaybackSummary(
             record=str(self.record),
@@ -244,14 +245,25 @@ class Playback:
         measured = robot.spec.measures_temperature
         return Recorder(self.record, robot.spec.n, header, temperature=measured)
 
-    def _stop(self, states: _States, recorder: Recorder) -> None:
+    @contextmanager
+    def _braking(self, robot: Robot, recorder: Recorder) -> Generator[None]:
+        """Bring the arm to rest before anything that was raised leaves."""
+        try:
+            yield
+        except BaseException as error:
+            with suppress(LimoError):  # it cannot be reached, for example; the drives stop it then
+                self._stop(robot.receive, robot, recorder, f"{type(error).__name__} in the run")
+            raise
+
+    def _stop(
+        self, receive: Callable[[], JointState], robot: Robot, recorder: Recorder, why: str
+    ) -> None:
         """Slow the arm down to a hold, recording on."""
-        robot = states.robot
-        robot.hold("interrupted")
+        robot.hold(why)
         for cycle in range(int(HOLD_TIMEOUT / robot.spec.period)):
             if robot.standing:
                 return
-            state = states.receive()
+            state = receive()
             if cycle % self.record_every == 0:
                 recorder.append(state, robot.setpoint)
 

@@ -7,14 +7,19 @@ stale measurements, and the end of the session.
 
 from __future__ import annotations
 
+import time
 from abc import abstractmethod
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
-from limo_driver.errors import ConnectionLostError, CycleTimeoutError
+from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError
+from limo_driver.robot import exits
 from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 
+BRAKING_TIMEOUT = 10.0  # [s] of cycles in which an arm that is closed comes to rest
+BRAKING_PATIENCE = 0.5  # [s] in which it may not be heard meanwhile
 READY_TIMEOUT = 60.0  # [s] for a person to start what has to be started on the robot's side
 
 if TYPE_CHECKING:
@@ -28,6 +33,9 @@ if TYPE_CHECKING:
 
 class Robot(Closing):
     """An arm that is read and commanded once every cycle.
+
+    However a program ends, an arm that moves brakes to rest within its limits: at the end of the
+    `with` block, whatever was raised in it, and at SIGTERM, SIGHUP or SIGQUIT (see `exits`).
 
     Args:
         spec: The arm and its limits.
@@ -49,7 +57,9 @@ class Robot(Closing):
 
     def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
         self.spec = spec
-        self._contract = SafetyContract(spec, start_tolerance, self._check)
+        self._contract = SafetyContract(
+            spec, start_tolerance, self._check, self._gravity(), self._gains()
+        )
         self._state: JointState | None = None
         self._answered = True  # the set-point of this cycle was sent
         self._open = True
@@ -81,16 +91,7 @@ class Robot(Closing):
         """
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")
-        if not self._answered and (command := self._contract.stand_in()) is not None:
-            self._send(command)
-        measured = self._receive(timeout)
-        state = self._state_of(measured, timeout)
-        self._answered = False
-        self._contract.observe(state)
-        if self._contract.holding:
-            state = replace(state, holding=True)
-        self._state = state
-        return state
+        return self._next_state(timeout)
 
     def send(self, command: JointCommand) -> JointCommand:
         """Answer the last state with a command; the last one of a cycle counts.
@@ -99,7 +100,7 @@ class Robot(Closing):
             command: What all joints should do next.
 
         Returns:
-            What was really sent: the command within the limits, with the limits that changed it.
+            What the drives will apply: the command within the limits, with those that changed it.
 
         Raises:
             ConnectionLostError: The robot is closed.
@@ -113,10 +114,11 @@ class Robot(Closing):
         starts = self._contract.at_rest
         sent = self._contract.admit(command)
         if starts:
+            exits.guard(self)
             self._begin()
-        self._send(sent)
+        applied = self._send(sent)
         self._answered = True
-        return sent
+        return sent if applied is None else applied
 
     def stand_by(self) -> JointState:
         """Wait for the next cycle before the motion, in which the arm stands.
@@ -220,11 +222,43 @@ class Robot(Closing):
         return self._contract.setpoint
 
     def close(self) -> None:
-        """End the session; a second call does nothing."""
-        if self._open:
-            self._open = False
-            self._contract.hold("the robot is closed")
+        """Brake to rest within the limits, and end the session; a second call does nothing."""
+        if not self._open:
+            return
+        self._open = False
+        self._contract.hold("the robot is closed")
+        try:
+            with suppress(BackendError):  # where nobody is reached, the drives' watchdogs stop them
+                self._brake()
+        finally:
+            exits.release(self)
             self._close()
+
+    def _brake(self) -> None:
+        """Come to rest within the limits; the arm holds, or nobody is reached for a while."""
+        heard = time.monotonic()
+        for _ in range(int(BRAKING_TIMEOUT / self.spec.period)):
+            if self._contract.standing:
+                return
+            state = self._next_state(None)
+            if not state.stale:
+                heard = time.monotonic()
+            elif time.monotonic() > heard + BRAKING_PATIENCE:
+                return
+
+    def _next_state(self, timeout: float | None) -> JointState:
+        """Answer the last state, if nobody did, and wait for the next."""
+        if not self._answered and (command := self._contract.stand_in()) is not None:
+            self._send(command)
+        measured = self._receive(timeout)
+        state = self._contract.observe(self._state_of(measured, timeout))
+        if state is None:  # numbers that cannot be true are no measurement
+            raise CycleTimeoutError(self.spec.period if timeout is None else timeout)
+        self._answered = False
+        if self._contract.holding:
+            state = replace(state, holding=True)
+        self._state = state
+        return state
 
     def _save_session(self) -> object:
         """Return a copy of the books, for simulated robots that can go back."""
@@ -250,8 +284,12 @@ class Robot(Closing):
         """Wait for one cycle; return its measurement, or None if it was lost."""
 
     @abstractmethod
-    def _send(self, command: JointCommand) -> None:
-        """Put a set-point, within the limits, on the wire."""
+    def _send(self, command: JointCommand) -> JointCommand | None:
+        """Put a set-point, within the limits, on the wire; the last one of a cycle counts.
+
+        Returns:
+            What the drives will apply, if that is something else.
+        """
 
     @abstractmethod
     def _close(self) -> None:
@@ -263,6 +301,14 @@ class Robot(Closing):
 
     def _check(self, command: JointCommand) -> None:  # most take every command
         """Raise if the robot cannot carry out a command; nothing is sent then."""
+
+    def _gravity(self) -> Callable[[], FloatArray] | None:
+        """Return what tells the torque that is added to commanded ones; None if drives do that."""
+        return None
+
+    def _gains(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return the gains by which positions are kept, (n,) each; None if drives do that."""
+        return None
 
     def _stand_at(self, position: FloatArray) -> None:
         """Stand somewhere before the first cycle; a real arm cannot be put there."""

@@ -14,9 +14,13 @@ if TYPE_CHECKING:
 
 LIMIT_NAMES = (
     "position", "velocity", "acceleration", "torque", "torque_rate", "wrench", "wrench_rate",
+    "gain_rate",
 )  # fmt: skip
 _POSITION, _VELOCITY, _ACCELERATION = 1, 2, 4  # bits of a hit
 TORQUE, WRENCH = 8, 32  # each with its rate behind it
+GAIN_RATE = 128
+_CYCLES_TO_ACT = 2.0  # from a measurement to the first effect of what is sent in answer
+VELOCITY_TOLERANCE = 1.2  # times the velocity limit that a measured velocity may reach
 _ROUNDING = 1e-6  # relative; a set-point this close to a limit keeps it
 
 
@@ -75,33 +79,35 @@ class PositionLimits:
         )
         return path, speeds, hit | _follow_on(targets, self._bounds, self._period, path, speeds)
 
+    def brake(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the next set-point on the way to rest, (n,) [rad], and its velocity [rad/s].
 
-class EffortLimits:
-    """Leads torques, or a wrench, towards what is commanded, within their limits.
+        An end of the range that is too near for the limit of acceleration comes first.
+        """
+        reached, speed = np.empty(position.size), np.empty(position.size)
+        _brake(position, velocity, self._bounds, self._period, reached, speed)
+        return reached, speed
 
-    Args:
-        most: Highest effort, (n,) [N m] or [N].
-        rate: Highest rate, (n,) [N m/s] or [N/s].
-        period: Cycle [s].
-        bit: Of the limit in `LIMIT_NAMES`, `TORQUE` or `WRENCH`; that of its rate comes after it.
-    """
+    def stoppable(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
+        """Return the velocity closest to `velocity` that keeps the limits, (n,) [rad/s].
 
-    def __init__(self, most: FloatArray, rate: FloatArray, period: float, bit: int) -> None:
-        self._bounds = np.array([most, rate * period])
-        self._bit = bit
+        That of the joint, and the highest from which it stops inside its range.
+        """
+        speed = np.empty(position.size)
+        _stoppable(position, velocity, self._bounds, self._period, speed)
+        return speed
 
-    def follow(self, target: FloatArray, effort: FloatArray) -> tuple[FloatArray, int]:
-        """Return the effort that comes after `effort` on its way to `target`, and limits met."""
-        reached = np.empty(target.size)
-        return reached, self._bit * _follow_effort(target, effort, self._bounds, reached)
+    def first_beyond(
+        self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+    ) -> int:
+        """Return the first joint, from 1, that has to brake now to stop in its range; 0 if none.
 
-
-def slow_down(
-    position: FloatArray, velocity: FloatArray, acceleration: FloatArray, period: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the next set-point of an arm that brakes to rest, and its velocity."""
-    slower = np.sign(velocity) * np.maximum(np.abs(velocity) - acceleration * period, 0.0)
-    return position + slower * period, slower
+        Args:
+            position: Measured, (n,) [rad].
+            velocity: Measured, (n,) [rad/s].
+            acceleration: Of the last cycle, (n,) [rad/s^2]; it may go on until the arm brakes.
+        """
+        return _first_beyond(position, velocity, acceleration, self._bounds, self._period)
 
 
 @compiled(reads=("values",))
@@ -111,6 +117,14 @@ def first_unreadable(values: FloatArray, lowest: float) -> int:
         if not (lowest <= values[j] < math.inf and values[j] > -math.inf):
             return j + 1
     return 0
+
+
+@compiled(inline="always")
+def runs_away(j: int, position: FloatArray, velocity: FloatArray, bounds: FloatArray) -> bool:
+    """Say whether a joint, from 0, is too fast or on its way out of range."""
+    q, v = position[j], velocity[j]
+    leaving = (v > 0 and q > bounds[1, j]) or (v < 0 and q < bounds[0, j])
+    return leaving or abs(v) > bounds[2, j]
 
 
 @compiled(reads=("position", "velocity"))
@@ -123,9 +137,7 @@ def first_runaway(position: FloatArray, velocity: FloatArray, bounds: FloatArray
         bounds: Lower and upper end of the range [rad], and highest speed [rad/s], (3, n).
     """
     for j in range(position.size):
-        q, v = position[j], velocity[j]
-        leaving = (v > 0 and q > bounds[1, j]) or (v < 0 and q < bounds[0, j])
-        if leaving or abs(v) > bounds[2, j]:
+        if runs_away(j, position, velocity, bounds):
             return j + 1
     return 0
 
@@ -178,18 +190,60 @@ def _follow_on(
     return hit
 
 
-@compiled(reads=("target", "effort"))
-def _follow_effort(
-    target: FloatArray, effort: FloatArray, bounds: FloatArray, reached: FloatArray
+@compiled(reads=("position", "velocity"))
+def _brake(
+    position: FloatArray,
+    velocity: FloatArray,
+    bounds: FloatArray,
+    period: float,
+    reached: FloatArray,
+    speed: FloatArray,
+) -> None:
+    """Write the next set-point of an arm that brakes to rest, and its velocity."""
+    for j in range(position.size):
+        q, v, change = position[j], velocity[j], bounds[3, j]
+        room = bounds[1, j] - q if v > 0 else q - bounds[0, j]
+        slower = max(abs(v) - change, 0.0)
+        if room <= bounds[4, j]:
+            slower = min(slower, _braking(room, change, period))
+        speed[j] = math.copysign(slower, v) if slower > 0.0 else 0.0
+        reached[j] = q + speed[j] * period
+
+
+@compiled(reads=("position", "velocity"))
+def _stoppable(
+    position: FloatArray, velocity: FloatArray, bounds: FloatArray, period: float, speed: FloatArray
+) -> None:
+    """Write the velocities within the limits, of which the range's ends are one."""
+    for j in range(position.size):
+        v = velocity[j]
+        room = bounds[1, j] - position[j] if v > 0 else position[j] - bounds[0, j]
+        most = min(bounds[2, j], _braking(room, bounds[3, j], period))
+        speed[j] = math.copysign(min(abs(v), most), v)
+
+
+@compiled(reads=("position", "velocity", "acceleration"))
+def _first_beyond(
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    bounds: FloatArray,
+    period: float,
 ) -> int:
-    """Write the next effort; return 1 if the limit was met, plus 2 if that of its rate was."""
-    hit = 0
-    for j in range(target.size):
-        most, step = bounds[0, j], bounds[1, j]
-        within = min(max(target[j], -most), most)
-        reached[j] = min(max(within, effort[j] - step), effort[j] + step)
-        hit |= (within != target[j]) | (reached[j] != within) << 1
-    return hit
+    """Return the first joint, from 1, that has to brake now; 0 if none."""
+    for j in range(position.size):
+        v = velocity[j]
+        room = bounds[1, j] - position[j] if v > 0 else position[j] - bounds[0, j]
+        # It goes on like this for two cycles before the first set-point that brakes has acted; an
+        # arm that gets faster than it may is braked for that.
+        more = max(math.copysign(acceleration[j], v * acceleration[j]), 0.0)
+        most = max(abs(v), VELOCITY_TOLERANCE * bounds[2, j])
+        fast = min(abs(v) + _CYCLES_TO_ACT * more * period, most)
+        if v != 0.0 and fast > _braking(
+            room - _CYCLES_TO_ACT * fast * period, bounds[3, j], period
+        ):
+            return j + 1
+    return 0
 
 
 @compiled(inline="always")

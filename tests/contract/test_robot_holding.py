@@ -64,6 +64,30 @@ def test_hold_from_full_speed_keeps_the_limits(robot):
     assert len(path) > 210  # it took a while: nothing stops at once
 
 
+@pytest.mark.parametrize("answered", [False, True])
+@pytest.mark.parametrize("resumed", [False, True])
+def test_closing_at_full_speed_brakes_within_the_limits(robot, answered, resumed):
+    moves = smooth_move(0.3, 400)[:201]
+    _, sent = follow(robot, moves[:200])
+    path, receive = [command.position for command in sent], robot._receive
+    if answered:
+        robot.send(position(moves[200]))
+    if resumed:  # and nothing commanded since
+        robot.hold()
+        robot.resume()
+
+    def noted(timeout):
+        path.append(robot._contract.following.position)
+        return receive(timeout)
+
+    robot._receive = noted
+    robot.close()
+    assert robot.standing
+    assert len(path) > 210
+    assert np.array_equal(path[-1], path[-2])
+    check_acceleration(robot, path)
+
+
 def test_hold_asked_for_after_a_command_keeps_the_limits(robot):
     moves = smooth_move(0.3, 400)[:201]
     _, sent = follow(robot, moves[:200])

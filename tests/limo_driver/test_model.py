@@ -8,8 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from backends.can.config import ArmConfig, Bus, Cia402Joint
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
+from limo_driver.robot.registry import open_robot
 
 AGREE = 1e-6
 
@@ -126,6 +128,43 @@ def test_an_arm_of_one_joint_has_torques_of_one_joint(tmp_path):
     np.testing.assert_allclose(torque, -2 * 9.81 * 0.5 * np.sin(q), atol=1e-9)
     np.testing.assert_allclose(pendulum.inertia_of(q, 0), 0.1 + 2 * 0.5**2)
     assert pendulum.flange_jacobian(q[0]).shape == (6, 1)
+
+
+@pytest.mark.parametrize(
+    ("given", "instead", "said"),
+    [
+        ('mass value="2"', 'mass value="nan"', "link 'arm': value of its mass is nan"),
+        ('mass value="2"', 'mass value="two"', "link 'arm': value of its mass is two"),
+        ('mass value="2"', 'mass value="-2"', "link 'arm': value of its mass is -2"),
+        ('ixx="0.1"', 'ixx="inf"', "link 'arm': ixx of its inertia is inf"),
+        ('xyz="0 0 0.5"', 'xyz="0 0 nan"', "link 'arm': xyz of its origin is nan"),
+        ('upper="3"', 'upper="nan"', "joint 'hinge': upper of its limit is nan"),
+        ('velocity="2"', 'velocity="1e999"', "joint 'hinge': velocity of its limit is 1e999"),
+    ],
+)
+def test_numbers_that_cannot_be_read_are_refused_by_name(tmp_path, given, instead, said):
+    """The parser would leave out all inertias of such a file without a word."""
+    (tmp_path / "arm.urdf").write_text(ONE_JOINT.replace(given, instead))
+    with pytest.raises(ConfigError, match=said):
+        RobotModel.load(tmp_path / "arm.urdf")
+
+
+def test_an_arm_without_inertias_has_a_pose_but_no_torque(tmp_path):
+    light = ONE_JOINT[: ONE_JOINT.index("<inertial>")] + ONE_JOINT[ONE_JOINT.index("</link>\n<j") :]
+    (tmp_path / "light.urdf").write_text(light)
+    arm = RobotModel.load(tmp_path / "light.urdf")
+    assert arm.flange_pose(np.zeros(1)).shape == (4, 4)
+    with pytest.raises(ConfigError, match=r"joint 1 \(hinge\) moves no mass.*link 'arm'"):
+        arm.require_inertias()
+    for backend in ("virtual", "mujoco"):
+        with pytest.raises(ConfigError, match="moves no mass"):
+            open_robot(backend, robot=str(tmp_path / "light.urdf"))
+    with pytest.raises(ConfigError, match="moves no mass"):
+        ArmConfig(
+            bus=Bus(interface="virtual", channel="light"),
+            robot=str(tmp_path / "light.urdf"),
+            joints=(Cia402Joint(node=1, counts_per_turn=4096, rated_torque=10.0),),
+        )
 
 
 def test_a_continuous_joint_counts_turns_and_is_moved_within_one(tmp_path):

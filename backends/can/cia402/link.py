@@ -11,9 +11,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.can.cia402.bridge import Bridge
 from backends.can.cia402.bus_load import HEARTBEATS_PER_WATCHDOG, bus_load
-from backends.can.cia402.codec import Codec, Controlword, OperatingMode, State, towards_enabled
+from backends.can.cia402.codec import (
+    MOST_PER_MILLE,
+    Codec,
+    Controlword,
+    OperatingMode,
+    State,
+    towards_enabled,
+)
 from backends.can.cia402.commissioning import Commissioning
 from backends.can.cia402.discovery import QUIET, require_answer, require_quiet
 from backends.can.cia402.drive import OPERATIONAL, Drive
@@ -33,7 +39,8 @@ from backends.can.frames import (
 )
 from backends.can.link import DriveSample, Link
 from limo_driver.errors import BackendError, ConfigError
-from limo_driver.robot.safety import VELOCITY_TOLERANCE
+from limo_driver.robot.measured import SLACK
+from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
@@ -42,10 +49,10 @@ if TYPE_CHECKING:
     from backends.can.config import ArmConfig, Cia402Joint
     from backends.can.link import DriveStatus
     from backends.can.port import BusPort, Frame
+    from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
 START, PRE_OPERATIONAL = 0x01, 0x80  # NMT commands
-SLACK: Final = 0.01  # [rad] that a joint may be moved beyond what its velocity allows
 MODE_PATIENCE: Final = 3  # drive statuses after which a mode has to be taken
 CATCH_UP: Final = 0.5  # [s] at most, to read what came before drives are enabled
 SHORT_TIMEOUT: Final = 0.05  # [s] at least, for an answer that others wait for
@@ -65,7 +72,7 @@ class Cia402Link(Link):
 
     def __init__(self, config: ArmConfig, port: BusPort, *, reset: bool = False) -> None:
         bus_load(config).require(config.rate)
-        super().__init__(port, 1.0 / config.rate)
+        super().__init__(port, 1.0 / config.rate, config.model)
         self.config, self._reset = config, reset
         self._joints: tuple[Cia402Joint, ...] = config.joints  # type: ignore[assignment]
         self._drives = [Drive(j, joint.node) for j, joint in enumerate(self._joints, start=1)]
@@ -75,10 +82,8 @@ class Cia402Link(Link):
         self._fastest = (counts * VELOCITY_TOLERANCE * config.model.limits.velocity).tolist()
         self._slack = (counts * SLACK).tolist()
         n = len(self._drives)
-        self._target = np.zeros(n)  # [rad]; not used before drives are enabled
         self._torque = np.zeros(n)  # [N m]
         self._pinned = np.ones(n, dtype=bool)  # joints that keep the pose they have
-        self._bridge = Bridge(config.model.limits, self._period)
         self._mode, self._mode_cycles = OperatingMode.POSITION, 0
         self._commanded = self._powered = False
         self._heartbeat_due = 0.0
@@ -87,6 +92,11 @@ class Cia402Link(Link):
     def torque_resolution(self) -> FloatArray:
         """Smallest change that the measured torques show, (n,) [N m]."""
         return self._codec.torque_resolution
+
+    @property
+    def most_torque(self) -> FloatArray:
+        """Highest torque that can be said to the drives, (n,) [N m]."""
+        return MOST_PER_MILLE * self._codec.torque_resolution
 
     # start and end ------------------------------------------------------------------------------
 
@@ -164,27 +174,18 @@ class Cia402Link(Link):
         except ConfigError as error:
             raise BackendError(f"no torques at this rate: {error}") from None
 
-    def command(self, command: JointCommand) -> None:
+    def command(self, told: Setpoint) -> None:
         """Take the set-points of the coming cycle."""
         self._commanded = True
-        if isinstance(command, TorqueCommand):
+        if told.mode is TorqueCommand:
             self._set_mode(OperatingMode.TORQUE)
-            self._bridge.clear()
-            most = self.config.model.limits.torque
-            gravity = self.config.model.gravity_torque(self._position())[0]
-            self._torque = np.clip(command.torque + gravity, -most, most)
-        elif isinstance(command, PositionCommand):
+            self._torque = told.torque + told.gravity
+        else:
             self._set_mode(OperatingMode.POSITION)
-            # With the bridge a set-point could be beyond the range, by what the arm lags behind.
-            limits, held = self.config.model.limits, self._target
-            lower = np.minimum(limits.position_min, held)
-            upper = np.maximum(limits.position_max, held)
-            target = np.clip(command.position + self._bridge.offset, lower, upper)
-            self._target = np.where(self._pinned, held, target)
+            self.target = np.where(self._pinned, self.target, told.position)
 
     def begin(self) -> None:
-        """Follow commands again that start from the measured pose."""
-        self._bridge.start(self._target - self._position())
+        """Follow commands again."""
         self._pinned[:] = False
 
     def send(self) -> None:
@@ -201,7 +202,6 @@ class Cia402Link(Link):
         ):  # at rest: nobody wants torque
             self._keep_pose()
         self._commanded = False
-        self._bridge.advance()
         self._put()
 
     def measure(self, until: float) -> DriveSample | None:
@@ -275,7 +275,7 @@ class Cia402Link(Link):
 
     def _sync(self, until: float) -> bool:
         """Start a cycle; say whether every drive answered until then."""
-        now = self.port.now()
+        now, self._gravity = self.port.now(), None
         for drive, fastest, slack in zip(self._drives, self._fastest, self._slack, strict=True):
             drive.open_cycle(now, fastest * (now - drive.heard_at + self._period) + slack)
         self.port.send(SYNC, b"")
@@ -297,7 +297,7 @@ class Cia402Link(Link):
     def _put(self) -> None:
         """Send the RPDOs, and the heartbeat when it is due."""
         words = [drive.controlword for drive in self._drives]
-        frames = self._codec.targets(self._target, words)
+        frames = self._codec.targets(self.target, words)
         for drive, data in zip(self._drives, frames, strict=True):
             self.port.send(RPDO1 + drive.node, data)
         others = [d for d in self._drives if d.mode not in {None, self._mode}]
@@ -329,7 +329,7 @@ class Cia402Link(Link):
         if drives:
             measured = self._position()
             for drive in drives:
-                self._target[drive.joint - 1] = measured[drive.joint - 1]
+                self.target[drive.joint - 1] = measured[drive.joint - 1]
 
     def _position(self) -> FloatArray:
         return self._codec.positions([drive.count for drive in self._drives])
@@ -338,7 +338,7 @@ class Cia402Link(Link):
         if mode is not self._mode:
             self._mode, self._mode_cycles = mode, 0
         if mode is OperatingMode.TORQUE:
-            self._target = self._position()  # to be there when positions are followed again
+            self.target = self._position()  # to be there when positions are followed again
 
     @property
     def _mode_is_late(self) -> bool:

@@ -23,6 +23,7 @@ from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 if TYPE_CHECKING:
     from backends.can.config import ArmConfig, DamiaoJoint
     from backends.can.port import BusPort, Frame
+    from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
 
@@ -40,7 +41,7 @@ class DamiaoLink(Link):
 
     def __init__(self, config: ArmConfig, port: BusPort, *, reset: bool = False) -> None:
         bus_load(config).require(config.rate)
-        super().__init__(port, 1.0 / config.rate)
+        super().__init__(port, 1.0 / config.rate, config.model)
         self.config, self._reset = config, reset
         joints: tuple[DamiaoJoint, ...] = config.joints  # type: ignore[assignment]
         self._motors = [Motor(j, joint) for j, joint in enumerate(joints, start=1)]
@@ -50,10 +51,9 @@ class DamiaoLink(Link):
         self._offset = np.array([joint.offset for joint in joints])
         self._stiffness = np.array([joint.stiffness for joint in joints])
         self._damping = np.array([joint.damping for joint in joints])
-        self._command: JointCommand | None = None
-        self._velocity = np.zeros(len(joints))  # of position set-points [rad/s]
-        self._starts = True  # the next position starts a stream
-        self._target = np.zeros(len(joints))  # [rad]; not used before it is measured
+        self.gains = self._stiffness, self._damping
+        self._told: Setpoint | None = None
+        self._moves = False  # the set-point is of this cycle; one that is repeated stands
         self._pinned = np.ones(len(joints), dtype=bool)  # joints that keep the pose they have
         self._powered = False
 
@@ -62,17 +62,22 @@ class DamiaoLink(Link):
         """Smallest change that the measured torques show, (n,) [N m]."""
         return np.array([motor.ranges.torque_step for motor in self._motors])
 
+    @property
+    def most_torque(self) -> FloatArray:
+        """Highest torque that can be said to the motors, (n,) [N m]."""
+        return np.array([motor.ranges.torque for motor in self._motors])
+
     def connect(self) -> None:
         """Find every motor, switch it off, read its ranges, and set its watchdog and mode."""
         Setup(self.config, self.port, self._motors).run()
-        self._target = self._sample().position
+        self.target = self._sample().position
 
     def enable(self, *, reset: bool = False) -> None:
         """Let the motors hold the pose that they measure."""
         reset = reset or self._reset
         until = self.port.now() + self.config.answer_timeout
         self._powered, self.port.bus_off = True, False
-        self._command = None  # who is enabled holds its pose
+        self._told = None  # who is enabled holds its pose
         # Somebody may have moved the arm since it was last heard. What is switched off answers to
         # a command too, and obeys nothing.
         self._run_cycle()
@@ -96,21 +101,14 @@ class DamiaoLink(Link):
             _check_gain("stiffness", command.stiffness, STIFFEST, "N m/rad")
             _check_gain("damping", command.damping, MOST_DAMPING, "N m s/rad")
 
-    def command(self, command: JointCommand) -> None:
+    def command(self, told: Setpoint) -> None:
         """Take the set-points of the coming cycle."""
-        before, self._command = self._target, command
-        if isinstance(command, (PositionCommand, ImpedanceCommand)):
-            self._target = np.where(self._pinned, before, command.position)
-        else:
-            self._target = np.where(self._pinned, before, self._sample().position)
-        moves = isinstance(command, PositionCommand) and not self._starts
-        self._velocity = (self._target - before) * self.config.rate * moves
-        self._starts = False
+        self._told, self._moves = told, True
+        self.target = np.where(self._pinned, self.target, told.position)
 
     def begin(self) -> None:
-        """Follow commands again that start from the measured pose."""
+        """Follow commands again."""
         self._pinned[:] = False
-        self._starts = True
 
     def send(self) -> None:
         """Wait: a motor acts on its command as it arrives, which is when the cycle is due."""
@@ -118,7 +116,7 @@ class DamiaoLink(Link):
     def measure(self, until: float) -> DriveSample | None:
         """Command all motors and return what they answer; None if one was not heard in time."""
         self._exchange(until)
-        self._velocity = np.zeros(len(self._motors))  # a set-point that is repeated stands
+        self._moves = False
         if not self._all_heard():
             return None
         return self._sample()
@@ -168,7 +166,7 @@ class DamiaoLink(Link):
     def _switch_on(self, motor: Motor, *, reset: bool) -> None:
         """Enable a motor where it stands."""
         self._pinned[motor.number - 1] = True
-        self._target[motor.number - 1] = self._sample().position[motor.number - 1]
+        self.target[motor.number - 1] = self._sample().position[motor.number - 1]
         if motor.faulty and reset:
             self.port.send(motor.joint.node, damiao.CLEAR)
         self.port.send(motor.joint.node, damiao.ENABLE)
@@ -190,6 +188,7 @@ class DamiaoLink(Link):
         """Command every motor that follows commands, and hear what they answer until then."""
         for motor in self._motors:
             motor.heard = False
+        self._gravity = None
         commands = self._commands()
         for motor, command in zip(self._motors, commands, strict=True):
             # One that is switched off answers too, and obeys nothing.
@@ -204,21 +203,24 @@ class DamiaoLink(Link):
 
     def _commands(self) -> list[MitCommand]:
         """Return what each motor is told in this cycle."""
-        limit = self.config.model.limits.torque
-        gravity = self.config.model.gravity_torque(self._sample().position)[0]
-        command, pinned = self._command, self._pinned
+        told, pinned, limit = self._told, self._pinned, self._model.limits.torque
+        # What was limited with a gravity is sent with that one.
+        gravity = self.gravity() if told is None or not self._moves else told.gravity
+        velocity = np.zeros(len(self._motors))
         stiffness, damping, torque = self._stiffness, self._damping, gravity
-        if isinstance(command, ImpedanceCommand):
-            stiffness = np.where(pinned, stiffness, command.stiffness)
-            damping = np.where(pinned, damping, command.damping)
-        elif isinstance(command, TorqueCommand):
-            stiffness, damping = stiffness * pinned, damping * pinned
-        if isinstance(command, (ImpedanceCommand, TorqueCommand)):
-            torque = gravity + np.where(pinned, 0.0, command.torque)
-        motor_position = self._offset + self._sign * self._target
+        if told is not None:
+            stiffness = np.where(pinned, stiffness, told.stiffness)
+            damping = np.where(pinned, damping, told.damping)
+            torque = gravity + np.where(pinned, 0.0, told.torque)
+            if told.rigid and self._moves:
+                velocity = np.where(pinned, 0.0, told.velocity)
+        motor_position = self._offset + self._sign * self.target
         torque = self._sign * np.clip(torque, -limit, limit)
-        rows = (motor_position, self._sign * self._velocity, stiffness, damping, torque)
+        rows = (motor_position, self._sign * velocity, stiffness, damping, torque)
         return [MitCommand(*map(float, row)) for row in zip(*rows, strict=True)]
+
+    def _position(self) -> FloatArray:
+        return self._sample().position
 
     def _sample(self) -> DriveSample:
         replies = [motor.known for motor in self._motors]

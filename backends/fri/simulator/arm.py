@@ -98,10 +98,10 @@ class ControlledArm(MujocoRobot):
     def take_control(self, control: ControlMode, position: FloatArray) -> None:
         """Let another kind of control take over, around a set-point, (7,) [rad]."""
         if control is ControlMode.POSITION:
-            self._send(PositionCommand(position=position))
+            self._apply(PositionCommand(position=position))
         else:
             joint = control is ControlMode.JOINT_IMPEDANCE
-            self._send(
+            self._apply(
                 ImpedanceCommand(
                     position=position,
                     stiffness=self._stiffness if joint else np.zeros(JOINTS),

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.robot.setpoints import slow_down
-
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
@@ -116,3 +114,11 @@ class SetpointPath:
         self.velocity = (targets[-1] - before) / STEP
         self.position = targets[-1].copy()
         return targets
+
+
+def slow_down(
+    position: FloatArray, velocity: FloatArray, acceleration: FloatArray, period: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the next set-point of an arm that brakes to rest, and its velocity."""
+    slower = np.sign(velocity) * np.maximum(np.abs(velocity) - acceleration * period, 0.0)
+    return position + slower * period, slower

@@ -11,6 +11,11 @@ from limo_driver.cli.serve.options import log_limits, retraining_of, settings_of
 from limo_driver.cli.serve.showing import status_printer, teller
 from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
+OPEN = (
+    "the network is open: whoever reaches it can read, and can publish under any key; `limo "
+    "secure` and --config close it"
+)
+
 
 def command(
     arm: Annotated[
@@ -164,6 +169,8 @@ def command(
         told=teller(several=len(stores) > 1, as_json=as_json),
         show=status_printer(as_json=as_json),
     ) as service:
+        if config is None:
+            typer.echo(OPEN, err=True)
         service.wait(duration)
     for kept in service.logs.values():
         if kept.failure is not None:

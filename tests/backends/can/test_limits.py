@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from arms import NODES, START, arm_config, counts_at
@@ -245,7 +246,7 @@ class Waiting(Link):
     """Hears from a bus on which frames come at given times [s], one each."""
 
     def __init__(self, period, times):
-        super().__init__(self, period)
+        super().__init__(self, period, SimpleNamespace(n=7))
         self.times, self.time, self.heard = list(times), 0.0, 0
         self.oversleeps = 0.0
 

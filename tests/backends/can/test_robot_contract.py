@@ -25,6 +25,7 @@ from test_robot import (  # noqa: F401  # collected here, for another robot
     test_validity_has_to_be_a_time,
 )
 from test_robot_holding import (  # noqa: F401
+    test_closing_at_full_speed_brakes_within_the_limits,
     test_expired_command_leads_to_a_hold_within_the_limits,
     test_hold_asked_for_after_a_command_keeps_the_limits,
     test_hold_from_full_speed_keeps_the_limits,

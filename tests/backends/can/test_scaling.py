@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from arms import arm_config
 
-from backends.can.cia402.bridge import Bridge
 from backends.can.cia402.codec import TARGETS, TORQUE, Codec, OperatingMode
 from backends.can.config import Bus, Cia402Joint, DamiaoJoint, Temperature
 from backends.can.damiao.codec import MitCommand, Ranges, decode_command, encode_command
@@ -75,27 +74,6 @@ class TestScaling:
             data = encode_command(replace(rest, **{name: given}), ranges)
             word = int.from_bytes(data, "big")
             assert word >> (24 if name == "stiffness" else 12) & 0xFFF == code
-
-
-class TestBridge:
-    def test_takes_its_difference_away_with_5_percent_of_the_limits(self):
-        limits, period = arm_config().model.limits, 0.01
-        bridge = Bridge(limits, period)
-        bridge.start(np.full(7, 0.05))
-        offsets = [bridge.offset]
-        for _ in range(600):
-            bridge.advance()
-            offsets.append(bridge.offset)
-        speed = np.diff(offsets, axis=0) / period
-        change = np.abs(np.diff(speed, axis=0)) / period
-        assert not bridge.offset.any()
-        assert (np.abs(speed) <= 0.05 * limits.velocity * (1 + 1e-5)).all()
-        assert change.max(axis=0) == pytest.approx(0.05 * limits.acceleration, rel=1e-3)
-        most = np.minimum(0.05 * limits.velocity, np.sqrt(0.05 * 0.05 * limits.acceleration))
-        assert np.abs(speed).max(axis=0) == pytest.approx(most, rel=0.1)
-        bridge.start(np.ones(7))
-        bridge.clear()
-        assert not bridge.offset.any()
 
 
 JOINT = {"node": 11, "counts_per_turn": 4096, "rated_torque": 10.0}

@@ -9,7 +9,7 @@ from sync_bus import SyncBus
 from backends.can import CanRobot
 from backends.can.cia402.codec import MEASURED
 from limo_driver.errors import HoldingError
-from limo_driver.robot.safety import VELOCITY_TOLERANCE
+from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.types import PositionCommand
 
 PERIOD = 0.01  # [s]

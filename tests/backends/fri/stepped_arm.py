@@ -103,7 +103,7 @@ class SteppedArm:
         if self.mode is m.CommandMode.POSITION and data is not None:
             self.velocity = (np.array(data.joint_position) - self.position) / h
             self.position = np.array(data.joint_position)
-        elif self.mode is m.CommandMode.TORQUE and data is not None:
+        elif self.mode is m.CommandMode.TORQUE and data is not None and data.joint_torque:
             self.velocity = self.velocity + h * np.array(data.joint_torque) / INERTIA
             self.position = self.position + h * self.velocity
 

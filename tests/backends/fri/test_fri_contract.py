@@ -26,7 +26,6 @@ POSITION = {
         "test_command_for_another_number_of_joints_is_refused",
         "test_refused_command_leaves_the_one_in_force",
         "test_lost_measurement_is_flagged_and_never_zero",
-        "test_last_command_of_a_cycle_counts",
         "test_states_cannot_be_written_to",
     ],
     "test_robot_holding": [
@@ -91,6 +90,13 @@ def test_later_versions_are_driven_alike(generation):
 def test_resuming_while_braking_keeps(commanded, robot):
     module = importlib.import_module("test_robot_holding")
     module.test_resuming_while_braking_keeps_the_limits(robot, commanded)
+
+
+@pytest.mark.parametrize("answered", [False, True])
+@pytest.mark.parametrize("resumed", [False, True])
+def test_closing_keeps(answered, resumed, robot):
+    module = importlib.import_module("test_robot_holding")
+    module.test_closing_at_full_speed_brakes_within_the_limits(robot, answered, resumed)
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])

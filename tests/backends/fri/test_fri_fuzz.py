@@ -15,6 +15,7 @@ from backends.fri.codec.messages import CommandMode
 )
 def test_driver_keeps_its_contract_whatever_comes(mode):
     happened = fuzz(5000, seed=1, mode=mode)
-    assert happened["commands"] > 1000
+    assert happened["commands"] > 800
+    assert happened["link"]["implausible"] > 100  # poses that jump while the arm is commanded
     assert happened["link"]["malformed"] > 500
     assert happened["link"]["restarts"] > 5

@@ -209,7 +209,7 @@ def test_torque_session_adds_torque_to_the_mirrored_position():
             robot.send(TorqueCommand(torque=torque))
             robot.receive()
         robot.arm.listen()
-    data = robot.arm.answers[-1].data
+        data = robot.arm.answers[-1].data
     assert data.joint_torque == pytest.approx(tuple(torque))
     assert data.joint_position == POSE
     assert data.wrench is None

@@ -1,10 +1,16 @@
 """What `limo serve` makes of its options before anything is opened."""
 
+import sys
+from contextlib import contextmanager, suppress
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from limo_driver.cli import main
 from limo_driver.cli.serve.options import log_limits, per_joint
 from limo_driver.errors import ConfigError
+from limo_driver.workflow import serving
 
 
 class TestLogLimits:
@@ -52,3 +58,20 @@ def test_a_duration_is_a_number(limo, command):
     done = limo(*command, "--duration", "nan")
     assert done.returncode == 2
     assert "'--duration': Input should be greater than or equal to 0" in done.stderr
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_an_open_network_is_said_at_the_start(monkeypatch, capsys, tmp_path, closed):
+    @contextmanager
+    def opened(*_, **__):
+        yield SimpleNamespace(wait=lambda _: None, logs={})
+
+    monkeypatch.setattr(serving, "serve", opened)
+    (tmp_path / "zenoh.json5").write_text("{}")
+    config = ["--config", str(tmp_path / "zenoh.json5")] if closed else []
+    options = ["--arm", "iiwa14", "--model", "model", "--duration", "0", *config]
+    monkeypatch.setattr(sys, "argv", ["limo", "serve", *options])
+    with suppress(SystemExit):
+        main()
+    said = capsys.readouterr().err
+    assert ("the network is open" in said) == (not closed)

@@ -103,15 +103,24 @@ class TestFirstCommand:
 
 
 class TestRange:
-    """An arm that is carried 0.01 rad out of its range holds."""
+    """Carried 0.01 rad out of its range, an arm holds; one that gives way, before the end."""
+
+    def near_the_end(self, kind, j, sign):
+        """Return a contract of an arm 2 mrad before an end of its range, and that end."""
+        end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[j]
+        contract, position = SafetyContract(SPEC), only(j, end - sign * 0.002, POSE)
+        contract.observe(state(position=position))
+        command = COMMANDS[kind](valid_for=LONG)
+        if hasattr(command, "position"):
+            command = replace(command, position=position)
+        contract.admit(command)
+        return contract, end
 
     @each_joint
     @each_way
-    @each_kind
-    def test_may_be_left_a_little(self, j, sign, kind):
-        end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[j]
+    def test_may_be_left_a_little(self, j, sign):
         for factor, held in ((1 - JUST, False), (1 + JUST, True)):
-            contract = started(COMMANDS[kind](valid_for=LONG))
+            contract, end = self.near_the_end("position", j, sign)
             position = only(j, end + sign * 0.01 * factor, POSE)
             contract.observe(state(1, position, only(j, sign * 0.1)))
             assert contract.holding == held
@@ -120,11 +129,26 @@ class TestRange:
 
     @each_joint
     @each_way
+    @pytest.mark.parametrize("kind", ["torque", "impedance", "wrench"])
+    def test_is_not_left_by_arms_that_give_way(self, j, sign, kind):
+        for speed, held in ((-0.3, False), (0.0, False), (0.3, True)):
+            contract, _ = self.near_the_end(kind, j, sign)
+            position = contract._memory.state.position
+            contract.observe(state(1, position, only(j, sign * speed)))
+            assert contract.holding == held
+            if held:
+                assert f"joint {j + 1} could not have stopped inside its range" in reason(contract)
+
+    @each_joint
+    @each_way
     def test_says_nothing_of_an_arm_that_comes_back_or_stands(self, j, sign):
         end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[j]
-        contract = started(pushed(valid_for=LONG))
-        contract.observe(state(1, only(j, end + sign * 0.5, POSE), only(j, -sign * 0.1)))
-        contract.observe(state(2, only(j, end + sign * 0.5, POSE)))
+        outside = only(j, end + sign * 0.5, POSE)
+        contract = SafetyContract(SPEC)
+        contract.observe(state(position=outside))
+        contract.admit(pushed(valid_for=LONG))
+        contract.observe(state(1, outside, only(j, -sign * 0.1)))
+        contract.observe(state(2, outside))
         assert not contract.holding
 
     @each_joint
@@ -160,7 +184,42 @@ class TestSpeed:
 
 
 class TestStaleness:
-    """An arm that was not measured for 0.1 s holds."""
+    """An arm that was not measured for 0.1 s holds; one that gives way, within 10 ms."""
+
+    @pytest.mark.parametrize("period", [0.001, 0.004, 0.01, 0.02])
+    @pytest.mark.parametrize("kind", ["torque", "impedance", "wrench"])
+    def test_may_last_10_ms_where_the_arm_gives_way(self, period, kind):
+        """What is sent after the hold began reaches the drives within them."""
+        contract = started(COMMANDS[kind](valid_for=LONG), spec=replace(SPEC, period=period))
+        cycles = max(round(0.01 / period + 1e-9) - 1, 1) if period < 0.005 else 1
+        if period == 0.004:
+            cycles = 2
+        for cycle in range(1, cycles + 1):
+            assert not contract.holding
+            contract.observe(state(cycle, time=0.0, stale=True))
+        assert "no measurement for" in reason(contract)
+
+    def test_is_shorter_where_the_arm_may_get_too_fast(self):
+        contract = started(pushed(valid_for=LONG), spec=replace(SPEC, period=0.001))
+        contract.observe(state(1, time=0.001, velocity=only(2, 0.0)))
+        contract.observe(state(2, time=0.002, velocity=only(2, 0.25)))  # 250 rad/s^2
+        contract.observe(state(3, time=0.002, stale=True))
+        assert not contract.holding
+        contract.observe(state(4, time=0.002, stale=True))
+        assert "no measurement for 0.002 s" in reason(contract)
+
+    def test_lets_an_arm_float_that_is_to_do_so(self):
+        spec = replace(SPEC, period=0.001, on_loss="float")
+        contract, sent = started(pushed(only(0, 3.0), valid_for=LONG), spec=spec), []
+        for cycle in range(1, 20):
+            contract.observe(state(cycle, time=0.0, stale=True))
+            sent.append(contract.stand_in())
+        assert contract.holding
+        torques = np.array([command.torque[0] for command in sent])
+        assert (np.diff(torques) >= -1.0 - 1e-9).all()
+        assert torques[-1] == 0.0
+        contract.observe(state(20, time=0.02))
+        assert np.array_equal(contract.stand_in().position, POSE)
 
     @pytest.mark.parametrize("period", [0.001, 0.004, 0.02])
     def test_may_last_a_while(self, period):
@@ -190,7 +249,7 @@ class TestStaleness:
         assert not contract.holding
 
     def test_hides_neither_range_nor_speed_of_the_next_measurement(self):
-        contract = started(pushed(valid_for=LONG))
+        contract = started(moved(valid_for=LONG))
         contract.observe(state(1, velocity=9 * LIMITS.velocity, stale=True))  # nothing new
         assert not contract.holding
         contract.observe(state(2, velocity=9 * LIMITS.velocity))

@@ -151,22 +151,29 @@ class TestHolding:
         assert_kept(np.array(sent))
         assert np.array_equal(sent[-1], sent[12])
 
-    def test_after_braking_a_stream_starts_from_the_measured_pose(self):
+    def test_after_braking_a_stream_goes_on_from_the_set_point(self):
+        """Which the drives keep, however far from it what leans on the arm has it measured."""
         contract, _ = self.speed_up()
         contract.hold("asked")
+        measured = contract.setpoint + 0.01
         for cycle in range(13, 80):
             contract.stand_in()
-            contract.observe(state(cycle, POSE + 0.01))
+            contract.observe(state(cycle, measured))
         contract.resume()
-        assert np.abs(contract.setpoint - POSE - 0.01).max() > 1e-3
-        sent = contract.admit(moved(POSE + 0.01))
-        assert np.array_equal(sent.position, POSE + 0.01)
-        assert sent.limited_by == ()
+        where = contract.setpoint
+        with pytest.raises(JointLimitError, match="first position"):
+            contract.admit(moved(measured + 0.021))
+        path = [where, where]
+        for cycle in range(80, 120):
+            path.append(contract.admit(moved(measured)).position)
+            contract.observe(state(cycle, measured))
+        assert_kept(np.array(path))
+        assert np.array_equal(path[-1], measured)
 
     @pytest.mark.parametrize("kind", ["torque", "impedance", "wrench"])
     def test_of_a_compliant_arm_begins_where_it_is(self, kind):
         contract = started(COMMANDS[kind](valid_for=LONG))
-        where, speed = POSE + 0.2, np.array([0.5, -1.0, 0.25])
+        where, speed = POSE + 0.012, np.array([0.5, -1.0, 0.25])
         contract.observe(state(1, where, speed))
         contract.hold("asked")
         slower = speed - np.sign(speed) * LIMITS.acceleration * PERIOD
@@ -183,19 +190,21 @@ class TestHolding:
     def test_of_a_compliant_arm_that_was_not_measured_begins_where_it_will_be(self):
         contract = started(pushed(valid_for=LONG))
         speed = np.array([0.5, -1.0, 0.25])
-        contract.observe(state(1, velocity=speed))
-        for _ in range(5):
-            contract.observe(state(1, velocity=speed, stale=True))
-        contract.hold("asked")
-        assert contract.setpoint == pytest.approx(POSE + 5 * PERIOD * speed, abs=1e-15)
+        for cycle in (1, 2):
+            contract.observe(state(cycle, POSE + cycle * PERIOD * speed, speed))
+        contract.observe(state(2, stale=True))
+        assert contract.holding
+        assert contract.setpoint == pytest.approx(POSE + 3 * PERIOD * speed, abs=1e-15)
 
-    def test_of_a_compliant_arm_forgets_what_was_to_come(self):
+    def test_of_a_compliant_arm_begins_after_what_was_sent_already(self):
         contract = started(sprung(valid_for=LONG))
-        contract.observe(state(1, POSE + 0.2))
-        contract.admit(sprung(POSE + 0.1))
+        contract.observe(state(1, POSE + 0.012))
+        sent = contract.admit(sprung(POSE + 0.01, stiffness=np.full(3, 10.0)))
         contract.hold("asked")
-        contract.observe(state(2, POSE + 0.2))
-        assert np.array_equal(contract.setpoint, POSE + 0.2)
+        assert contract.following.mode is type(sent)
+        contract.observe(state(2, POSE + 0.012))
+        assert np.array_equal(contract.setpoint, POSE + 0.012)
+        assert np.array_equal(contract.stand_in().position, POSE + 0.012)
 
     def test_without_a_measurement_sends_nothing(self):
         contract = SafetyContract(SPEC)
@@ -228,20 +237,63 @@ class TestStandIn:
 class TestChangingTheMode:
     def test_starts_from_the_measured_pose_and_motion(self):
         contract = started(pushed(valid_for=LONG))
-        where, speed = POSE + 0.2, np.array([0.5, -1.0, 0.25])
+        where, speed = POSE + 0.012, np.array([0.5, -1.0, 0.25])
         contract.observe(state(1, where, speed))
         with pytest.raises(JointLimitError, match="first position"):
-            contract.admit(moved())
+            contract.admit(moved(POSE - 0.01))
         sent = contract.admit(moved(where))
         assert sent.position == pytest.approx(
             where + (speed - np.sign(speed) * LIMITS.acceleration * PERIOD) * PERIOD, abs=1e-15
         )
 
-    def test_starts_torques_from_zero(self):
+    @pytest.mark.parametrize("middle", [None, moved, sprung, "hold"])
+    def test_goes_on_from_the_torque_that_was(self, middle):
+        """Whatever was asked for meanwhile, and had no effect."""
         contract = started(pushed(only(0, 7.0), valid_for=LONG))
         contract.observe(state(1))
-        sent = contract.admit(sprung(torque=only(0, 9.0)))
-        assert sent.torque[0] == pytest.approx(1000.0 * PERIOD)
+        if middle == "hold":
+            contract.hold("asked")
+            contract.resume()
+        elif middle is not None:
+            contract.admit(middle())
+        sent = contract.admit(sprung(torque=only(0, 20.0)))
+        assert sent.torque[0] == pytest.approx(7.0 + 1000.0 * PERIOD)
+        sent = contract.admit(pushed(only(0, -9.0)))
+        assert sent.torque[0] == pytest.approx(7.0 - 1000.0 * PERIOD)
+
+    def test_goes_on_from_what_is_left_of_a_torque(self):
+        contract = started(pushed(only(0, 7.0), valid_for=LONG))
+        for cycle in range(1, 4):
+            contract.observe(state(cycle))
+            contract.admit(pushed(only(0, 20.0), valid_for=LONG))
+        contract.observe(state(4))
+        contract.admit(moved())  # for one cycle
+        contract.observe(state(5))
+        assert contract.admit(pushed()).torque[0] == pytest.approx(20.0 - 2 * 1000.0 * PERIOD)
+
+    def test_leaves_nothing_behind_where_nobody_commands_any_more(self):
+        """The torque that is left fades also while nothing has to be sent."""
+        contract = started(pushed(only(0, 7.0), valid_for=LONG))
+        contract.observe(state(1))
+        for cycle in range(2, 5):
+            contract.admit(pushed(only(0, 30.0), valid_for=LONG))
+            contract.observe(state(cycle))
+        contract.hold("asked")
+        contract.resume()
+        for cycle in range(5, 20):
+            contract.stand_in()
+            contract.observe(state(cycle))
+        assert contract.at_rest
+        assert contract.stand_in() is None
+        assert contract.admit(pushed()).torque[0] == 0.0
+
+    def test_goes_on_from_the_torque_of_an_impedance(self):
+        contract = started(sprung(torque=only(0, 7.0)))
+        contract.observe(state(1, POSE - only(0, 0.01)))
+        contract.admit(sprung(stiffness=only(0, 300.0), torque=only(0, 7.0)))
+        contract.observe(state(2, POSE - only(0, 0.01)))
+        sent = contract.admit(pushed())
+        assert sent.torque[0] == pytest.approx(7.0 + 3.0 - 1000.0 * PERIOD)
 
     def test_starts_wrenches_from_zero(self):
         contract = started(wrenched(np.full(6, 4.0)))
@@ -250,7 +302,7 @@ class TestChangingTheMode:
         contract.observe(state(2))
         assert contract.admit(wrenched(np.full(6, 9.0))).wrench == pytest.approx(np.full(6, 5.0))
 
-    def test_after_a_hold_starts_torques_and_wrenches_from_zero(self):
+    def test_leaves_torques_and_wrenches_behind_at_their_rates(self):
         contract = opened()
         contract.lead(POSE)
         for command in (wrenched(np.full(6, 4.0)), pushed(only(0, 7.0))):

@@ -13,14 +13,10 @@ from hypothesis import strategies as st
 
 from limo_driver.robot.setpoints import (
     LIMIT_NAMES,
-    TORQUE,
-    WRENCH,
-    EffortLimits,
     PositionLimits,
     first_runaway,
     first_unreadable,
     names_of,
-    slow_down,
 )
 from limo_driver.types import JointLimits
 
@@ -62,11 +58,11 @@ class TestNames:
     def test_are_those_of_the_bits_in_order(self):
         assert LIMIT_NAMES == (
             "position", "velocity", "acceleration", "torque", "torque_rate", "wrench",
-            "wrench_rate",
+            "wrench_rate", "gain_rate",
         )  # fmt: skip
-        assert [names_of(1 << k) for k in range(8)] == [*((name,) for name in LIMIT_NAMES), ()]
+        assert [names_of(1 << k) for k in range(9)] == [*((name,) for name in LIMIT_NAMES), ()]
         assert names_of(0) == ()
-        assert names_of(0b1010101) == LIMIT_NAMES[::2]
+        assert names_of(0b01010101) == LIMIT_NAMES[::2]
 
 
 @each_joint
@@ -334,57 +330,78 @@ class TestAnyTargets:
         assert keeps.follow_path(last, MIDDLE, MIDDLE, ZERO)[2] & 4
 
 
-class TestEfforts:
-    MOST, RATE = np.array([10.0, 0.0, 3.0]), np.array([500.0, 100.0, 25.0])
-
-    def follow(self, target, effort, bit=TORQUE):
-        reached, hit = EffortLimits(self.MOST, self.RATE, PERIOD, bit).follow(target, effort)
-        return reached, names_of(hit)
-
-    @each_way
-    def test_size_is_limited(self, sign):
-        most = sign * self.MOST
-        assert self.follow(most, most) == (pytest.approx(most), ())
-        for j in (0, 2):
-            over = only(j, most[j] * (1 + 1e-12), most)
-            assert self.follow(over, most) == (pytest.approx(most), ("torque",))
-        assert self.follow(only(1, sign * 1e-300, most), most)[1] == ("torque",)
-
-    @each_way
-    @pytest.mark.parametrize("j", [0, 2])
-    def test_rate_is_limited(self, sign, j):
-        step = sign * self.RATE[j] * PERIOD
-        for effort in (ZERO, only(j, 0.4 * sign * self.MOST[j]), only(j, -sign * self.MOST[j])):
-            within = only(j, effort[j] + step * (1 - 1e-9))
-            reached, met = self.follow(within, effort)
-            assert np.array_equal(reached, within)
-            assert met == ()
-            reached, met = self.follow(only(j, effort[j] + step * (1 + 1e-9)), effort)
-            assert reached[j] == pytest.approx(effort[j] + step, rel=1e-12)
-            assert met == ("torque_rate",)
-
-    def test_both_are_named_each_after_its_kind(self):
-        far = 2 * self.MOST
-        assert self.follow(far, ZERO)[1] == ("torque", "torque_rate")
-        assert self.follow(far, ZERO, WRENCH)[1] == ("wrench", "wrench_rate")
-        assert self.follow(far, self.MOST, WRENCH)[1] == ("wrench",)
-        assert self.follow(only(0, 9.0), ZERO, WRENCH)[1] == ("wrench_rate",)
-        mixed = only(0, 20.0, only(2, 3.0))  # joint 1 is too high, joint 3 too quick
-        assert self.follow(mixed, only(0, 10.0))[1] == ("torque", "torque_rate")
-
-
-class TestSlowingDown:
+class TestBraking:
     def test_takes_off_what_the_acceleration_allows(self):
-        position, velocity = np.array([1.0, 2.0, -1.0]), np.array([0.1, -2.0, 0.05])
-        before = position, velocity
+        position, velocity = np.array([0.3, 2.0, -1.0]), np.array([0.1, -2.0, 0.05])
+        before, limits = (position, velocity), PositionLimits(LIMITS, PERIOD)
         for _ in range(100):
-            position, velocity = slow_down(position, velocity, LIMITS.acceleration, PERIOD)
+            position, velocity = limits.brake(position, velocity)
             assert position == pytest.approx(before[0] + velocity * PERIOD, abs=1e-15)
             slower = np.maximum(np.abs(before[1]) - LIMITS.acceleration * PERIOD, 0.0)
             assert np.abs(velocity) == pytest.approx(slower, abs=1e-15)
             assert (velocity * before[1] >= 0.0).all()
             before = position, velocity
         assert not velocity.any()
+
+    @each_way
+    @pytest.mark.parametrize("room", [0.0, 1e-6, 1e-3, 0.02])
+    def test_ends_inside_the_range_however_near_that_ends(self, sign, room):
+        end = LIMITS.position_max if sign > 0 else LIMITS.position_min
+        position, velocity = end - sign * room, sign * LIMITS.velocity
+        limits = PositionLimits(LIMITS, PERIOD)
+        for _ in range(300):
+            position, velocity = limits.brake(position, velocity)
+            assert (sign * (position - end) <= 1e-12).all()
+        assert not velocity.any()
+
+    @each_way
+    def test_of_an_arm_that_is_outside_goes_no_further(self, sign):
+        end = LIMITS.position_max if sign > 0 else LIMITS.position_min
+        limits, outside = PositionLimits(LIMITS, PERIOD), end + sign * 0.1
+        position, _ = limits.brake(outside, sign * LIMITS.velocity)
+        assert np.array_equal(position, outside)
+        position, _ = limits.brake(outside, -sign * LIMITS.velocity)  # it comes back, and may
+        assert (sign * (position - outside) < 0).all()
+
+
+class TestStoppable:
+    @each_way
+    def test_velocities_stop_in_the_range_within_the_acceleration(self, sign):
+        end = LIMITS.position_max if sign > 0 else LIMITS.position_min
+        limits = PositionLimits(LIMITS, PERIOD)
+        for room in (1e-4, 3e-3, 0.05):
+            position = end - sign * room
+            speed = limits.stoppable(position, sign * 1.139 * LIMITS.velocity)
+            assert (np.abs(speed) <= LIMITS.velocity).all()
+            for _ in range(300):
+                after, slower = limits.brake(position, speed)
+                assert (np.abs(slower - speed) <= CHANGE * (1 + 1e-9)).all()
+                position, speed = after, slower
+            assert (sign * (position - end) <= 1e-12).all()
+
+    def test_velocities_stay_as_they_are_far_from_the_ends(self):
+        velocity = 0.9 * LIMITS.velocity * [1, -1, 1]
+        assert np.array_equal(PositionLimits(LIMITS, PERIOD).stoppable(MIDDLE, velocity), velocity)
+
+
+class TestFirstBeyond:
+    @each_joint
+    @each_way
+    def test_is_who_can_only_just_stop_in_the_range(self, j, sign):
+        end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[j]
+        speed, change = 0.8 * LIMITS.velocity[j], CHANGE[j]
+        limits = PositionLimits(LIMITS, PERIOD)
+        stops = speed**2 / (2 * LIMITS.acceleration[j])
+        near = stops + 0.5 * speed * PERIOD
+        far = stops + 4 * (speed + change) * PERIOD
+        for room, beyond in ((near, j + 1), (far, 0)):
+            position = only(j, end - sign * room, MIDDLE)
+            assert limits.first_beyond(position, only(j, sign * speed), ZERO) == beyond
+            assert limits.first_beyond(position, only(j, -sign * speed), ZERO) == 0
+        faster = only(j, sign * 6 * LIMITS.acceleration[j])
+        position = only(j, end - sign * (stops + 3 * speed * PERIOD), MIDDLE)
+        assert limits.first_beyond(position, only(j, sign * speed), faster) == j + 1
+        assert limits.first_beyond(position, only(j, sign * speed), -faster) == 0
 
 
 class TestUnreadable:

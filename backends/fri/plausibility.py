@@ -1,0 +1,120 @@
+"""Poses that an arm can have got to since the last one, by its velocity limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from backends.fri.codec.messages import SessionState
+from backends.fri.connection import LARGEST_POSITION, LARGEST_TORQUE
+from limo_driver.compiled import compiled
+from limo_driver.robot.measured import SLACK
+from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
+
+if TYPE_CHECKING:
+    from backends.fri.codec.messages import Joints, Monitoring
+    from limo_driver.types import FloatArray, JointLimits
+
+LONGEST: Final = 0.1  # [s] of silence that counts; an arm that is commanded holds by then
+_COMMANDED: Final = (SessionState.COMMANDING_ACTIVE, SessionState.COMMANDING_WAIT)
+_ANYWHERE: Final = np.full(7, np.inf)
+_MODULUS: Final = 1 << 32
+
+
+class Plausibility:
+    """Judges the poses of a session: where the arm is, and where its application has it.
+
+    While nobody commands the arm, it may be anywhere.
+
+    Args:
+        limits: Limits of the joints.
+        period: Send period [s].
+    """
+
+    def __init__(self, limits: JointLimits, period: float) -> None:
+        self._fastest = VELOCITY_TOLERANCE * limits.velocity
+        self._period = period
+        self._most = round(LONGEST / period)
+        self._reach = self._far(1)  # of a message that follows the last, as most do
+        self._sequence = 0
+        self._measured: FloatArray | None = None
+        self._told: Joints | None = None
+
+    @staticmethod
+    def begins(message: Monitoring) -> bool:
+        """Say whether a message can be the first of a new session: it commands nothing yet."""
+        connection = message.connection
+        return connection is None or connection.session_state not in _COMMANDED
+
+    def fine(self, message: Monitoring, position: FloatArray, torque: FloatArray) -> bool:
+        """Say whether measurements are those of an arm, and its poses within reach.
+
+        Args:
+            message: That has them.
+            position: Measured, (7,) [rad].
+            torque: Measured, (7,) [N m].
+        """
+        before = self._measured
+        if before is None or self.begins(message):
+            return _fine(position, torque, position, _ANYWHERE)
+        reach = self._within(message)
+        if not _fine(position, torque, before, reach):
+            return False
+        told = None if message.ipo is None else message.ipo.joint_position
+        return told == self._told or not _jump(told, self._told, reach, "")
+
+    def problem(self, message: Monitoring) -> str:
+        """Say why the arm cannot be where a message has it; empty if it can."""
+        if self._measured is None or self.begins(message):
+            return ""
+        reach, data, ipo = self._within(message), message.data, message.ipo
+        before = tuple(self._measured.tolist())
+        measured = None if data is None else data.measured_position
+        told = None if ipo is None else ipo.joint_position
+        return _jump(measured, before, reach, "is measured") or _jump(
+            told, self._told, reach, "is told to be"
+        )
+
+    def take(self, message: Monitoring, position: FloatArray) -> None:
+        """Note a message whose poses are believed; measured, (7,) [rad]."""
+        self._sequence, self._measured = message.header.sequence, position
+        self._told = None if message.ipo is None else message.ipo.joint_position
+
+    def _within(self, message: Monitoring) -> FloatArray:
+        """Return how far joints can have got since the last message, (7,) [rad]."""
+        steps = (message.header.sequence - self._sequence) % _MODULUS
+        return self._reach if steps == 1 else self._far(min(steps, self._most))
+
+    def _far(self, steps: int) -> FloatArray:
+        """Return how far joints can get in so many send periods, and one more, (7,) [rad]."""
+        return self._fastest * ((steps + 1) * self._period) + SLACK
+
+
+@compiled(reads=("position", "torque", "before", "reach"))
+def _fine(position: FloatArray, torque: FloatArray, before: FloatArray, reach: FloatArray) -> bool:
+    """Say whether values can be measured, and are within reach; a NaN compares false."""
+    for j in range(position.size):
+        if not abs(position[j] - before[j]) <= reach[j]:
+            return False
+        if not (abs(position[j]) <= LARGEST_POSITION and abs(torque[j]) <= LARGEST_TORQUE):
+            return False
+    return True
+
+
+def _jump(now: Joints | None, before: Joints | None, reach: FloatArray, what: str) -> str:
+    """Say which joint is out of reach; empty if none is."""
+    if now is None or before is None or now == before:
+        return ""
+    for j, (value, last, most) in enumerate(zip(now, before, reach, strict=True), start=1):
+        if not -most <= value - last <= most:
+            return (
+                f"joint {j} {what} {abs(value - last):.3g} rad from where it was, further than "
+                f"the {most:.3g} rad that it can have got; a jump needs a new session"
+            )
+    return ""
+
+
+def warm_up_plausibility(middle: FloatArray) -> None:
+    """Compile what judges measurements, before a robot waits for an answer."""
+    _fine(middle, middle, middle, _ANYWHERE)

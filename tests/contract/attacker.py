@@ -1,0 +1,236 @@
+"""Random use and abuse of a robot, cycle by cycle, under the eye of a judge at its wire."""
+
+from contextlib import suppress
+
+import numpy as np
+from wire_rules import IMPEDANCE, POSITION, TORQUE, Judge
+
+from limo_driver.errors import LimoError
+from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
+
+ACTIONS = (
+    "follow", "leap", "edge", "push", "float", "spring", "switch_stiffness", "mix", "hold",
+    "blink", "wait", "lose", "blind", "jump", "clock", "interrupt",
+)  # fmt: skip
+
+
+class Attacker:
+    """Uses one robot at random.
+
+    Args:
+        rig: The robot with its wire and its disturbances.
+        seed: Of all that is drawn.
+    """
+
+    def __init__(self, rig, seed=0):
+        self.rig, self.robot = rig, rig.robot
+        self.random = np.random.default_rng(seed)
+        self.judge = Judge(rig.robot.spec, rig.quanta, one_mode=rig.one_mode)
+        self.limits, self.n = rig.robot.spec.limits, rig.robot.spec.n
+        self.goal = np.zeros(self.n)
+        self.state = self.robot.receive()
+        if told := [item for item in rig.told() if item is not None]:
+            self.judge.judge(told[-1], self.state)
+        self.sent = None
+
+    @property
+    def cycles(self):
+        """Cycles that were judged."""
+        return self.judge.cycles
+
+    def act(self, action, seed):
+        """Do something for some cycles."""
+        self.random = np.random.default_rng(seed)
+        if self.state.holding and self.random.random() < 0.8:
+            with suppress(LimoError):
+                self.robot.resume()
+        getattr(self, action)()
+
+    # what a cycle is ----------------------------------------------------------------------------
+
+    def cycle(self, *commands):
+        """Send commands, some or none, and receive; then judge what the drives had."""
+        self.sent = None
+        for command in commands:
+            with suppress(LimoError):
+                self.sent = self.robot.send(command)
+        self.receive()
+
+    def receive(self):
+        before, sent = self.state, self.sent
+        with suppress(LimoError):
+            self.state = self.robot.receive()
+        told = self.rig.told()
+        for item in told:
+            if item is None:
+                self.judge.forget()
+            else:
+                self.judge.judge(item, before)
+        if sent is not None and len(told) == 1 and told[0] is not None:
+            self.compare(sent, told[0])
+        assert np.isfinite(self.state.position).all()
+
+    def compare(self, sent, item):
+        """Check that what `send` returned is what the drives had."""
+        if {PositionCommand: POSITION, ImpedanceCommand: IMPEDANCE, TorqueCommand: TORQUE}[
+            type(sent)
+        ] != item.mode:  # Damiao motors have one mode for all
+            return
+        quanta = self.rig.quanta
+        for name in ("position", "torque", "stiffness", "damping"):
+            if (given := getattr(sent, name, None)) is not None:
+                off = np.abs(given - getattr(item, name))
+                assert (off <= 1e-9 + getattr(quanta, name)).all(), f"{name} is not what was said"
+
+    # commands -----------------------------------------------------------------------------------
+
+    def position(self, values):
+        return PositionCommand(position=np.asarray(values, dtype=float))
+
+    def torque(self, values):
+        return TorqueCommand(torque=np.asarray(values, dtype=float))
+
+    def impedance(self, values, stiffness, damping, torque):
+        zero = np.zeros(self.n)
+        return ImpedanceCommand(
+            position=np.asarray(values, dtype=float), stiffness=zero + stiffness,
+            damping=zero + damping, torque=zero + torque,
+        )  # fmt: skip
+
+    def any_command(self):
+        kind, near = self.random.choice(self.rig.kinds), self.state.position
+        near = near + self.random.uniform(-0.015, 0.015, self.n)
+        if kind == POSITION:
+            return self.position(near)
+        torque = self.random.uniform(-1.5, 1.5, self.n) * self.limits.torque
+        if kind == TORQUE:
+            return self.torque(torque * self.random.choice([0.0, 0.02, 1.0]))
+        return self.impedance(near, *self.gains(), torque * self.random.choice([0.0, 0.02]))
+
+    def gains(self):
+        stiffness = 10 ** self.random.uniform(-1, 3.5) * self.limits.torque / 320.0
+        stiffness *= self.random.integers(0, 2, self.n)
+        return np.minimum(stiffness, 500.0), np.minimum(0.05 * stiffness, 5.0)
+
+    # actions ------------------------------------------------------------------------------------
+
+    def follow(self):
+        """Follow a smooth motion."""
+        start = self.robot.setpoint
+        speed = self.random.uniform(-0.5, 0.5, self.n) * self.limits.velocity
+        for k in range(20):
+            ramp = min(k / 60, 1.0) * k * self.robot.spec.period
+            self.cycle(self.position(start + speed * ramp))
+
+    def leap(self):
+        """Ask for positions far away, one after the other, once a stream runs."""
+        self.cycle(self.position(self.state.position))
+        low, high = self.limits.position_min - 1.0, self.limits.position_max + 1.0
+        for _ in range(3):
+            goal = self.random.uniform(low, high)
+            for _ in range(self.random.integers(1, 12)):
+                self.cycle(self.position(goal))
+
+    def edge(self):
+        """Go to an end of the range as fast as can be, and to and fro there."""
+        self.cycle(self.position(self.state.position))
+        end = self.limits.position_max if self.random.random() < 0.5 else self.limits.position_min
+        for _ in range(20):
+            self.cycle(self.position(end + self.random.uniform(-0.01, 0.01, self.n)))
+
+    def push(self):
+        """Push as hard as can be, one joint or all."""
+        wanted = self.random.uniform(-2.0, 2.0, self.n) * self.limits.torque
+        wanted *= self.random.random(self.n) < self.random.random()
+        for _ in range(self.random.integers(1, 12)):
+            self.cycle(self.torque(wanted))
+
+    def float(self):
+        """Give way, with some damping."""
+        for _ in range(15):
+            damping = 0.02 * self.limits.torque / self.limits.velocity
+            self.cycle(self.torque(-damping * self.state.velocity))
+
+    def spring(self):
+        """Follow as a spring, from where the arm is."""
+        goal, gains = self.state.position, self.gains()
+        for _ in range(15):
+            self.cycle(self.impedance(goal, *gains, 0.0))
+
+    def switch_stiffness(self):
+        """Switch a stiffness on and off, away from its set-point."""
+        goal, gains = self.state.position, self.gains()
+        for k in range(15):
+            away = goal + 0.002 * k
+            on = k % 2
+            self.cycle(self.impedance(away, gains[0] * on, gains[1] * on, 0.0))
+
+    def mix(self):
+        """Change the mind several times a cycle, holding and resuming in between."""
+        for _ in range(6):
+            self.sent = None
+            for _ in range(self.random.integers(1, 5)):
+                with suppress(LimoError):
+                    choice = self.random.random()
+                    if choice < 0.15:
+                        self.robot.hold("attacked")
+                        self.sent = None
+                    elif choice < 0.4:
+                        self.robot.resume()
+                    else:
+                        self.sent = self.robot.send(self.any_command())
+            self.receive()
+
+    def hold(self):
+        self.robot.hold("attacked")
+        for _ in range(self.random.integers(1, 20)):
+            self.cycle()
+
+    def blink(self):
+        """Hold and go on in the same cycle, without a command or with one."""
+        self.robot.hold("attacked")
+        with suppress(LimoError):
+            self.robot.resume()
+        self.cycle(*[self.any_command()] * self.random.integers(0, 2))
+        for _ in range(self.random.integers(0, 10)):
+            self.cycle()
+
+    def wait(self):
+        """Say nothing until the last command has expired, or not quite."""
+        for _ in range(self.random.integers(1, int(0.12 / self.robot.spec.period))):
+            self.cycle()
+
+    def lose(self):
+        """Lose measurements, commanding on."""
+        self.rig.lose(int(self.random.integers(1, 20)))
+        for _ in range(20):
+            self.cycle(*([self.any_command()] if self.random.random() < 0.5 else []))
+
+    def blind(self):
+        """Measure what is no number."""
+        name = self.random.choice(["position", "velocity", "torque"])
+        bad = np.where(self.random.random(self.n) < 0.3, np.nan, 0.0)
+        self.rig.spoil(int(self.random.integers(1, 15)), **{str(name): bad})
+        self.commands(15)
+
+    def jump(self):
+        """Measure a pose that the arm cannot have, once or twice."""
+        away = self.random.uniform(-0.5, 0.5) * (self.random.random(self.n) < 0.3)
+        self.rig.spoil(int(self.random.integers(1, 3)), position=away)
+        self.commands(6)
+
+    def clock(self):
+        """Let the robot's clock jump, back or forth."""
+        self.rig.turn_clock(self.random.choice([-3600.0, -0.5, 0.05, 3600.0]))
+        self.commands(5)
+
+    def interrupt(self):
+        """Take the command back for a moment, where a robot can."""
+        self.sent = None
+        self.rig.interrupt()
+        self.receive()
+        self.commands(3)
+
+    def commands(self, cycles):
+        for _ in range(cycles):
+            self.cycle(*([self.any_command()] if self.random.random() < 0.7 else []))

@@ -1,0 +1,324 @@
+"""Every backend with an arm behind it, a tap at its wire, and ways to disturb what it measures.
+
+Wires are read by code of their own: protobuf's generated code for FRI, `struct` for CAN.
+"""
+
+import math
+import struct
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from arms import NODES, arm_config
+from bus_master import DrivesBus
+from robot_commands import START
+from stepped_arm import SteppedArm, SteppedRobot, wake
+from wire_rules import IMPEDANCE, POSITION, TORQUE, Applied, Quanta
+from wire_tap import tapped
+
+from backends.can import CanRobot
+from backends.can.config import DamiaoJoint
+from backends.fri.codec.messages import CommandMode, SessionState
+from limo_driver.robot.registry import open_robot
+
+ZERO = np.zeros(7)
+
+
+class Rig:
+    """A robot, what it is told at the wire, and what disturbs it."""
+
+    kinds = (POSITION, IMPEDANCE, TORQUE)
+    quanta = Quanta()
+    one_mode = False  # drives that do all by one law, so that positions are an impedance, too
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def told(self):
+        """Return what was applied since the last call; None where nobody was commanded."""
+        raise NotImplementedError
+
+    def lose(self, cycles):
+        """Lose measurements."""
+        self.robot.lose_measurements(cycles)
+
+    def spoil(self, cycles, **values):
+        """Make measurements have other values for some cycles, where the wire can say them."""
+
+    def turn_clock(self, seconds):
+        """Let the robot's clock jump."""
+
+    def interrupt(self):
+        """Let the robot take back the command for a moment."""
+
+
+class SimulatedRig(Rig):
+    def __init__(self, robot):
+        super().__init__(robot)
+        self.applied, self.false, self.ahead = tapped(robot), [], 0.0
+        cycle = robot._cycle_once
+
+        def disturbed():
+            state = cycle()
+            values = self.false.pop() if self.false else {}
+            state = replace(state, time=state.time + self.ahead)
+            if "position" in values:
+                values = values | {"position": state.position + values["position"]}
+            return replace(state, **values) if values else state
+
+        robot._cycle_once = disturbed
+
+    def told(self):
+        told, self.applied[:] = list(self.applied), []
+        return told
+
+    def spoil(self, cycles, **values):
+        self.false = [values] * cycles
+
+    def turn_clock(self, seconds):
+        self.ahead += seconds
+
+
+@contextmanager
+def virtual():
+    with open_robot("virtual", robot="iiwa14", initial_position=START) as robot:
+        yield SimulatedRig(robot)
+
+
+@contextmanager
+def mujoco():
+    options = {"simulation": "examples/iiwa14_hysteretic.yaml", "initial_position": START}
+    with open_robot("mujoco", **options) as robot:
+        yield SimulatedRig(robot)
+
+
+class TappedSocket:
+    """A socket that keeps what it received."""
+
+    def __init__(self, plain):
+        self.plain, self.raw = plain, []
+
+    def __getattr__(self, name):
+        return getattr(self.plain, name)
+
+    def recv(self, size):
+        self.raw.append(self.plain.recv(size))
+        return self.raw[-1]
+
+
+class FriRig(Rig):
+    def __init__(self, robot, schema):
+        super().__init__(robot)
+        self.arm, self.schema = robot.arm, schema
+        torque = self.arm.mode is CommandMode.TORQUE
+        self.mode = TORQUE if torque else POSITION
+        self.kinds = (self.mode,)
+        self.states = {}
+
+    def told(self):
+        self.arm.listen()
+        raw, self.arm.socket.raw = self.arm.socket.raw, []
+        return [self.decoded(data) for data in raw]
+
+    def decoded(self, data):
+        message = self.schema.Command.FromString(data)
+        said, reflected = message.data, message.header.reflected_sequence_counter
+        if self.states.get(reflected) is not SessionState.COMMANDING_ACTIVE:
+            return None
+        position = np.array(said.joint_position.value)
+        torque = np.array(said.joint_torque.value) if said.HasField("joint_torque") else ZERO
+        return Applied(self.mode, position, torque, ZERO, ZERO)
+
+    def lose(self, cycles):
+        self.arm.losing = cycles
+
+    def spoil(self, cycles, **values):
+        arm, plain, left = self.arm, SteppedArm.message, [cycles]
+
+        def message(**changes):
+            made = plain(arm, **changes)
+            if not left[0]:
+                del arm.message
+                return made
+            left[0] -= 1
+            data = made.data
+            if "position" in values:
+                there = np.array(data.measured_position) + values["position"]
+                data = replace(data, measured_position=tuple(there.tolist()))
+            if "torque" in values:
+                data = replace(data, measured_torque=tuple(values["torque"].tolist()))
+            return replace(made, data=data)
+
+        arm.message = message
+
+    def turn_clock(self, seconds):
+        self.arm.ns = max(self.arm.ns + int(seconds * 1e9), 10**9)
+
+    def interrupt(self):
+        self.arm.state = SessionState.MONITORING_READY
+        self.robot.receive()
+        self.arm.ipo, self.arm.velocity = self.arm.position.copy(), np.zeros(7)
+        self.arm.state = SessionState.COMMANDING_ACTIVE
+
+
+class TappedRobot(SteppedRobot):
+    rig = None
+
+    def _take(self, message, *rest):
+        if self.rig is not None and message.connection is not None:
+            self.rig.states[message.header.sequence] = message.connection.session_state
+        return super()._take(message, *rest)
+
+
+@contextmanager
+def fri(schema, mode=CommandMode.POSITION):
+    arm = SteppedArm(position=START, mode=mode)
+    try:
+        robot = wake(arm, factory=TappedRobot)
+    except BaseException:
+        arm.close()
+        raise
+    robot.arm = arm
+    arm.sequence, arm.ns = -1, arm.ns - 1_000_000
+    arm.socket = TappedSocket(arm.socket)
+    with robot:
+        robot.rig = FriRig(robot, schema)
+        yield robot.rig
+
+
+class CanRig(Rig):
+    """Drives with one MuJoCo arm behind them, on a bus that has a time of its own."""
+
+    def __init__(self, robot, bus, config):
+        super().__init__(robot)
+        self.bus, self.config, self.model = bus, config, config.model
+        self.sign = np.array([joint.direction for joint in config.joints])
+        self.offset = np.array([joint.offset for joint in config.joints])
+        self.row, self.carried = {}, self.gravity()
+
+    def told(self):
+        """Return what was applied; gravity was added where the arm was before."""
+        sent, self.bus.sent[:] = list(self.bus.sent), []
+        told = self.decoded(sent)
+        self.carried = self.gravity()
+        return told
+
+    def lose(self, cycles):
+        """Drives that are not heard for some cycles."""
+        deliver, left = self.bus.deliver, [7 * cycles]
+
+        def lossy(frame_id, data, **kind):
+            if left[0] and self.measures(frame_id):
+                left[0] -= 1
+                return
+            deliver(frame_id, data, **kind)
+
+        self.bus.deliver = self.bus.station._port.send = lossy
+
+    def gravity(self):
+        return self.model.gravity_torque(self.robot._link._position())[0]
+
+
+class Cia402Rig(CanRig):
+    kinds = (POSITION, TORQUE)
+    quanta = Quanta(position=math.tau / 524288, torque=0.2)
+
+    def measures(self, frame_id):
+        return 0x180 < frame_id <= 0x1FF
+
+    def decoded(self, sent):
+        told = []
+        for frame_id, data in sent:
+            kind, node = frame_id & 0x780, frame_id & 0x7F
+            if kind == 0x200:
+                self.row[node, "position"] = struct.unpack("<Hih", data)[1]
+            elif kind == 0x300:
+                self.row[node, "torque"], self.row["mode"] = struct.unpack("<hb", data)
+            elif frame_id == 0x080:
+                told.append(self.applied())
+        return told
+
+    def applied(self):
+        counts = np.array([self.row[node, "position"] for node in NODES])
+        position = self.sign * counts * math.tau / 524288 + self.offset
+        if self.row.get("mode", 8) != 10:
+            return Applied(POSITION, position, ZERO, ZERO, ZERO)
+        per_mille = np.array([self.row[node, "torque"] for node in NODES])
+        torque = self.sign * per_mille * 0.1
+        carried = self.carried
+        return Applied(TORQUE, position, torque - carried, ZERO, ZERO, carried=carried)
+
+
+class DamiaoRig(CanRig):
+    one_mode = True
+
+    def __init__(self, robot, bus, config):
+        super().__init__(robot, bus, config)
+        ranges = [motor.ranges for motor in robot._link._motors]
+        self.quanta = Quanta(
+            position=2 * max(item.position for item in ranges) / 65535,
+            torque=2 * max(item.torque for item in ranges) / 4095,
+            stiffness=500 / 4095,
+            damping=5 / 4095,
+            velocity=2 * max(item.velocity for item in ranges) / 4095,
+        )
+
+    def measures(self, frame_id):
+        return 0x11 <= frame_id <= 0x17
+
+    def decoded(self, sent):
+        told = []
+        for frame_id, data in sent:
+            if not 1 <= frame_id <= 7 or data[:7] == b"\xff" * 7:
+                continue
+            word = int.from_bytes(data, "big")
+            codes = (
+                word >> 48,
+                word >> 36 & 0xFFF,
+                word >> 24 & 0xFFF,
+                word >> 12 & 0xFFF,
+                word & 0xFFF,
+            )
+            self.row[frame_id] = codes
+            if frame_id == 7:
+                told.append(self.applied())
+        return told
+
+    def applied(self):
+        codes = np.array([self.row[node] for node in range(1, 8)], dtype=float).T
+        most = [(m.ranges.position, m.ranges.velocity, m.ranges.torque) for m in
+                self.robot._link._motors]  # fmt: skip
+        p, v, t = np.array(most).T
+        position = self.sign * (codes[0] / 65535 * 2 * p - p - self.offset)
+        velocity = self.sign * (codes[1] / 4095 * 2 * v - v)
+        torque = self.sign * (codes[4] / 4095 * 2 * t - t)
+        stiffness, damping = codes[2] / 4095 * 500, codes[3] / 4095 * 5
+        torque = torque - self.carried
+        return Applied(IMPEDANCE, position, torque, stiffness, damping, velocity, self.carried)
+
+
+@contextmanager
+def cia402():
+    config = arm_config(rate=250.0, watchdog=0.1, hold_after=50, temperature=None)
+    bus = DrivesBus(config, START)
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        robot.receive()  # which enables the drives
+        bus.sent.clear()
+        yield Cia402Rig(robot, bus, config)
+
+
+@contextmanager
+def damiao():
+    joints = tuple(
+        DamiaoJoint(node=k, stiffness=200.0, damping=4.0, direction=-1 if k % 2 else 1)
+        for k in range(1, 8)
+    )
+    config = arm_config(
+        rate=250.0, watchdog=0.1, hold_after=50, temperature=None, joints=joints,
+        convention="damiao",
+    )  # fmt: skip
+    bus = DrivesBus(config, START)
+    with CanRobot(config, bus=bus, clock=bus.now) as robot:
+        robot.receive()
+        bus.sent.clear()
+        yield DamiaoRig(robot, bus, config)

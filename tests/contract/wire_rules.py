@@ -1,0 +1,158 @@
+"""The safety contract as a judge at the wire sees it: numbers of one cycle after the other.
+
+Nothing here comes from the code that limits commands; limits, wire and measurements are given.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+POSITION, IMPEDANCE, TORQUE = "position", "impedance", "torque"
+ROUNDING = 1e-5  # relative
+
+
+@dataclass(frozen=True)
+class Applied:
+    """What the drives had in one cycle, (n,) each; what their mode does not use is zero."""
+
+    mode: str
+    position: np.ndarray
+    torque: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    velocity: np.ndarray | float = 0.0  # of the set-point, where it is damped
+    carried: np.ndarray | float = 0.0  # gravity, where it is on the wire with the torque [N m]
+
+
+@dataclass(frozen=True)
+class Quanta:
+    """Steps in which the wire counts."""
+
+    position: float = 1e-12  # [rad]
+    torque: float = 1e-9  # [N m]
+    stiffness: float = 0.0  # [N m/rad]
+    damping: float = 0.0  # [N m s/rad]
+    velocity: float = 0.0  # [rad/s]
+
+
+class Judge:
+    """Compares what is applied in a cycle with what was before.
+
+    Args:
+        spec: The robot and its limits.
+        quanta: Of its wire.
+        one_mode: Whether positions are an impedance, too, that begins anew after others.
+    """
+
+    def __init__(self, spec, quanta=None, *, one_mode=False):
+        self.one_mode = one_mode
+        self.limits, self.period = spec.limits, spec.period
+        self.quanta = quanta or Quanta()
+        self.step = spec.limits.torque_rate * spec.period  # [N m]
+        self.fade = np.zeros(spec.n)  # what is left of the last torque
+        self.sure = True
+        self.forget()
+        self.cycles = 0
+
+    def forget(self):
+        """Begin anew: the robot was under its own command."""
+        self.before, self.path = None, []
+        self.fade = self.fade * 0.0
+
+    def judge(self, now, state):
+        """Check what is applied after a state was measured."""
+        self.cycles += 1
+        for name in ("position", "torque", "stiffness", "damping"):
+            assert np.isfinite(getattr(now, name)).all(), f"{name} is not finite"
+        self.anew = self._begins_anew(now)
+        try:
+            self._compare(now, state)
+        except AssertionError:
+            if not self.one_mode or self.anew:
+                raise
+            self.anew = True  # a spring may be moved to where the arm is also by very little
+            self._compare(now, state)
+        self.before = now
+
+    def _compare(self, now, state):
+        self._torques(now, state)
+        if now.mode in {POSITION, IMPEDANCE}:
+            self._positions(now, state)
+        else:
+            self.path = []
+
+    def _begins_anew(self, now):
+        """Say whether a spring is moved to where the arm is."""
+        before = self.before
+        if before is None or before.mode != IMPEDANCE:
+            return before is not None and before.mode == TORQUE
+        if now.mode == POSITION:
+            return True
+        far = self.limits.velocity * self.period * (1 + ROUNDING) + 2 * self.quanta.position
+        return self.one_mode and bool((np.abs(now.position - before.position) > far).any())
+
+    def _positions(self, now, state):
+        limits, quantum = self.limits, self.quanta.position
+        before = self.before
+        if before is None:
+            self.path = [now.position]
+            return
+        if not self.path or self.anew:
+            # It gave way: set-points begin where it is, as fast as it moves at most.
+            if state.stale:
+                self.path = [now.position]
+                return
+            self.path = [state.position]
+        path = [*self.path[-2:], now.position]
+        velocity = np.abs(path[-1] - path[-2]) / self.period
+        slack = 2 * quantum / self.period
+        assert (velocity <= limits.velocity * (1 + ROUNDING) + slack).all(), "velocity"
+        if len(path) == 3:
+            change = np.abs(path[2] - 2 * path[1] + path[0]) / self.period
+            allowed = limits.acceleration * self.period * (1 + ROUNDING) + 2 * slack
+            assert (change <= allowed).all(), f"acceleration {(change / allowed).max():.4g}"
+        # An arm that is outside its range is not told to go further.
+        lower = np.minimum(limits.position_min, path[-2]) - quantum
+        upper = np.maximum(limits.position_max, path[-2]) + quantum
+        assert (path[-1] >= lower).all(), "range"
+        assert (path[-1] <= upper).all(), "range"
+        self.path = path
+
+    def _torques(self, now, state):
+        q, v, before = state.position, state.velocity, self.before
+        quantum, most = self.quanta.torque, self.limits.torque
+
+        def effort(item, position):
+            total = item.stiffness * (position - q) + item.damping * (item.velocity - v)
+            return np.clip(total + item.torque, -most, most)
+
+        last = self.fade
+        if before is not None and before.mode == TORQUE:
+            last = before.torque
+            if now.mode == TORQUE:
+                last = last + before.carried - now.carried
+        elif before is not None and before.mode == IMPEDANCE:
+            place = before.position if self.anew or now.mode != IMPEDANCE else now.position
+            last = effort(before, place)
+        sprung = IMPEDANCE in {now.mode, before and before.mode}
+        if sprung and state.stale:  # nobody measured what torque the spring had
+            self.sure = False
+        if now.mode == POSITION:
+            self.fade = np.sign(last) * np.maximum(np.abs(last) - self.step, 0.0)
+            return
+        there = np.abs(now.torque + now.carried)
+        assert (there <= most * (1 + ROUNDING) + quantum).all(), "torque"
+        if self.sure:
+            there = effort(now, now.position) if now.mode == IMPEDANCE else now.torque
+            rate = np.abs(there - last) / self.step
+            # Both sides of the comparison are rounded on the wire.
+            for item in (now, before) if sprung else ():
+                if item is not None and item.mode == IMPEDANCE:
+                    away, speed = np.abs(item.position - q), np.abs(item.velocity - v)
+                    quantum = quantum + self.quanta.stiffness * away
+                    quantum = quantum + self.quanta.damping * speed
+                    quantum = quantum + item.stiffness * self.quanta.position
+                    quantum = quantum + item.damping * self.quanta.velocity
+            slack = (quantum + self.quanta.torque) / self.step
+            assert (rate <= 1 + ROUNDING + slack).all(), f"torque rate {rate.max():.4g}"
+        self.fade, self.sure = now.torque, True
