@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def command(
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
     ] = BANDWIDTH,
+    mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:
     r"""Find where a simulation and recordings differ, which physics is missing, and add it.
@@ -49,13 +51,11 @@ def command(
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_place
     from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
     from limo_driver.workflow.diagnosing import diagnose
+    from limo_driver.workflow.reading import read
 
     simulation = Simulation.load(sim)
-    measured = [Recording.load(path) for path in recordings]
-    for recording in measured:
-        recording.check_robot(simulation.model)
+    measured = [read(path, simulation.model, mapping) for path in recordings]
     require_place(out, "the diagnosis", FILES, [sim, *recordings])
     notes = terminal(stderr=True, soft_wrap=True)
     with _progress(notes) as progress:

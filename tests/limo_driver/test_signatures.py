@@ -24,6 +24,7 @@ PUBLIC = (
     "limo_driver.model",
     "limo_driver.trajectory",
     "limo_driver.recordings.recording",
+    "limo_driver.foreign",
     "limo_driver.network.messages",
     "limo_driver.physics",
     "limopa",
