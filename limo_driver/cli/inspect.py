@@ -32,6 +32,9 @@ def command(
     `undecided:` in the mapping, which cannot be used before it is answered: state what is meant,
     and delete the question.
 
+    Then it says what the recording is worth: sampling, quantisation, dropouts, on which side of the
+    gear the torque was measured, and which parameters the motion says nothing about.
+
     Every command that takes a recording takes the log itself, too, with `--mapping`, or without
     one where nothing is left to be decided.
 
@@ -65,6 +68,7 @@ def _print_json(found: Inspection, out: Path) -> None:
         "kind": found.table.kind,
         "rows": found.table.rows,
         "taken": taken,
+        "telemetry": list(found.telemetry),
         "undecided": list(found.questions),
         "notes": list(found.notes()),
     }
@@ -79,6 +83,8 @@ def _show(found: Inspection, out: Path) -> None:
         console.print(line)
     if found.recording is not None:
         console.print(found.recording.headline())
+    for line in found.telemetry:
+        console.print(f"telemetry: {line}")
     for note in found.notes():
         console.print(f"note: {note}")
     for question in found.questions:

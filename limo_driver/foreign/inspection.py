@@ -25,6 +25,7 @@ class Inspection(Displayed):
     proposal: Proposal
     recording: Recording | None  # as it would be read; None where it cannot be
     refused: str  # why not
+    telemetry: tuple[str, ...] = ()  # what the recording is worth, one sentence each
 
     @property
     def mapping(self) -> LogMapping:

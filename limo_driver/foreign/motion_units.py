@@ -19,9 +19,10 @@ _ROWS: Final = 1500  # that are looked at
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 _ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
+_FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
 _OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
 _TORQUE_SCALES: Final = {"N m": 1.0, "N cm": 1e2, "mN m": 1e3}
-_WITHIN: Final = 2.5  # factor by which masses of a description may be off
+_WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,8 @@ def velocity_unit(time: FloatArray, position: FloatArray, velocity: FloatArray) 
         position: (T, n) [rad].
         velocity: (T, n) as the log has it.
     """
+    rows = _usual(position) & _usual(velocity) & _usual(time[:, None])
+    time, position, velocity = time[rows], position[rows], velocity[rows]
     factors = [
         factor
         for j in range(position.shape[1])
@@ -204,9 +207,16 @@ def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
     return fits | np.array(model.turning)
 
 
+def _usual(values: FloatArray) -> np.ndarray:
+    """Mark rows whose values are numbers, and none far beyond those of the others, (T,)."""
+    low, high = np.nanquantile(values, (0.01, 0.99), axis=0)
+    reach = _FAR * (high - low) + 1e-9
+    return ((values >= low - reach) & (values <= high + reach)).all(axis=1)
+
+
 def _rows(position: FloatArray, torque: FloatArray | None) -> np.ndarray:
-    known = np.isfinite(position).all(axis=1)
+    known = _usual(position)
     if torque is not None:
-        known &= np.isfinite(torque).all(axis=1)
+        known &= _usual(torque)
     rows = np.flatnonzero(known)
     return rows[:: max(1, rows.size // _ROWS)]

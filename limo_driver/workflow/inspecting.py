@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from limo_driver.errors import LimoError
 from limo_driver.foreign.inspection import Inspection
 from limo_driver.foreign.proposal import propose, without_questions
+from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import model_of
 from limo_driver.workflow.reading import table_of_log
@@ -59,4 +60,19 @@ def inspect(
         recording.check_robot(model)
     except LimoError as error:
         refused = str(error).removeprefix(f"{table.source}: ")
-    return Inspection(table, proposal, recording, refused)
+    told: tuple[str, ...] = ()
+    if recording is not None:
+        told, refused = _judged(recording, model)
+    return Inspection(table, proposal, recording, refused, told)
+
+
+def _judged(recording: Recording, model: RobotModel) -> tuple[tuple[str, ...], str]:
+    """Return what a recording is worth, and why identification and diagnosis would refuse it."""
+    from estimators.diagnosis.residuals.plausibility import doubts_about
+    from estimators.telemetry import telemetry_of
+
+    try:
+        doubts = doubts_about(model, [recording], BANDWIDTH)
+    except LimoError as error:
+        return (), str(error)
+    return (*telemetry_of(recording, model).lines(), *doubts), ""
