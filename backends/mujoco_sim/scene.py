@@ -10,6 +10,7 @@ off: the safety contract, not an end stop, keeps the arm inside its range.
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # the URDF is the user's own file
 
@@ -20,7 +21,6 @@ from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from backends.mujoco_sim.realisation import Plant
     from limo_driver.model import Inertial, RobotModel
@@ -132,7 +132,7 @@ def _parameters(*values: float) -> Any:  # noqa: ANN401  # a MuJoCo parameter ve
 
 def _plain_urdf(robot: RobotModel) -> str:
     """Return the URDF without meshes, with locked joints welded and the inertias of `robot`."""
-    root = _parse(robot.urdf)
+    root = deepcopy(robot.description.root)
     for name in _LEFT_OUT:
         for parent in list(root.iter()):
             for child in parent.findall(name):
@@ -152,13 +152,6 @@ def _plain_urdf(robot: RobotModel) -> str:
         if (moving := robot.inertials.get(str(link.get("name")))) is not None:
             link.append(_inertial(moving))
     return ET.tostring(root, encoding="unicode")
-
-
-def _parse(urdf: Path) -> ET.Element:
-    try:
-        return ET.parse(urdf).getroot()  # noqa: S314  # the URDF is the user's own file
-    except ET.ParseError as error:
-        raise ConfigError(f"is no XML: {error}", path=urdf) from None
 
 
 def _remove_meshes(link: ET.Element) -> None:
