@@ -11,7 +11,7 @@ found.save("diagnosis/")
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
 and commands. What to do with them: inspect, read, plan, excite, run, identify, predict, train,
-evaluate, diagnose, serve. Requests and settings say how: PlanRequest, Rows, TrainingSettings, ...
+evaluate, diagnose, export, serve. Requests and settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         WrenchCommand,
     )
     from limo_driver.workflow.diagnosing import diagnose
+    from limo_driver.workflow.exporting import export
     from limo_driver.workflow.inspecting import inspect
     from limo_driver.workflow.learning import evaluate, identify, load_model, predict, train
     from limo_driver.workflow.planning import excite, plan
@@ -86,6 +87,7 @@ _HOME = {
     "diagnose": "limo_driver.workflow.diagnosing",
     "evaluate": "limo_driver.workflow.learning",
     "excite": "limo_driver.workflow.planning",
+    "export": "limo_driver.workflow.exporting",
     "identify": "limo_driver.workflow.learning",
     "inspect": "limo_driver.workflow.inspecting",
     "load_model": "limo_driver.workflow.learning",
@@ -129,6 +131,7 @@ __all__ = [
     "diagnose",
     "evaluate",
     "excite",
+    "export",
     "identify",
     "inspect",
     "load_model",

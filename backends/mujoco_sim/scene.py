@@ -82,6 +82,21 @@ def compile_model(
     return model
 
 
+def bare_mjcf(robot: RobotModel) -> str:
+    """Return a robot as MJCF, with its inertias and simple shapes and nothing else.
+
+    Args:
+        robot: Rigid body.
+
+    Raises:
+        ConfigError: MuJoCo cannot read its description.
+    """
+    spec = _read(robot)
+    spec.option.gravity = np.array(robot.pin_model.gravity.linear)
+    spec.compile()
+    return str(spec.to_xml())
+
+
 def _read(robot: RobotModel) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_string(_plain_urdf(robot))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _MARK: Final = "#"  # between the path of a description and the joints that are chosen
-_DOWN: Final = (0.0, 0.0, -9.81)  # [m/s²]
+DOWN: Final = (0.0, 0.0, -9.81)  # [m/s²]
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class JointDynamics:
     armature: float = 0.0  # [kg m²]
     stiffness: float = 0.0  # [N m/rad], of a spring
     rest: float = 0.0  # [rad], where the spring has no pull
+    cubic: float = 0.0  # [N m/rad³], by which that spring stiffens
+    drag: float = 0.0  # [N m s²/rad²], in proportion to the square of the speed
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Description:
     path: Path
     kind: str = "URDF"
     dynamics: dict[str, JointDynamics] = field(default_factory=dict)
-    gravity: tuple[float, float, float] = _DOWN
+    gravity: tuple[float, float, float] = DOWN
     shifts: dict[str, FloatArray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

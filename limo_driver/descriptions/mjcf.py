@@ -130,12 +130,15 @@ def _left_aside(model: Any, root: int) -> list[str]:  # noqa: ANN401
         notes.append(f"not represented: {model.neq} equality constraints")
     if model.ntendon:
         notes.append(f"not represented: {model.ntendon} tendons")
-    for name, what in (
-        ("dof_dampingpoly", "damping that grows with speed"),
-        ("jnt_stiffnesspoly", "stiffness that grows with deflection"),
-        ("body_gravcomp", "gravity compensation"),
+    for values, what in (
+        (model.dof_dampingpoly[:, 1:], "damping of higher powers of the speed"),
+        (
+            model.jnt_stiffnesspoly[:, [0, *range(2, model.jnt_stiffnesspoly.shape[1])]],
+            "springs other than linear and cubic",
+        ),
+        (model.body_gravcomp, "gravity compensation"),
     ):
-        if np.any(getattr(model, name)):
+        if np.any(values):
             notes.append(f"not represented: {what}")
     if np.any(model.actuator_armature) or np.any(model.actuator_damping):
         notes.append("not represented: armature and damping of actuators")
@@ -320,6 +323,8 @@ def _dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401
         armature=float(model.dof_armature[dof]),
         stiffness=float(model.jnt_stiffness[joint]),
         rest=float(model.qpos_spring[model.jnt_qposadr[joint]]),
+        cubic=float(model.jnt_stiffnesspoly[joint][1]),
+        drag=float(model.dof_dampingpoly[dof][0]),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.physics.environment import SpringLoad
-from limo_driver.physics.friction import CoulombFriction, ViscousFriction
+from limo_driver.physics.friction import CoulombFriction, QuadraticDrag, ViscousFriction
 from limo_driver.physics.transmission import Armature
 
 if TYPE_CHECKING:
@@ -33,6 +33,12 @@ def described_effects(model: RobotModel) -> tuple[Effect, ...]:
             found.append(ViscousFriction(joint=joint, f_v=stated.damping))
         if stated.armature:
             found.append(Armature(joint=joint, inertia=stated.armature))
-        if stated.stiffness:
-            found.append(SpringLoad(joint=joint, stiffness=stated.stiffness, rest=stated.rest))
+        if stated.drag > 0:
+            found.append(QuadraticDrag(joint=joint, coefficient=stated.drag))
+        if stated.stiffness or stated.cubic:
+            found.append(
+                SpringLoad(
+                    joint=joint, stiffness=stated.stiffness, rest=stated.rest, cubic=stated.cubic
+                )
+            )
     return tuple(found)

@@ -1,0 +1,1 @@
+"""Simulations written back into the files of other simulators: only what was found changes."""
