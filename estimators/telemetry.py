@@ -82,6 +82,17 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     )
 
 
+def telemetry_in(simulation: Simulation, recording: Recording) -> tuple[str, ...]:
+    """Say what a recording is worth that a simulation was made of already.
+
+    Args:
+        simulation: Identified from it, or diagnosed with it.
+        recording: T samples of n joints.
+    """
+    side = side_in(simulation, recording)
+    return (*sampling_of(recording), *channels_of(recording), side)
+
+
 def _identified(recording: Recording, model: RobotModel) -> Identification:
     from estimators.rigid_body import identify
 

@@ -47,7 +47,14 @@ if TYPE_CHECKING:
     from limo_driver.workflow.diagnosing import diagnose
     from limo_driver.workflow.exporting import export
     from limo_driver.workflow.inspecting import inspect
-    from limo_driver.workflow.learning import evaluate, identify, load_model, predict, train
+    from limo_driver.workflow.learning import (
+        evaluate,
+        identify,
+        load_model,
+        nominal,
+        predict,
+        train,
+    )
     from limo_driver.workflow.planning import excite, plan
     from limo_driver.workflow.reading import read
     from limo_driver.workflow.running import Streaming, run
@@ -91,6 +98,7 @@ _HOME = {
     "identify": "limo_driver.workflow.learning",
     "inspect": "limo_driver.workflow.inspecting",
     "load_model": "limo_driver.workflow.learning",
+    "nominal": "limo_driver.workflow.learning",
     "open_robot": "limo_driver.robot.registry",
     "plan": "limo_driver.workflow.planning",
     "predict": "limo_driver.workflow.learning",
@@ -135,6 +143,7 @@ __all__ = [
     "identify",
     "inspect",
     "load_model",
+    "nominal",
     "open_robot",
     "plan",
     "predict",

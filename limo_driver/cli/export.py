@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def command(
     sim: Annotated[Path, typer.Argument(help="The simulation, a sim.yaml.")],
     to: Annotated[str, typer.Option(help="Format: mjcf or urdf.")],
-    out: Annotated[Path, typer.Option(help="Folder for the copy, with what it includes.")],
+    out: Annotated[Path, typer.Option(help="Folder for the copy, or the copy (.xml, .urdf).")],
     into: Annotated[
         Path | None,
         typer.Option(help="File to write into a copy of; the robot's own if not given."),

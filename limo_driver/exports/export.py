@@ -71,7 +71,12 @@ class Export(Displayed):
 
 
 def write(
-    simulation: Simulation, into: Path, kind: str, out: Path, motion: Motion | None = None
+    simulation: Simulation,
+    into: Path,
+    kind: str,
+    out: Path,
+    motion: Motion | None = None,
+    name: str = "",
 ) -> Export:
     """Write a simulation into a copy of a file, and prove it.
 
@@ -81,6 +86,7 @@ def write(
         kind: `mjcf` or `urdf`.
         out: Folder for the copy, and for what it includes and names.
         motion: On which what is missing is counted; a minute through the range if not given.
+        name: Of the copy; that of the file if empty.
 
     Raises:
         ConfigError: It is of another arm, or cannot be written.
@@ -97,7 +103,7 @@ def write(
             left = (*left, _gravity(simulation, motion or on))
     require_folder(out, "the export")
     texts = edited_mjcf(target) if kind == "mjcf" else edited_urdf(target)
-    places, copied = _places(texts, into, out), _copy(texts, into, out, kind)
+    places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
     _write_texts(texts, places)
     error, torque = errors(places[0], kind, expressed, on)
     if kind == "mjcf":
@@ -112,9 +118,10 @@ def write(
     return Export(places[0], files, kind, diff, left, names, error, torque)
 
 
-def _places(texts: Sequence[XmlText], into: Path, out: Path) -> tuple[Path, ...]:
+def _places(texts: Sequence[XmlText], into: Path, out: Path, name: str) -> tuple[Path, ...]:
     folder = into.resolve().parent
-    places = tuple(out / text.path.resolve().relative_to(folder) for text in texts)
+    first, *others = (out / text.path.resolve().relative_to(folder) for text in texts)
+    places = (out / name if name else first, *others)
     require_apart(list(places), [text.path for text in texts])
     return places
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import ConfigError
 from limo_driver.workflow.inputs import recording_of, simulation_of
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from limo_driver.exports.export import Export
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
+
+_FILES: Final = (".xml", ".urdf")
 
 
 def export(
@@ -33,7 +35,8 @@ def export(
     Args:
         simulation: What was found, or its sim.yaml.
         to: `mjcf` or `urdf`.
-        out: Folder for the copy, and for meshes and files that it includes.
+        out: Folder for the copy, and for meshes and files that it includes; or the copy itself, if
+            its name ends in .xml or .urdf.
         into: The file; that of the simulation's robot if not given, where it is of that format,
             else a bare one is made.
         on: Recording on whose motion the size of what cannot be expressed is counted; a minute
@@ -56,15 +59,19 @@ def export(
         raise ConfigError(f"there is no export to {to!r}, expected one of {', '.join(KINDS)}")
     found = simulation_of(simulation)
     motion = None if on is None else recording_of(on).motion(BANDWIDTH)
+    folder, name = Path(out), ""
+    if folder.suffix in _FILES:
+        folder, name = folder.parent, folder.name
     own = found.model.description
     if into is None and own.kind.lower() == to:
         into = found.model.urdf
     if into is not None:
-        return write(found, Path(into), to, Path(out), motion)
-    with TemporaryDirectory() as folder:
-        bare = Path(folder) / f"{found.model.urdf.stem}.{'xml' if to == 'mjcf' else 'urdf'}"
+        return write(found, Path(into), to, folder, motion, name)
+    with TemporaryDirectory() as bare_folder:
+        bare = Path(bare_folder) / f"{found.model.urdf.stem}.{'xml' if to == 'mjcf' else 'urdf'}"
         bare.write_text(_bare(found, to), encoding="utf-8")
-        return replace(write(found, bare, to, Path(out), motion), diff=f"{bare.name} is new\n")
+        written = write(found, bare, to, folder, motion, name)
+        return replace(written, diff=f"{written.file.name} is new\n")
 
 
 def _bare(simulation: Simulation, to: str) -> str:
