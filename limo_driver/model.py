@@ -164,7 +164,9 @@ class RobotModel(Displayed):
         self.limits = _limits(self.pin_model)
         self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_model, self.n)
-        self.notes = (*self.description.notes, *_unstated(self.pin_model, self.joint_names))
+        locked = (f"joint {x} does not turn, and is locked at 0" for x in self.locked_joints)
+        unstated = _unstated(self.pin_model, self.joint_names)
+        self.notes: tuple[str, ...] = (*self.description.notes, *locked, *unstated)
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
 
