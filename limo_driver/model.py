@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 BUILT_IN = ("iiwa14",)
 ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
-SLOW = 1.0  # [rad/s], where no velocity is stated
+SLOW = 1.0  # [rad/s], in formats that have no limits of velocity
 JERK_PER_VELOCITY = 50.0  # [1/s^2]
 TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
 _ROUNDING = 1e-9  # of the largest second moment
@@ -161,11 +161,12 @@ class RobotModel(Displayed):
         self._override(inertials or {})
         given = self.description.gravity if gravity is None else gravity
         self.pin_model.gravity.linear = _gravity(given)
-        self.limits = _limits(self.pin_model)
+        assumed = self.description.kind == "MJCF"
+        self.limits = _limits(self.pin_model, assumed=assumed)
         self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_model, self.n)
         locked = (f"joint {x} does not turn, and is locked at 0" for x in self.locked_joints)
-        unstated = _unstated(self.pin_model, self.joint_names)
+        unstated = _unstated(self.pin_model, self.joint_names, assumed=assumed)
         self.notes: tuple[str, ...] = (*self.description.notes, *locked, *unstated)
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
@@ -516,24 +517,31 @@ def _gravity(gravity: Sequence[float]) -> FloatArray:
     return array
 
 
-def _unstated(model: pin.Model, names: Sequence[str]) -> tuple[str, ...]:
+def _unstated(model: pin.Model, names: Sequence[str], *, assumed: bool) -> tuple[str, ...]:
     """Say which limits the description leaves out, and what stands for them."""
     told: list[str] = []
-    for values, what in (
-        (model.upperVelocityLimit, f"velocity limit; {SLOW:g} rad/s is taken"),
-        (model.upperEffortLimit, "effort limit; none is kept"),
+    for values, what, instead in (
+        (model.upperVelocityLimit, "velocity", f"{SLOW:g} rad/s is taken"),
+        (model.upperEffortLimit, "effort", "none is kept"),
     ):
         lacking = [name for name, value in zip(names, np.array(values), strict=True) if value <= 0]
         if lacking:
-            told.append(f"joints {', '.join(lacking)} state no {what}")
+            stands = instead if assumed else "without one, the arm cannot be planned or run"
+            told.append(f"joints {', '.join(lacking)} state no {what} limit; {stands}")
     return tuple(told)
 
 
-def _limits(model: pin.Model) -> JointLimits:
+def _limits(model: pin.Model, *, assumed: bool) -> JointLimits:
+    """Return the limits of the joints; a 0 stays unless values are assumed for what is not stated.
+
+    MJCF has no limits of velocity, so that nothing would move. A URDF that states a 0 leaves out
+    what it should state: no speed of a real arm is made up for it.
+    """
     velocity = np.array(model.upperVelocityLimit)
-    velocity = np.where(velocity > 0, velocity, SLOW)  # nothing is stated, as in all MJCF
     torque = np.array(model.upperEffortLimit)
-    torque = np.where(torque > 0, torque, np.inf)
+    if assumed:
+        velocity = np.where(velocity > 0, velocity, SLOW)
+        torque = np.where(torque > 0, torque, np.inf)
     return JointLimits(
         position_min=np.array(model.lowerPositionLimit),
         position_max=np.array(model.upperPositionLimit),

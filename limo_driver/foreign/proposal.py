@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
+_LOOKED_AT = 200_000  # rows that tell names, units and rates apart; the rest is like them
+
+
 @dataclass(frozen=True)
 class Taken:
     """What was taken for a quantity, and why."""
@@ -93,6 +96,7 @@ def propose(table: Table, model: RobotModel) -> Proposal:
     """
     if not table.rows:
         raise RecordingError("holds no rows", path=table.source or None)
+    table = table.first(_LOOKED_AT)
     draft = _Draft(table, model, families_of(table.columns, model.joint_names))
     time = time_columns(table)
     draft.questions += time.questions

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,6 +49,10 @@ class Table:
                 f"{odd} has {sizes[odd]} rows, the others {usual}; expected columns of one length",
                 path=self.source or None,
             )
+
+    def first(self, rows: int) -> Table:
+        """Return the first rows, which share their memory with this table."""
+        return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a column.
