@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from limo_driver.descriptions.chain import last_frame, link_of_joint, read_chain
 from limo_driver.descriptions.description import joined_reference, split_reference
+from limo_driver.descriptions.enclosing import box_corners, enclosing_capsule
 from limo_driver.descriptions.reading import read_description
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
@@ -443,7 +444,7 @@ class RobotModel(Displayed):
                 raise ShapeError(name, np.shape(value), f"(T, {self.n})")
 
     def capsules(self) -> tuple[Capsule, ...]:
-        """Return the collision capsules of the URDF; other shapes get their bounding sphere.
+        """Return the collision capsules of the URDF; other shapes get one around them.
 
         Raises:
             ConfigError: A collision mesh that the URDF names is not there.
@@ -567,34 +568,28 @@ def _package_dirs(urdf: Path) -> list[str]:
     return [str(folder) for folder in urdf.resolve().parents]
 
 
-def _around(box: FloatArray) -> tuple[float, float, FloatArray]:
-    """Return half length and radius [m] of a capsule around a box, and how it is turned.
-
-    Args:
-        box: Half extents, (3,) [m].
-    """
-    longest = int(box.argmax())
-    others = np.delete(box, longest)
-    turn = np.eye(3)[:, [(longest + 1) % 3, (longest + 2) % 3, longest]]
-    return float(box[longest]), float(np.linalg.norm(others)), turn
-
-
 def _capsule(model: pin.Model, item: pin.GeometryObject) -> Capsule:
     shape, placement = item.geometry, item.placement
     if hasattr(shape, "halfLength"):
-        half, radius = float(shape.halfLength), float(shape.radius)
+        axis = np.array([0.0, 0.0, float(shape.halfLength)])
+        start, end, radius = -axis, axis, float(shape.radius)
     elif hasattr(shape, "radius"):
-        half, radius = 0.0, float(shape.radius)
+        start, end, radius = np.zeros(3), np.zeros(3), float(shape.radius)
     else:
-        shape.computeLocalAABB()
-        box = np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)
-        half, radius, turn = _around(box / 2)
-        placement = placement * pin.SE3(turn, np.array(shape.aabb_center))
-    axis = np.array([0.0, 0.0, half])
+        start, end, radius = enclosing_capsule(_corners(shape))
     return Capsule(
         link=str(model.frames[item.parentFrame].name),
         joint=int(item.parentJoint) - 1,
-        start=readonly(placement.act(-axis)),
-        end=readonly(placement.act(axis)),
+        start=readonly(placement.act(start)),
+        end=readonly(placement.act(end)),
         radius=radius,
     )
+
+
+def _corners(shape: Any) -> FloatArray:  # noqa: ANN401  # pinocchio has no types
+    """Return the corners of a mesh or of the box around any other shape, (K, 3) [m]."""
+    if hasattr(shape, "vertices"):
+        return np.unique(np.array(shape.vertices()), axis=0)
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    return box_corners(high - low) + (low + high) / 2
