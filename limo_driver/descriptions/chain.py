@@ -15,7 +15,7 @@ import pinocchio as pin
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from limo_driver.descriptions.description import Description
+    from limo_driver.descriptions.description import RobotDescription
 
 _JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
 TURN = np.pi  # [rad] to either side, within which motion of a joint without ends is planned
@@ -35,7 +35,7 @@ class Chain:
         return tuple(name.removesuffix(_JOINT) for name in self.model.names)[1:]
 
 
-def read_chain(description: Description) -> Chain:
+def read_chain(description: RobotDescription) -> Chain:
     """Read the joints of an arm.
 
     A continuous joint becomes a revolute one, whose position counts the turns: pinocchio would
@@ -86,7 +86,7 @@ def last_frame(model: pin.Model, joint: int) -> int:
     return (named or frames)[0 if named else -1]
 
 
-def _with_ends(description: Description) -> tuple[str, tuple[str, ...]]:
+def _with_ends(description: RobotDescription) -> tuple[str, tuple[str, ...]]:
     """Return the text with an end to either side of each continuous joint, and their names.
 
     Links and joints may share names in a file; in pinocchio, both are frames.

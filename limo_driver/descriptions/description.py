@@ -1,4 +1,4 @@
-"""Description: a robot as its file states it, whatever the format."""
+"""RobotDescription: a robot as its file states it, whatever the format."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class JointDynamics:
 
 
 @dataclass(frozen=True)
-class Description:
+class RobotDescription:
     """A robot as its file states it.
 
     Args:

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import mujoco
 import numpy as np
 
-from limo_driver.descriptions.description import Description, JointDynamics
+from limo_driver.descriptions.description import JointDynamics, RobotDescription
 from limo_driver.descriptions.geometry import numbers, rpy_of, turned
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.errors import ConfigError
@@ -28,7 +28,7 @@ _TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
 _FEWEST: Final = 2  # arms, of which one has to be chosen
 
 
-def read_mjcf(path: Path) -> Description:
+def read_mjcf(path: Path) -> RobotDescription:
     """Read the arm of an MJCF file: of its trees of bodies, the one with the most hinges.
 
     Raises:
@@ -40,7 +40,7 @@ def read_mjcf(path: Path) -> Description:
     root = _arm(model, path)
     writer = _Writer(model, root)
     writer.write(root)
-    return Description(
+    return RobotDescription(
         writer.robot,
         path,
         "MJCF",

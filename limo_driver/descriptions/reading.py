@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from limo_driver.descriptions.description import Description, JointDynamics
+from limo_driver.descriptions.description import JointDynamics, RobotDescription
 from limo_driver.descriptions.geometry import numbers, rotation_of, rpy_of, turned
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.errors import ConfigError
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _MOVABLE: Final = ("revolute", "continuous", "prismatic")
 
 
-def read_description(path: Path, joints: Sequence[str] = ()) -> Description:
+def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
     """Read a URDF or an MJCF file.
 
     Args:
@@ -48,7 +48,7 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> Description:
     return _chosen(found, joints)
 
 
-def _of_urdf(root: ET.Element, path: Path) -> Description:
+def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
     for kind in ("link", "joint"):
         names = [str(item.get("name")) for item in root.findall(kind)]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
@@ -61,7 +61,7 @@ def _of_urdf(root: ET.Element, path: Path) -> Description:
             dynamics[str(joint.get("name"))] = JointDynamics(
                 friction=_number(stated, "friction", path), damping=_number(stated, "damping", path)
             )
-    return Description(root, path, "URDF", dynamics)
+    return RobotDescription(root, path, "URDF", dynamics)
 
 
 def _refuse_floating(root: ET.Element, path: Path) -> None:
@@ -85,7 +85,7 @@ def _number(element: ET.Element, name: str, path: Path) -> float:
     return value
 
 
-def _chosen(found: Description, joints: Sequence[str]) -> Description:
+def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
     """Fix the joints that are not chosen, and those that only follow others."""
     positions = {
         name.strip(): value for name, mark, value in (x.partition("=") for x in joints) if mark

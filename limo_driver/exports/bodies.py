@@ -18,7 +18,7 @@ SAME: Final = 1e-9  # relative change of a second moment that is none
 
 
 @dataclass(frozen=True)
-class Part:
+class BodyPart:
     """A body of a file that moves rigidly with a link."""
 
     name: str
@@ -49,7 +49,7 @@ def inertial_of(J: FloatArray) -> Inertial:
     return Inertial(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
-def shared(parts: tuple[Part, ...], wanted: Inertial) -> Mapping[str, Inertial]:
+def shared(parts: tuple[BodyPart, ...], wanted: Inertial) -> Mapping[str, Inertial]:
     """Return new inertias of the parts of a link that together make the wanted one.
 
     The link's own body takes all of the change, if it is a possible body then; else the wanted

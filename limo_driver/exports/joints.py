@@ -31,7 +31,7 @@ _SHARP: Final = 1e-4  # [rad/s]
 
 
 @dataclass(frozen=True)
-class Split:
+class EffectSplit:
     """The effects of a simulation, as far as a target has numbers for them."""
 
     joints: tuple[JointDynamics, ...]  # of each joint
@@ -42,7 +42,7 @@ class Split:
     stand_ins: tuple[tuple[Effect, Effect], ...]  # an effect, and what is expressed instead
 
 
-def split(simulation: Simulation, target: str) -> Split:
+def split(simulation: Simulation, target: str) -> EffectSplit:
     """Split the effects of a simulation into what a target expresses and what it does not.
 
     Args:
@@ -75,7 +75,7 @@ def split(simulation: Simulation, target: str) -> Split:
                 effect = shown  # noqa: PLW2901  # what is expressed
             joints[j] = after
         expressed.append(effect)
-    return Split(
+    return EffectSplit(
         tuple(joints), tuple(payloads), gravity, tuple(expressed), tuple(left), tuple(stand_ins)
     )
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.descriptions.geometry import rotation_of
-from limo_driver.exports.bodies import Part
+from limo_driver.exports.bodies import BodyPart
 from limo_driver.model import Inertial
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def parts_of(model: RobotModel) -> dict[str, tuple[Part, ...]]:
+def parts_of(model: RobotModel) -> dict[str, tuple[BodyPart, ...]]:
     """Return the bodies that move rigidly with each link, itself first, by name of the link.
 
     Frames are those of the file: in MJCF, a body's is not that of its joint.
@@ -36,10 +36,10 @@ def parts_of(model: RobotModel) -> dict[str, tuple[Part, ...]]:
         moved_by[str(joint.get("name"))] = child
     links = {str(link.get("name")): link for link in root.findall("link")}
     moving = {moved_by[name] for name in model.joint_names}
-    found: dict[str, tuple[Part, ...]] = {}
+    found: dict[str, tuple[BodyPart, ...]] = {}
     for name in model.joint_names:
         own = moved_by[name]
-        parts, waiting = list[Part](), [(own, np.eye(4))]
+        parts, waiting = list[BodyPart](), [(own, np.eye(4))]
         while waiting:
             link, pose = waiting.pop(0)
             shift = np.eye(4)
@@ -49,7 +49,7 @@ def parts_of(model: RobotModel) -> dict[str, tuple[Part, ...]]:
                 x, y, z = (np.array(body.com) - shift[:3, 3]).tolist()
                 body = Inertial(body.mass, (x, y, z), body.inertia)
             if body is not None or link == own:
-                parts.append(Part(link, body, pose @ shift))
+                parts.append(BodyPart(link, body, pose @ shift))
             waiting += [
                 (child, pose @ origin_of(joint))
                 for joint, child in children.get(link, [])

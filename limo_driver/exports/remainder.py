@@ -11,7 +11,7 @@ from limo_driver.physics import SensorEffect, spoken
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from limo_driver.exports.joints import Split
+    from limo_driver.exports.joints import EffectSplit
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, Simulation
 
@@ -37,7 +37,7 @@ class Remainder:
         return f"{self.place} {self.instead}: {worst:.3g} N m RMS remain (joint {joint})"
 
 
-def remainders(simulation: Simulation, split: Split, motion: Motion) -> tuple[Remainder, ...]:
+def remainders(simulation: Simulation, split: EffectSplit, motion: Motion) -> tuple[Remainder, ...]:
     """Return the size of what is not expressed of each effect, alone.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.bodies import shared
-from limo_driver.exports.joints import Split, split
+from limo_driver.exports.joints import EffectSplit, split
 from limo_driver.exports.parts import parts_of
 from limo_driver.model import RobotModel
 
@@ -30,7 +30,7 @@ class Target:
 
     model: RobotModel  # as the file has it
     simulation: Simulation
-    split: Split
+    split: EffectSplit
     inertials: Mapping[str, Inertial]  # new ones, by body of the file, in its frame
     last: str  # body that payloads are fixed to
 

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.table import Table
+from limo_driver.foreign.table import LogTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ _FEW = 0.02  # of the cells, that hold a text where all others hold numbers
 
 def numbers_of(
     table: pa.Table, source: str, kind: str, names: Mapping[str, Sequence[str]] | None = None
-) -> Table:
+) -> LogTable:
     """Return the columns of numbers.
 
     Args:
@@ -55,7 +55,7 @@ def numbers_of(
         else:
             _refuse_few_texts(name, column, source)
             unread[name] = str(kind_of)
-    return Table(columns, source, kind, unread)
+    return LogTable(columns, source, kind, unread)
 
 
 def read_parquet(path: Path) -> pa.Table:

@@ -10,7 +10,7 @@ import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.foreign.names import words_of
-from limo_driver.foreign.table import Table
+from limo_driver.foreign.table import LogTable
 from limo_driver.logs.joint_state_log import bag_files, read_bag
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec
 from limo_driver.recordings.data_gate import SYSTEMATIC
@@ -27,7 +27,9 @@ _QUANTITIES = ("position", "velocity", "effort")
 _LISTED = 8  # topics that a message names
 
 
-def read_bags(paths: Sequence[Path], topic: str | None = None, joints: Sequence[str] = ()) -> Table:
+def read_bags(
+    paths: Sequence[Path], topic: str | None = None, joints: Sequence[str] = ()
+) -> LogTable:
     """Read the joint states of one topic.
 
     Joints may come in any order, and in several messages (an arm and its gripper): each set of
@@ -56,7 +58,7 @@ def read_bags(paths: Sequence[Path], topic: str | None = None, joints: Sequence[
         more.append(f"left aside: {'; '.join(others[:_LISTED])}")
     if found.malformed:
         more.append(f"{found.malformed} messages could not be decoded")
-    return Table(columns, source, f"ROS 2 bag, topic {kept.topic}", {}, (*notes, *more))
+    return LogTable(columns, source, f"ROS 2 bag, topic {kept.topic}", {}, (*notes, *more))
 
 
 @dataclass

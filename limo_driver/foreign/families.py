@@ -18,7 +18,7 @@ _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "deri
 
 
 @dataclass(frozen=True)
-class Family:
+class ColumnFamily:
     """Columns of one quantity, one for each joint."""
 
     quantity: str
@@ -47,7 +47,7 @@ class Family:
         return f"{listed}{f' ({said})' if said else ''}"
 
 
-def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:
+def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFamily]:
     """Return the families of columns that have to do with joints, those of times left aside.
 
     Args:
@@ -67,7 +67,7 @@ def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:
             by_kind[name.kind].setdefault(name.joint, name)
     found = [_family(kind[0], kind[1], members, joints) for kind, members in by_kind.items()]
     in_order = [
-        Family(quantity, rank, tuple(members), by_order=True)
+        ColumnFamily(quantity, rank, tuple(members), by_order=True)
         for (quantity, rank), members in loose.items()
         if quantity and len(members) > 1 and (not joints or len(members) == len(joints))
     ]
@@ -76,11 +76,11 @@ def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:
 
 def _family(
     quantity: str, rank: int, members: Mapping[str | int, Name], joints: Sequence[str]
-) -> Family:
+) -> ColumnFamily:
     named = [joint for joint in joints if joint in members]
     if named:
         missing = tuple(joint for joint in joints if joint not in members)
-        return Family(quantity, rank, tuple(members[joint] for joint in named), missing)
+        return ColumnFamily(quantity, rank, tuple(members[joint] for joint in named), missing)
     numbers = sorted(key for key in members if isinstance(key, int))
     ordered = tuple(members[number] for number in numbers)
     first = 0 if numbers[0] == 0 else 1
@@ -88,4 +88,4 @@ def _family(
     missing = tuple(f"number {k}" for k in wanted if k not in members)
     beyond = tuple(members[k].column for k in numbers if k not in wanted)
     kept = tuple(name for k, name in zip(numbers, ordered, strict=True) if k in wanted)
-    return Family(quantity, rank, kept, missing, beyond)
+    return ColumnFamily(quantity, rank, kept, missing, beyond)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from limo_driver.foreign.mapping import LogMapping
     from limo_driver.foreign.proposal import Proposal
-    from limo_driver.foreign.table import Table
+    from limo_driver.foreign.table import LogTable
     from limo_driver.recordings.recording import Recording
 
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Inspection(Displayed):
     """What a log holds, and the mapping that is proposed for it."""
 
-    table: Table
+    table: LogTable
     proposal: Proposal
     recording: Recording | None  # as it would be read; None where it cannot be
     refused: str  # why not

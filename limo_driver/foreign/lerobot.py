@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.arrow import numbers_of, read_parquet
-from limo_driver.foreign.table import Table
+from limo_driver.foreign.table import LogTable
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,7 +28,7 @@ def is_dataset(folder: Path) -> bool:
     return (folder / _INFO).is_file()
 
 
-def read_dataset(folder: Path, episode: int | None = None) -> Table:
+def read_dataset(folder: Path, episode: int | None = None) -> LogTable:
     """Read a LeRobotDataset without its images.
 
     Args:
@@ -55,7 +55,7 @@ def read_dataset(folder: Path, episode: int | None = None) -> Table:
     read = numbers_of(table, str(folder), _kind(info), _names(info))
     columns, notes = _in_order(dict(read.columns), episode, folder)
     robot = info.get("robot_type")
-    return Table(columns, read.source, read.kind, read.unread, notes, str(robot or ""))
+    return LogTable(columns, read.source, read.kind, read.unread, notes, str(robot or ""))
 
 
 def _in_order(

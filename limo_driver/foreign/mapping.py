@@ -30,7 +30,7 @@ from limo_driver.recordings.data_gate import Columns
 from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:
-    from limo_driver.foreign.table import Table
+    from limo_driver.foreign.table import LogTable
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
@@ -58,7 +58,7 @@ class TimeColumns(Declared):
         if self.columns:
             self._same_length("columns", "unit")
 
-    def read(self, table: Table) -> tuple[FloatArray, tuple[str, ...]]:
+    def read(self, table: LogTable) -> tuple[FloatArray, tuple[str, ...]]:
         """Return the time (T,) from the first row on [s], and what has to be said of it."""
         if not self.columns:
             return np.arange(table.rows) / float(self.rate or 1.0), ()
@@ -100,7 +100,7 @@ class Channels(Declared):
         if any(abs(sign) != 1 for sign in self.sign):
             raise self._refused("sign", "1 or -1")
 
-    def read(self, table: Table, quantity: str) -> FloatArray:
+    def read(self, table: LogTable, quantity: str) -> FloatArray:
         """Return the values of T rows, (T, n), in SI units."""
         values = np.empty((table.rows, len(self.columns)))
         n = len(self.columns)
@@ -218,7 +218,7 @@ class LogMapping(Declared, Displayed):
         with whole(path) as draft:
             draft.write_text(head + text, encoding="utf-8")
 
-    def columns(self, table: Table, model: RobotModel | None = None) -> Columns:
+    def columns(self, table: LogTable, model: RobotModel | None = None) -> Columns:
         """Read a table as this mapping says, without judging the values.
 
         Args:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.families import Family, families_of
+from limo_driver.foreign.families import ColumnFamily, families_of
 from limo_driver.foreign.mapping import Channels, LogMapping
 from limo_driver.foreign.motion_units import position_reading, torque_reading, velocity_unit
 from limo_driver.foreign.names import (
@@ -31,7 +31,7 @@ from limo_driver.foreign.units import UNITS
 
 if TYPE_CHECKING:
     from limo_driver.foreign.mapping import TimeColumns
-    from limo_driver.foreign.table import Table
+    from limo_driver.foreign.table import LogTable
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
@@ -61,18 +61,20 @@ class Proposal:
 class _Draft:
     """What is found so far."""
 
-    table: Table
+    table: LogTable
     model: RobotModel
-    families: list[Family]
+    families: list[ColumnFamily]
     taken: list[Taken] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
 
-    def values(self, family: Family) -> FloatArray:
+    def values(self, family: ColumnFamily) -> FloatArray:
         """Return the columns of a family as the log has them, (T, n)."""
         columns = [self.table.column(name) for name in family.columns]
         return np.stack(columns, axis=1).astype(np.float64)
 
-    def take(self, quantity: str, family: Family, unit: tuple[str, ...], why: str) -> Channels:
+    def take(
+        self, quantity: str, family: ColumnFamily, unit: tuple[str, ...], why: str
+    ) -> Channels:
         """Note what is taken, and return it."""
         told = ", ".join(dict.fromkeys(unit))
         self.taken.append(Taken(quantity, str(family), told, why))
@@ -84,7 +86,7 @@ class _Draft:
         return Channels(columns=family.columns, unit=unit)
 
 
-def propose(table: Table, model: RobotModel) -> Proposal:
+def propose(table: LogTable, model: RobotModel) -> Proposal:
     """Propose how to read a log of a robot.
 
     Args:
@@ -125,12 +127,12 @@ def propose(table: Table, model: RobotModel) -> Proposal:
     return Proposal(mapping, tuple(draft.taken))
 
 
-def _complete(draft: _Draft, quantity: str) -> list[Family]:
+def _complete(draft: _Draft, quantity: str) -> list[ColumnFamily]:
     found = [f for f in draft.families if f.quantity == quantity and not f.missing]
     return [f for f in found if len(f.names) == draft.model.n]
 
 
-def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> Family | None:
+def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | None:
     """Return the family of a quantity, if there is one alone of the best rank; or note a question.
 
     Columns that are equal in every row are one family.
@@ -166,7 +168,7 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> Family | None:
     return first
 
 
-def _position_family(draft: _Draft) -> Family:
+def _position_family(draft: _Draft) -> ColumnFamily:
     if found := _best(draft, POSITION):
         return found
     if unnamed := _complete(draft, NOTHING):
@@ -188,12 +190,12 @@ def _position_family(draft: _Draft) -> Family:
     )
 
 
-def _torque_family(draft: _Draft) -> Family | None:
+def _torque_family(draft: _Draft) -> ColumnFamily | None:
     found = _best(draft, TORQUE)
     return found if found is not None else _best(draft, CURRENT)
 
 
-def _positions(draft: _Draft, family: Family, torques: Family | None) -> Channels:
+def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None) -> Channels:
     if family.unit:
         return draft.take(POSITION, family, (family.unit,), "the names say so")
     stated = tuple(name.unit for name in family.names)
@@ -207,7 +209,7 @@ def _positions(draft: _Draft, family: Family, torques: Family | None) -> Channel
     return draft.take(POSITION, family, unit, found.why)
 
 
-def _torques(draft: _Draft, family: Family | None, position: Channels) -> Channels | None:
+def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> Channels | None:
     if family is None:
         draft.taken.append(Taken(TORQUE, "none", "", "no column is named like a measured torque"))
         return None

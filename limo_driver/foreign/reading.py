@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.table import Table, table_of
+from limo_driver.foreign.table import LogTable, table_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +29,7 @@ def read_table(
     topic: str | None = None,
     episode: int | None = None,
     joints: Sequence[str] = (),
-) -> Table:
+) -> LogTable:
     """Read what a log holds, without judging it.
 
     Args:
@@ -59,7 +59,7 @@ def read_table(
 
         text, notes = read_delimited(path)
         found = numbers_of(text, str(path), "delimited text")
-        return Table(found.columns, found.source, found.kind, found.unread, notes)
+        return LogTable(found.columns, found.source, found.kind, found.unread, notes)
     if ending in PARQUET:
         return numbers_of(read_parquet(path), str(path), "Parquet")
     raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
@@ -67,7 +67,7 @@ def read_table(
 
 def _read_folder(
     path: Path, topic: str | None, episode: int | None, joints: Sequence[str]
-) -> Table:
+) -> LogTable:
     from limo_driver.foreign.lerobot import is_dataset, read_dataset
 
     if is_dataset(path):
@@ -82,7 +82,7 @@ def _read_folder(
     )
 
 
-def _read_npz(path: Path) -> Table:
+def _read_npz(path: Path) -> LogTable:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files if archive[name].ndim}

@@ -1,4 +1,4 @@
-"""Table: what a file of any kind holds, as named columns of numbers, before anything is mapped."""
+"""LogTable: what a log of any kind holds, as named columns of numbers, before it is mapped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Table:
+class LogTable:
     """Named columns of T rows.
 
     Args:
@@ -50,7 +50,7 @@ class Table:
                 path=self.source or None,
             )
 
-    def first(self, rows: int) -> Table:
+    def first(self, rows: int) -> LogTable:
         """Return the first rows, which share their memory with this table."""
         return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
 
@@ -68,7 +68,7 @@ class Table:
         raise RecordingError(what, path=self.source or None)
 
 
-def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") -> Table:
+def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") -> LogTable:
     """Make a table of arrays: (T,) is a column, (T, k) columns `name[0]` to `name[k-1]`.
 
     Args:
@@ -90,7 +90,7 @@ def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") 
             columns[name] = values
         else:
             columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
-    return Table(columns, source, kind, unread)
+    return LogTable(columns, source, kind, unread)
 
 
 def shortened(names: list[str], most: int = 8) -> str:

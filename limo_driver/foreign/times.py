@@ -15,7 +15,7 @@ from limo_driver.recordings.recorded_time import RATES, unit_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from limo_driver.foreign.table import Table
+    from limo_driver.foreign.table import LogTable
 
 _SHORT: Final = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 _FIRST: Final = ("time", "t", "timestamp")  # names that stand before all others
@@ -38,7 +38,7 @@ class TimeFound:
         return ", ".join(self.columns.unit) if self.columns.columns else "Hz"
 
 
-def time_columns(table: Table) -> TimeFound:
+def time_columns(table: LogTable) -> TimeFound:
     """Find the time of a log.
 
     Args:
@@ -68,7 +68,7 @@ def time_columns(table: Table) -> TimeFound:
     return TimeFound(TimeColumns(columns=(first,), unit=(unit,)), why, tuple(questions))
 
 
-def _disagreeing(table: Table, first: str, read: dict[str, tuple[str, str, str]]) -> list[str]:
+def _disagreeing(table: LogTable, first: str, read: dict[str, tuple[str, str, str]]) -> list[str]:
     """Return a question where two columns of time tell of different durations."""
     if first in _FIRST[:1]:
         return []

@@ -10,7 +10,7 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.foreign.mapping import LogMapping
 from limo_driver.foreign.proposal import propose
 from limo_driver.foreign.reading import ARRAYS, BAGS, PARQUET, TEXTS, read_table
-from limo_driver.foreign.table import Table, table_of
+from limo_driver.foreign.table import LogTable, table_of
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import expected, model_of, unexpected
 
@@ -79,7 +79,7 @@ def table_of_log(
     mapping: LogMapping | None = None,
     topic: str | None = None,
     episode: int | None = None,
-) -> Table:
+) -> LogTable:
     """Return what a log holds, as columns of numbers.
 
     Raises:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from limo_driver.exports.bodies import Part, inertial_of, pseudo_inertia, shared
+from limo_driver.exports.bodies import BodyPart, inertial_of, pseudo_inertia, shared
 from limo_driver.model import Inertial
 
 HAND = Inertial(2.0, (0.1, 0.0, 0.05), (0.02, 0.001, 0.0, 0.03, 0.002, 0.025))
@@ -14,7 +14,7 @@ def whole(parts, bodies):
     return inertial_of(sum(J))
 
 
-PARTS = (Part("hand", HAND, np.eye(4)), Part("tool", TOOL, TURNED))
+PARTS = (BodyPart("hand", HAND, np.eye(4)), BodyPart("tool", TOOL, TURNED))
 BEFORE = whole(PARTS, {"hand": HAND, "tool": TOOL})
 
 
@@ -47,7 +47,7 @@ def test_what_no_body_can_take_alone_is_shared_by_all():
 
 
 def test_a_link_without_a_mass_of_its_own_gets_one():
-    parts = (Part("hand", None, np.eye(4)), Part("tool", TOOL, np.eye(4)))
+    parts = (BodyPart("hand", None, np.eye(4)), BodyPart("tool", TOOL, np.eye(4)))
     wanted = Inertial(1.0, (0.0, 0.01, 0.0), (0.005, 0, 0, 0.005, 0, 0.004))
     found = shared(parts, wanted)
     assert set(found) == {"hand"}
