@@ -10,8 +10,8 @@ found.save("diagnosis/")
 ```
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
-and commands. What to do with them: plan, excite, run, identify, predict, train, evaluate, diagnose,
-serve. Requests and settings say how: PlanRequest, Rows, TrainingSettings, ServiceSettings, ...
+and commands. What to do with them: inspect, read, plan, excite, run, identify, predict, train,
+evaluate, diagnose, export, serve. Requests and settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from estimators.rigid_body import JointTerms, Rows
     from estimators.service.settings import RetrainingSettings, ServiceSettings
     from limo_driver.errors import LimoError
+    from limo_driver.foreign.mapping import LogMapping
     from limo_driver.logs.mcap_log import LogLimits
     from limo_driver.model import RobotModel
     from limo_driver.network.ros import RosTopic
@@ -44,8 +45,18 @@ if TYPE_CHECKING:
         WrenchCommand,
     )
     from limo_driver.workflow.diagnosing import diagnose
-    from limo_driver.workflow.learning import evaluate, identify, load_model, predict, train
+    from limo_driver.workflow.exporting import export
+    from limo_driver.workflow.inspecting import inspect
+    from limo_driver.workflow.learning import (
+        evaluate,
+        identify,
+        load_model,
+        nominal,
+        predict,
+        train,
+    )
     from limo_driver.workflow.planning import excite, plan
+    from limo_driver.workflow.reading import read
     from limo_driver.workflow.running import Streaming, run
     from limo_driver.workflow.serving import serve
     from limopa import ExcitationRequest, Exploring, PlanRequest, Reaching, Surroundings, Workspace
@@ -60,6 +71,7 @@ _HOME = {
     "JointTerms": "estimators.rigid_body",
     "LimoError": "limo_driver.errors",
     "LogLimits": "limo_driver.logs.mcap_log",
+    "LogMapping": "limo_driver.foreign.mapping",
     "Motion": "limo_driver.types",
     "PlanRequest": "limopa",
     "PositionCommand": "limo_driver.types",
@@ -82,11 +94,15 @@ _HOME = {
     "diagnose": "limo_driver.workflow.diagnosing",
     "evaluate": "limo_driver.workflow.learning",
     "excite": "limo_driver.workflow.planning",
+    "export": "limo_driver.workflow.exporting",
     "identify": "limo_driver.workflow.learning",
+    "inspect": "limo_driver.workflow.inspecting",
     "load_model": "limo_driver.workflow.learning",
+    "nominal": "limo_driver.workflow.learning",
     "open_robot": "limo_driver.robot.registry",
     "plan": "limo_driver.workflow.planning",
     "predict": "limo_driver.workflow.learning",
+    "read": "limo_driver.workflow.reading",
     "run": "limo_driver.workflow.running",
     "serve": "limo_driver.workflow.serving",
     "train": "limo_driver.workflow.learning",
@@ -100,6 +116,7 @@ __all__ = [
     "JointTerms",
     "LimoError",
     "LogLimits",
+    "LogMapping",
     "Motion",
     "PlanRequest",
     "PositionCommand",
@@ -122,11 +139,15 @@ __all__ = [
     "diagnose",
     "evaluate",
     "excite",
+    "export",
     "identify",
+    "inspect",
     "load_model",
+    "nominal",
     "open_robot",
     "plan",
     "predict",
+    "read",
     "run",
     "serve",
     "train",

@@ -1,4 +1,4 @@
-"""RobotModel: kinematics, inertias, limits and collision bodies of an arm from a URDF."""
+"""RobotModel: kinematics, inertias, limits and collision bodies of an arm from URDF or MJCF."""
 
 # pinocchio has no stubs and is found through an import hook; this file is the adapter to it.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
@@ -15,16 +15,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from limo_driver.descriptions.chain import last_frame, link_of_joint, read_chain
+from limo_driver.descriptions.description import joined_reference, split_reference
+from limo_driver.descriptions.enclosing import box_corners, enclosing_capsule
+from limo_driver.descriptions.reading import read_description
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.types import FloatArray, JointLimits, as_numbers, readonly
-from limo_driver.urdf import last_frame, link_of_joint, read_chain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 BUILT_IN = ("iiwa14",)
 ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
+SLOW = 1.0  # [rad/s], in formats that have no limits of velocity
 JERK_PER_VELOCITY = 50.0  # [1/s^2]
 TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
 _ROUNDING = 1e-9  # of the largest second moment
@@ -33,9 +37,12 @@ _MANY = 1000  # samples, from which on another thread is worth waking
 
 
 def beside(robot: str, folder: Path) -> str:
-    """Return a robot as a file in a folder names it: built in, or a URDF, sought there first."""
-    file = folder / robot
-    return robot if robot in BUILT_IN or not file.is_file() else str(file.resolve())
+    """Return a robot as a file in a folder names it: built in, or a file, sought there first."""
+    path, joints = split_reference(robot)
+    file = folder / path
+    if robot in BUILT_IN or not file.is_file():
+        return robot
+    return joined_reference(str(file.resolve()), joints)
 
 
 @dataclass(frozen=True)
@@ -105,15 +112,22 @@ class RobotModel(Displayed):
     bodies added to the link that carries them. A continuous joint has limits of half a turn to
     either side, within which motion is planned; recordings may count any number of turns.
 
+    Of an MJCF file the arm is the tree of bodies with the most hinges. What a file states beside
+    the rigid body (friction, damping, armature, springs) is in `description`; a `Simulation` that
+    is loaded from the file has it as effects.
+
     Args:
-        urdf: URDF file.
+        urdf: URDF or MJCF file.
         name: Name by which files refer to the robot; the path if not given.
         inertials: Inertias that replace those of the URDF, by link name.
-        gravity: In the frame of the base [m/s²]; along its -z if not given.
+        gravity: In the frame of the base [m/s²]; the file's if not given, -z in a URDF.
+        joints: Names or patterns of the joints that move, and `name=position` of joints locked
+            elsewhere than at zero; all that can move if none is given.
 
     Raises:
-        ConfigError: The file is missing, is no URDF, has no revolute joint, or an inertial names
-            no moving link or no possible body; or gravity is not finite.
+        ConfigError: The file is missing, is neither, has no revolute joint or none of these names,
+            a moving link has no mass, an inertial names no moving link or no possible body; or
+            gravity is not finite.
         ShapeError: The gravity is not (3,).
 
     Example:
@@ -127,14 +141,16 @@ class RobotModel(Displayed):
         name: str | None = None,
         inertials: Mapping[str, Inertial] | None = None,
         gravity: Sequence[float] | None = None,
+        joints: Sequence[str] = (),
     ) -> None:
-        self.urdf = Path(urdf)
-        self.name = name or str(urdf)
+        self.urdf, self.chosen = Path(urdf), tuple(joints)
+        self.name = name or joined_reference(str(urdf), self.chosen)
         if not self.urdf.is_file():
-            raise ConfigError("no such URDF file", path=urdf)
-        chain = read_chain(self.urdf)
+            raise ConfigError("no such URDF or MJCF file", path=urdf)
+        self.description = read_description(self.urdf, self.chosen)
+        chain = read_chain(self.description)
         self.pin_model, self.locked_joints = chain.model, chain.locked
-        self.joint_names: tuple[str, ...] = tuple(self.pin_model.names)[1:]
+        self.joint_names: tuple[str, ...] = chain.names
         self.link_names: tuple[str, ...] = tuple(
             link_of_joint(self.pin_model, j + 1) for j in range(self.n)
         )
@@ -142,12 +158,17 @@ class RobotModel(Displayed):
             link: _from_pin(self.pin_model.inertias[j + 1])
             for j, link in enumerate(self.link_names)
         }
+        _check_masses(self.inertials, self.joint_names, self.urdf)
         self._override(inertials or {})
-        if gravity is not None:
-            self.pin_model.gravity.linear = _gravity(gravity)
-        self.limits = _limits(self.pin_model)
+        given = self.description.gravity if gravity is None else gravity
+        self.pin_model.gravity.linear = _gravity(given)
+        assumed = self.description.kind == "MJCF"
+        self.limits = _limits(self.pin_model, assumed=assumed)
         self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_model, self.n)
+        locked = (f"joint {x} does not turn, and is locked at 0" for x in self.locked_joints)
+        unstated = _unstated(self.pin_model, self.joint_names, assumed=assumed)
+        self.notes: tuple[str, ...] = (*self.description.notes, *locked, *unstated)
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
 
@@ -155,11 +176,12 @@ class RobotModel(Displayed):
     def load(
         cls, source: str | Path, inertials: Mapping[str, Inertial] | None = None
     ) -> RobotModel:
-        """Load a built-in robot by name, or any robot from a URDF file.
+        """Load a built-in robot by name, or any robot from a URDF or MJCF file.
 
         Args:
-            source: Built-in name, or path of a URDF.
-            inertials: Inertias that replace those of the URDF, by link name.
+            source: Built-in name, or path of a URDF or MJCF; `arm.urdf#joint*,finger=0.02` are the
+                joints of it that match, with the finger locked there and all others at zero.
+            inertials: Inertias that replace those of the file, by link name.
 
         Raises:
             ConfigError: Neither a built-in name nor a file.
@@ -167,11 +189,13 @@ class RobotModel(Displayed):
         if str(source) in BUILT_IN:
             path = files("limo_driver") / "assets" / f"{source}.urdf"
             return cls(str(path), name=str(source), inertials=inertials)
-        if not Path(source).is_file():
+        path, joints = split_reference(str(source))
+        if not Path(path).is_file():
             raise ConfigError(
                 f"robot {str(source)!r} is neither built in ({', '.join(BUILT_IN)}) nor a URDF file"
+                " nor an MJCF file"
             )
-        return cls(source, inertials=inertials)
+        return cls(path, inertials=inertials, joints=joints)
 
     def with_inertials(self, inertials: Mapping[str, Inertial]) -> RobotModel:
         """Return this robot with some inertias replaced.
@@ -182,7 +206,7 @@ class RobotModel(Displayed):
         Raises:
             ConfigError: There is no such moving link, or no such body.
         """
-        return RobotModel(self.urdf, self.name, {**self.inertials, **inertials}, self.gravity)
+        return self._changed({**self.inertials, **inertials}, self.gravity)
 
     def require_inertias(self) -> None:
         """Check that the torque of every joint can be computed: it moves a mass.
@@ -210,7 +234,10 @@ class RobotModel(Displayed):
             ConfigError: It is no array of finite numbers.
             ShapeError: It is not (3,).
         """
-        return RobotModel(self.urdf, self.name, self.inertials, gravity)
+        return self._changed(self.inertials, gravity)
+
+    def _changed(self, inertials: Mapping[str, Inertial], gravity: Sequence[float]) -> RobotModel:
+        return RobotModel(self.urdf, self.name, inertials, gravity, self.chosen)
 
     @property
     def gravity(self) -> tuple[float, ...]:
@@ -433,15 +460,15 @@ class RobotModel(Displayed):
                 raise ShapeError(name, np.shape(value), f"(T, {self.n})")
 
     def capsules(self) -> tuple[Capsule, ...]:
-        """Return the collision capsules of the URDF; other shapes get their bounding sphere.
+        """Return the collision capsules of the URDF; other shapes get one around them.
 
         Raises:
             ConfigError: A collision mesh that the URDF names is not there.
         """
         try:
-            geometry = pin.buildGeomFromUrdf(
+            geometry = pin.buildGeomFromUrdfString(
                 self.pin_model,
-                str(self.urdf),
+                self.description.text,
                 pin.GeometryType.COLLISION,
                 package_dirs=_package_dirs(self.urdf),
             )
@@ -459,7 +486,8 @@ class RobotModel(Displayed):
         """
         if self.name in BUILT_IN:
             return self.name
-        return Path(os.path.relpath(self.urdf.resolve(), folder.resolve())).as_posix()
+        path = Path(os.path.relpath(self.urdf.resolve(), folder.resolve())).as_posix()
+        return joined_reference(path, self.chosen)
 
     def _override(self, inertials: Mapping[str, Inertial]) -> None:
         for link, inertial in inertials.items():
@@ -478,6 +506,18 @@ class RobotModel(Displayed):
             self.inertials[link] = inertial
 
 
+def _check_masses(
+    inertials: Mapping[str, Inertial], joint_names: Sequence[str], path: Path
+) -> None:
+    """Refuse links that move and have no mass, which neither torque nor simulator can make move."""
+    for (link, body), joint in zip(inertials.items(), joint_names, strict=True):
+        if body.mass <= 0:
+            raise ConfigError(
+                f"link {link}, which joint {joint} moves, has no mass; state its <inertial>",
+                path=path,
+            )
+
+
 def _threads() -> int:
     """Return how many threads a computation may use, as OpenMP decides it."""
     asked = os.environ.get("OMP_NUM_THREADS", "")
@@ -494,9 +534,31 @@ def _gravity(gravity: Sequence[float]) -> FloatArray:
     return array
 
 
-def _limits(model: pin.Model) -> JointLimits:
+def _unstated(model: pin.Model, names: Sequence[str], *, assumed: bool) -> tuple[str, ...]:
+    """Say which limits the description leaves out, and what stands for them."""
+    told: list[str] = []
+    for values, what, instead in (
+        (model.upperVelocityLimit, "velocity", f"{SLOW:g} rad/s is taken"),
+        (model.upperEffortLimit, "effort", "none is kept"),
+    ):
+        lacking = [name for name, value in zip(names, np.array(values), strict=True) if value <= 0]
+        if lacking:
+            stands = instead if assumed else "without one, the arm cannot be planned or run"
+            told.append(f"joints {', '.join(lacking)} state no {what} limit; {stands}")
+    return tuple(told)
+
+
+def _limits(model: pin.Model, *, assumed: bool) -> JointLimits:
+    """Return the limits of the joints; a 0 stays unless values are assumed for what is not stated.
+
+    MJCF has no limits of velocity, so that nothing would move. A URDF that states a 0 leaves out
+    what it should state: no speed of a real arm is made up for it.
+    """
     velocity = np.array(model.upperVelocityLimit)
     torque = np.array(model.upperEffortLimit)
+    if assumed:
+        velocity = np.where(velocity > 0, velocity, SLOW)
+        torque = np.where(torque > 0, torque, np.inf)
     return JointLimits(
         position_min=np.array(model.lowerPositionLimit),
         position_max=np.array(model.upperPositionLimit),
@@ -525,18 +587,25 @@ def _package_dirs(urdf: Path) -> list[str]:
 def _capsule(model: pin.Model, item: pin.GeometryObject) -> Capsule:
     shape, placement = item.geometry, item.placement
     if hasattr(shape, "halfLength"):
-        half, radius = float(shape.halfLength), float(shape.radius)
+        axis = np.array([0.0, 0.0, float(shape.halfLength)])
+        start, end, radius = -axis, axis, float(shape.radius)
     elif hasattr(shape, "radius"):
-        half, radius = 0.0, float(shape.radius)
+        start, end, radius = np.zeros(3), np.zeros(3), float(shape.radius)
     else:
-        shape.computeLocalAABB()
-        half, radius = 0.0, float(shape.aabb_radius)
-        placement = placement * pin.SE3(np.eye(3), np.array(shape.aabb_center))
-    axis = np.array([0.0, 0.0, half])
+        start, end, radius = enclosing_capsule(_corners(shape))
     return Capsule(
         link=str(model.frames[item.parentFrame].name),
         joint=int(item.parentJoint) - 1,
-        start=readonly(placement.act(-axis)),
-        end=readonly(placement.act(axis)),
+        start=readonly(placement.act(start)),
+        end=readonly(placement.act(end)),
         radius=radius,
     )
+
+
+def _corners(shape: Any) -> FloatArray:  # noqa: ANN401  # pinocchio has no types
+    """Return the corners of a mesh or of the box around any other shape, (K, 3) [m]."""
+    if hasattr(shape, "vertices"):
+        return np.unique(np.array(shape.vertices()), axis=0)
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    return box_corners(high - low) + (low + high) / 2

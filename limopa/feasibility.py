@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from limopa.path import Path
     from limopa.request import Surroundings, Workspace
 
-ALWAYS = 0.95  # share of random configurations; a pair that overlaps in more does by construction
+ALWAYS = 0.95  # of random configurations; a pair that is near in more is so by construction
+NEAR = 0.02  # [m], as near as capsules around neighbouring shapes come
 ROUNDING = 1e-9  # [rad]
 _WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 PROBES = 1000  # random configurations that show which pairs do
@@ -196,7 +197,8 @@ class Feasibility:
         apart = [(i, k) for i, k in candidates if self.chain.parent[joint[k]] != joint[i]]
         self._pairs = np.array(sorted(apart), dtype=np.int64).reshape(-1, 2)
         probes = np.random.default_rng(0).uniform(self.lower, self.upper, (PROBES, len(self.lower)))
-        touching = (self._clearances(probes)[0] < 0.0).mean(axis=0)
+        near = min(self.surroundings.clearance, NEAR)
+        touching = (self._clearances(probes)[0] < near).mean(axis=0)
         always = touching > ALWAYS
         links = [(self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[always]]
         self.overlapping_pairs = tuple(dict.fromkeys(links))  # a link may have several capsules

@@ -10,6 +10,7 @@ off: the safety contract, not an end stop, keeps the arm inside its range.
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # the URDF is the user's own file
 
@@ -20,7 +21,6 @@ from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from backends.mujoco_sim.realisation import Plant
     from limo_driver.model import Inertial, RobotModel
@@ -82,6 +82,21 @@ def compile_model(
     return model
 
 
+def bare_mjcf(robot: RobotModel) -> str:
+    """Return a robot as MJCF, with its inertias and simple shapes and nothing else.
+
+    Args:
+        robot: Rigid body.
+
+    Raises:
+        ConfigError: MuJoCo cannot read its description.
+    """
+    spec = _read(robot)
+    spec.option.gravity = np.array(robot.pin_model.gravity.linear)
+    spec.compile()
+    return str(spec.to_xml())
+
+
 def _read(robot: RobotModel) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_string(_plain_urdf(robot))
@@ -132,7 +147,7 @@ def _parameters(*values: float) -> Any:  # noqa: ANN401  # a MuJoCo parameter ve
 
 def _plain_urdf(robot: RobotModel) -> str:
     """Return the URDF without meshes, with locked joints welded and the inertias of `robot`."""
-    root = _parse(robot.urdf)
+    root = deepcopy(robot.description.root)
     for name in _LEFT_OUT:
         for parent in list(root.iter()):
             for child in parent.findall(name):
@@ -152,13 +167,6 @@ def _plain_urdf(robot: RobotModel) -> str:
         if (moving := robot.inertials.get(str(link.get("name")))) is not None:
             link.append(_inertial(moving))
     return ET.tostring(root, encoding="unicode")
-
-
-def _parse(urdf: Path) -> ET.Element:
-    try:
-        return ET.parse(urdf).getroot()  # noqa: S314  # the URDF is the user's own file
-    except ET.ParseError as error:
-        raise ConfigError(f"is no XML: {error}", path=urdf) from None
 
 
 def _remove_meshes(link: ET.Element) -> None:

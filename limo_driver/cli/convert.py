@@ -1,4 +1,4 @@
-"""`limo convert`: joint states of MCAP logs as a recording, and a recording as such a log."""
+"""`limo convert`: logs of any format as a recording, and a recording as an MCAP log."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -20,7 +22,7 @@ _TOPIC = "/joint_states"
 def command(
     files: Annotated[
         list[Path],
-        typer.Argument(help="MCAP logs or folders of them; or one recording, to make a log of."),
+        typer.Argument(help="MCAP or .db3 logs or folders of them; or one log of any format."),
     ],
     out: Annotated[Path, typer.Option(help="The recording to write (Parquet), or a .mcap log.")],
     robot: Annotated[
@@ -30,9 +32,16 @@ def command(
     topic: Annotated[
         str | None, typer.Option(help="Topic of the joint states, if there are several.")
     ] = None,
+    mapping: MappingOption = None,
+    episode: Annotated[
+        int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
 ) -> None:
-    """Make a recording of the joint states in MCAP logs, of limo or of any ROS 2 bag.
+    """Make a recording of a log: of limo, a ROS 2 bag, or of any format with a mapping.
+
+    Text, Parquet, NumPy's .npz and LeRobotDatasets need --robot, and --mapping where their columns
+    leave something to be decided: see `limo inspect`. Of a bag the joint states are read.
 
     Time is the stamp of each message, from the first on, in order of the stamps. Messages that were
     lost leave gaps; duplicates stay in the file and are left out where it is read. A log that was
@@ -40,17 +49,69 @@ def command(
 
     Examples:
         limo convert logs/ --robot iiwa14 --out run.parquet
-        limo convert bag_0.mcap --topic /joint_states --out run.parquet
+        limo convert bag_0.db3 --topic /joint_states --out run.parquet
+        limo convert log.csv --mapping mapping.yaml --out run.parquet
         limo convert run.parquet --out run.mcap
     """
     from limo_driver.outputs import require_file, require_parquet
 
     require_file(out, files)
     if out.suffix == _MCAP:
-        _to_log(files, out, robot, topic or _TOPIC, as_json=as_json)
-    else:
-        require_parquet(out)
+        _to_log(files, out, robot, topic or _TOPIC, mapping, as_json=as_json)
+        return
+    require_parquet(out)
+    if mapping is None and all(map(_is_bag, files)):
         _to_recording(files, out, robot, topic, as_json=as_json)
+    else:
+        _mapped(files, out, robot, mapping, topic, episode, as_json=as_json)
+
+
+def _is_bag(path: Path) -> bool:
+    from limo_driver.foreign.lerobot import is_dataset
+    from limo_driver.foreign.reading import ARRAYS, PARQUET, TEXTS
+
+    if path.is_dir():
+        return not is_dataset(path)
+    return path.suffix.lower() not in {*ARRAYS, *PARQUET, *TEXTS}
+
+
+def _mapped(
+    files: list[Path],
+    out: Path,
+    robot: str | None,
+    mapping: Path | None,
+    topic: str | None,
+    episode: int | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Write the rows of one log as its mapping, or the one proposed for it, says."""
+    from importlib.metadata import version
+
+    from limo_driver.errors import ConfigError, RecordingError
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.data_gate import inspect
+    from limo_driver.recordings.file import write_columns
+    from limo_driver.workflow.reading import columns_of
+
+    if len(files) > 1:
+        raise ConfigError(f"{len(files)} logs to convert, expected one, or bags without a mapping")
+    model = None if robot is None else RobotModel.load(robot)
+    columns, used = columns_of(files[0], model, mapping, topic, episode)
+    try:
+        findings = inspect(columns)
+    except RecordingError as error:
+        raise RecordingError(str(error), path=files[0], rows=error.rows) from None
+    provenance = {"logs": [files[0].name], "limo": version("limo")}
+    write_columns(columns, out, {"joints": used.joints, "provenance": provenance})
+    counts = {
+        "joints": list(used.joints),
+        "samples": columns.time.size,
+        "usable": len(findings.rows),
+        "duration": float(columns.time[-1] - columns.time[0]),
+    }
+    notes = [*columns.warnings, *map(str, findings.left_out), *findings.warnings]
+    _report(out, counts, notes, as_json=as_json)
 
 
 def _to_recording(
@@ -99,19 +160,26 @@ def _counts(log: JointStateLog, usable: int) -> dict[str, Any]:
     }
 
 
-def _to_log(files: list[Path], out: Path, robot: str | None, topic: str, *, as_json: bool) -> None:
+def _to_log(
+    files: list[Path],
+    out: Path,
+    robot: str | None,
+    topic: str,
+    mapping: Path | None,
+    *,
+    as_json: bool,
+) -> None:
     from limo_driver.errors import ConfigError
     from limo_driver.logs.joint_state_log import write_joint_states
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
+    from limo_driver.workflow.reading import read
 
     if len(files) > 1:
         raise ConfigError(f"{len(files)} files to make one log of, expected one recording")
-    recording = Recording.load(files[0])
+    model = None if robot is None else RobotModel.load(robot)
+    recording = read(files[0], model, mapping)
     joints, start_ns = _named(files[0], recording.n)
-    if robot is not None:
-        model = RobotModel.load(robot)
-        recording.check_robot(model)
+    if model is not None:
         joints = model.joint_names
     write_joint_states(recording, out, joints, topic, start_ns)
     counts = {
@@ -181,7 +249,7 @@ def _report(out: Path, counts: dict[str, Any], notes: list[str], *, as_json: boo
     console = terminal(soft_wrap=True)
     console.print(
         f"{out}: {counts['samples']} samples of {len(counts['joints'])} joints over "
-        f"{counts['duration']:.3f} s, topic {counts['topic']}",
+        f"{counts['duration']:.3f} s" + (f", topic {counts['topic']}" if "topic" in counts else ""),
     )
     for name in ("duplicates", "reordered", "malformed", "of other joints"):
         if counts.get(name):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
@@ -16,17 +17,33 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from estimators.diagnosis.result import Diagnosis
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
 
 _DIAGNOSED = 0.97  # of the work; the rest is writing
 
 
 def command(
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one arm.")],
-    sim: Annotated[Path, typer.Option(help="What is believed of that arm, a sim.yaml.")],
     out: Annotated[Path, typer.Option(help="Folder for verdict, improved simulation and report.")],
+    sim: Annotated[
+        Path | None, typer.Option(help="What is believed of that arm, a sim.yaml.")
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Or its URDF or MJCF: inertias trusted, friction unknown."),
+    ] = None,
+    inertia_tolerance: Annotated[
+        float, typer.Option(help="With --robot: how far its inertias may be off, relative.")
+    ] = 0.05,
+    export: Annotated[
+        Path | None,
+        typer.Option(help="Write what was found into a copy of the robot's file, too."),
+    ] = None,
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
     ] = BANDWIDTH,
+    mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:
     r"""Find where a simulation and recordings differ, which physics is missing, and add it.
@@ -36,7 +53,11 @@ def command(
     status 0, whatever it finds; where one of its stages failed, the verdict says so, and the status
     is 1.
 
+    Without a sim.yaml, --robot will do: friction is identified first, and the inertias of the
+    description are trusted to --inertia-tolerance, so that a payload or a wrong link shows.
+
     Examples:
+        limo diagnose log.csv --robot model.xml --out diagnosis --export new.xml
         limo diagnose monday.parquet tuesday.parquet --sim sim.yaml \
             --out diagnosis
         limo run --backend mujoco --trajectory diagnosis/next_motion.parquet \
@@ -48,16 +69,12 @@ def command(
     from estimators.diagnosis.saving import FILES, save
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_place
-    from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
     from limo_driver.workflow.diagnosing import diagnose
 
-    simulation = Simulation.load(sim)
-    measured = [Recording.load(path) for path in recordings]
-    for recording in measured:
-        recording.check_robot(simulation.model)
-    require_place(out, "the diagnosis", FILES, [sim, *recordings])
     notes = terminal(stderr=True, soft_wrap=True)
+    given = [sim] if sim is not None else []
+    require_place(out, "the diagnosis", FILES, [*given, *recordings])
+    simulation, measured = _start(recordings, sim, robot, inertia_tolerance, mapping, notes)
     with _progress(notes) as progress:
         found = diagnose(
             simulation,
@@ -75,10 +92,60 @@ def command(
             for item in (*recording.warnings, *recording.left_out):
                 notes.print(f"{recording.source}: {item}")
         _show(found, written)
+    if export is not None:
+        _export(found, export, as_json=as_json)
     for failure in found.failures:
         notes.print(f"limo: a stage of the diagnosis failed: {failure}")
     if found.failures:
         raise typer.Exit(1)
+
+
+def _start(
+    recordings: list[Path],
+    sim: Path | None,
+    robot: str | None,
+    tolerance: float,
+    mapping: Path | None,
+    notes: Console,
+) -> tuple[Simulation, list[Recording]]:
+    """Return the simulation to start from, and the recordings.
+
+    Raises:
+        ConfigError: Both or none of simulation and robot are given.
+    """
+    from estimators.telemetry import telemetry_in
+    from limo_driver.errors import ConfigError
+    from limo_driver.model import RobotModel
+    from limo_driver.physics import Simulation
+    from limo_driver.workflow.learning import nominal
+    from limo_driver.workflow.reading import read
+
+    if (sim is None) == (robot is None):
+        given = "neither" if sim is None else "both"
+        raise ConfigError(f"{given} of --sim and --robot given, expected one of them")
+    if sim is not None:
+        simulation = Simulation.load(sim)
+        return simulation, [read(path, simulation.model, mapping) for path in recordings]
+    model = RobotModel.load(str(robot))
+    for note in model.notes:
+        notes.print(f"{robot}: {note}")
+    measured = [read(path, model, mapping) for path in recordings]
+    simulation = nominal(model, measured, tolerance)
+    for recording in measured:
+        for line in telemetry_in(simulation, recording):
+            notes.print(f"{recording.source}: {line}")
+    return simulation, measured
+
+
+def _export(found: Diagnosis, to: Path, *, as_json: bool) -> None:
+    """Write the improved simulation into a copy of the robot's own file."""
+    from limo_driver.cli.export import show
+    from limo_driver.workflow.exporting import export
+
+    kind = found.simulation.model.description.kind.lower()
+    written = export(found.simulation, kind, to)
+    if not as_json:
+        show(written)
 
 
 @contextmanager

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -22,6 +24,7 @@ def command(
     out: Annotated[
         Path | None, typer.Option(help="Folder for evaluation.json, torque.png and loops.png.")
     ] = None,
+    mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Compare measured torque with rigid body and model: tables, and pictures with --out.
@@ -41,16 +44,15 @@ def command(
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
     from limo_driver.workflow.learning import evaluate
+    from limo_driver.workflow.reading import read
 
     if out is not None:
         require_folder(out, "the evaluation", FILES, [recording])
     trained = load_model(model)
     if sim is not None:
         check_simulation(trained, Simulation.load(sim))
-    measured = Recording.load(recording)
-    measured.check_robot(trained.simulation.model)
+    measured = read(recording, trained.simulation.model, mapping)
     notes = terminal(stderr=True, soft_wrap=True)
     for item in (*measured.left_out, *measured.warnings):
         notes.print(f"{recording}: {item}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def command(  # one argument for each option
     base: Annotated[
         bool, typer.Option("--base", help="Print every base parameter with its uncertainty.")
     ] = False,
+    mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     r"""Identify inertias and friction, and write them as a simulation.
@@ -70,14 +72,14 @@ def command(  # one argument for each option
     from limo_driver.console.terminal import terminal
     from limo_driver.model import RobotModel
     from limo_driver.outputs import require_file
-    from limo_driver.recordings.recording import Recording
+    from limo_driver.workflow.reading import read
 
     notes = terminal(stderr=True, soft_wrap=True)
     require_file(out, recordings)
     model = RobotModel.load(robot)
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
     rows = Rows(bandwidth, moving_only, weighting)
-    measured = [Recording.load(path) for path in recordings]
+    measured = [read(path, model, mapping) for path in recordings]
     found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
     found.simulation.save(out)
     if as_json:

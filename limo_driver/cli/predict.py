@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -36,6 +38,7 @@ def command(
             help="Predict what a live stream would have said this late, s; from the past alone."
         ),
     ] = None,
+    mapping: MappingOption = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the rows used and left out as JSON.")
     ] = False,
@@ -57,14 +60,13 @@ def command(
 
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_file, require_parquet
-    from limo_driver.recordings.recording import Recording
     from limo_driver.workflow.learning import predict
+    from limo_driver.workflow.reading import read
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     require_parquet(out)
     physics, learned = _load(sim, model, bandwidth)
-    measured = Recording.load(recording)
-    measured.check_robot(physics.model)
+    measured = read(recording, physics.model, mapping)
     estimate = predict(learned or physics, measured, bandwidth=bandwidth, delay=delay)
     time, columns = getattr(estimate, "time", measured.time), _columns(estimate)
     write(measured, time, columns, out)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def command(  # one argument for each option
     device: Annotated[
         str, typer.Option(help="cpu, cuda, or auto: a GPU where PyTorch sees one.")
     ] = "auto",
+    mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     r"""Learn the torque that a simulation leaves unexplained, by a network or by joint physics.
@@ -111,7 +113,7 @@ def command(  # one argument for each option
     require_model(model)
     if model not in NETWORKS:
         _refuse_network_options(context, model)
-        _train_estimator(model, recordings, sim, out, bandwidth, as_json=as_json)
+        _train_estimator(model, recordings, sim, out, bandwidth, mapping=mapping, as_json=as_json)
         return
     usual = usual_settings(features)
     settings = replace(
@@ -132,7 +134,7 @@ def command(  # one argument for each option
         layers=layers,
         device=device,
     )
-    simulation, measured, notes = _load(recordings, sim, out)
+    simulation, measured, notes = _load(recordings, sim, out, mapping)
     hybrid = _train(simulation, measured, settings, notes)
     hybrid.save(out)
     rmse, gain = hybrid.fitted.record["rmse"], hybrid.fitted.gain.tolist()
@@ -143,19 +145,18 @@ def command(  # one argument for each option
 
 
 def _load(
-    recordings: list[Path], sim: Path, out: Path
+    recordings: list[Path], sim: Path, out: Path, mapping: Path | None
 ) -> tuple[Simulation, list[Recording], Console]:
     """Read simulation and recordings; say on the console what is left out of them."""
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_folder
     from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
+    from limo_driver.workflow.reading import read
 
     simulation = Simulation.load(sim)
-    measured = [Recording.load(path) for path in recordings]
+    measured = [read(path, simulation.model, mapping) for path in recordings]
     notes = terminal(stderr=True, soft_wrap=True)
     for recording in measured:
-        recording.check_robot(simulation.model)
         for item in (*recording.left_out, *recording.warnings):
             notes.print(f"{recording.source}: {item}")
     require_folder(out, "the model")
@@ -214,7 +215,9 @@ def _print(
     console.print(table)
 
 
-_OF_EVERY_MODEL: Final = frozenset(("recordings", "sim", "out", "model", "bandwidth", "as_json"))
+_OF_EVERY_MODEL: Final = frozenset(
+    ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
+)
 
 
 def _refuse_network_options(context: typer.Context, model: str) -> None:
@@ -239,6 +242,7 @@ def _train_estimator(
     out: Path,
     bandwidth: float,
     *,
+    mapping: Path | None,
     as_json: bool,
 ) -> None:
     import json
@@ -248,7 +252,7 @@ def _train_estimator(
     from limo_driver.console.terminal import terminal
     from limo_driver.workflow.learning import train
 
-    simulation, measured, _ = _load(recordings, sim, out)
+    simulation, measured, _ = _load(recordings, sim, out, mapping)
     model = train(simulation, measured, name, bandwidth=bandwidth)
     model.save(out)
     rmse = model.fitted.record.get("rmse", {})

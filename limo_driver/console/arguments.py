@@ -21,6 +21,7 @@ OPTIONS: Final = {
     'link["port"]': "--port",
     'link["reset_faults"]': "--reset-faults",
     "log": "--log",
+    "mapping": "--mapping",
     "model": "--model",
     "retraining": "--retrain",
     "robot": "--robot",

@@ -1,4 +1,4 @@
-"""Joint states of MCAP logs, ours or any of ROS 2, as columns of a recording, and back."""
+"""Joint states of logs, ours or bags of ROS 2, as columns of a recording, and back."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.logs.db3_file import read_db3
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.outputs import whole
 from limo_driver.recordings.data_gate import SYSTEMATIC, Columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 _NANOSECOND = 1e-9  # [s]
 _LISTED = 8  # topics that a message names
+_DB3 = (".db3", ".zstd")
+_ENDINGS = (".mcap", *_DB3)
 _REPORTED = 1024  # messages between two reports of progress
 
 
@@ -56,7 +59,7 @@ def joint_states(
     """Read the joint states of one topic from logs.
 
     Args:
-        paths: MCAP files, or folders of them.
+        paths: MCAP or .db3 files, or folders of them.
         joints: Names, in the order of the columns; those of the first message if not given.
         topic: The topic; may be left out where there is one with joint states.
         robot: Its name, for the columns.
@@ -69,10 +72,10 @@ def joint_states(
             backwards more than now and then.
     """
     rows, warnings = _Rows(joints, topic), list[str]()
-    files, messages = mcap_files(paths), 0
+    files, messages = bag_files(paths), 0
     for k, path in enumerate(files):
         told: list[str] = []
-        for message in read_mcap(path, told.append):
+        for message in read_bag(path, told.append):
             rows.add(message)
             if also is not None:
                 also(message)
@@ -83,7 +86,7 @@ def joint_states(
     return rows.log(robot, tuple(warnings), one_clock=one_clock)
 
 
-def mcap_files(paths: Sequence[Path]) -> list[Path]:
+def bag_files(paths: Sequence[Path]) -> list[Path]:
     """Return the files named and those in the folders named, `part_9` before `part_10`.
 
     Raises:
@@ -91,11 +94,26 @@ def mcap_files(paths: Sequence[Path]) -> list[Path]:
     """
     files: list[Path] = []
     for path in paths:
-        found = sorted(path.glob("*.mcap"), key=_natural) if path.is_dir() else [path]
+        found = [path]
+        if path.is_dir():
+            found = sorted((x for x in path.iterdir() if x.suffix in _ENDINGS), key=_natural)
         if not found:
-            raise RecordingError("holds no .mcap files", path=path)
+            raise RecordingError("holds no .mcap or .db3 files", path=path)
         files += found
     return files
+
+
+def read_bag(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[LoggedMessage]:
+    """Read the messages of one file of a log, in the order in which they were logged.
+
+    Args:
+        path: An MCAP file or one of a SQLite bag; its ending says which.
+        tell: Told, once, if the file was not read to its end, and why.
+
+    Raises:
+        RecordingError: The file cannot be read, or is something else.
+    """
+    return read_db3(path, tell) if path.suffix in _DB3 else read_mcap(path, tell)
 
 
 def write_joint_states(

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.descriptions.description import split_reference
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.parameters import JOINT
+from limo_driver.physics.described import described_effects
 from limo_driver.physics.effect import (
     ArmEffect,
     ArmMotion,
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointSample, Motion
 
 
+_DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
+
+
 @dataclass(frozen=True, repr=False)
 class Simulation(Displayed):
     """A robot, the tolerances of its values, and the physics of its joints.
@@ -50,7 +55,7 @@ class Simulation(Displayed):
     that effects depend on is ID at the encoders' motion.
 
     Args:
-        robot: Built-in name or path of a URDF.
+        robot: Built-in name, or path of a URDF or MJCF.
         effects: Physics beyond the nominal rigid body; sensor effects act in this order.
         inertials: Inertias that replace the URDF's, by link.
         tolerances: How well inertia and friction are known.
@@ -98,14 +103,17 @@ class Simulation(Displayed):
 
     @classmethod
     def load(cls, path: Path | str) -> Simulation:
-        """Read a `sim.yaml`.
+        """Read a `sim.yaml`, or take a robot as its description states it.
 
         Args:
-            path: Of the file.
+            path: Of the file; of a URDF or MJCF file, friction, damping, armature and springs in it
+                become effects.
 
         Raises:
             ConfigError: Names the line, what was given and what exists.
         """
+        if split_reference(str(path))[0].lower().endswith(_DESCRIPTIONS):
+            return cls(str(path), described_effects(RobotModel.load(path)))
         read = load(Path(path))
         return Simulation(read.robot, read.effects, read.inertials, read.tolerances, read.sensors)
 

@@ -13,6 +13,7 @@ from limo_driver.model import Inertial, RobotModel, beside
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
 from limo_driver.physics.catalogue import effect_called, known_names
+from limo_driver.physics.described import described_effects
 from limo_driver.physics.sensing import Sensors
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Tolerances(Declared):
 class SimulationFile:
     """Content of a `sim.yaml`, section by section."""
 
-    robot: str  # built-in name or path of a URDF
+    robot: str  # built-in name or path of a URDF or MJCF, see `RobotModel.load`
     effects: tuple[Effect, ...]
     inertials: Mapping[str, Inertial]  # by link
     tolerances: Tolerances
@@ -48,6 +49,9 @@ class SimulationFile:
 
 def load(path: Path) -> SimulationFile:
     """Read a `sim.yaml`; the path of its robot no longer depends on where it lies.
+
+    Without `effects:` the robot has what its description states of its joints; a list, also an
+    empty one, stands for all of it.
 
     Raises:
         ConfigError: Names the line, what was given and what exists.
@@ -62,13 +66,14 @@ def load(path: Path) -> SimulationFile:
     except ConfigError as error:
         given["robot"].fail(str(error))
     inertials = given.optional("inertials").only(*model.link_names).entries
+    stated = described_effects(model) if "effects" not in given else ()
     effects = given.optional("effects").sections()
     return SimulationFile(
         robot=robot,
         inertials={link: _inertial(inertials[link], model.inertials[link]) for link in inertials},
         tolerances=given.optional("tolerances").make(Tolerances),
         sensors=_sensors(given.optional("sensors"), model.n),
-        effects=tuple(_effect(entry, model.n) for entry in effects),
+        effects=stated or tuple(_effect(entry, model.n) for entry in effects),
     )
 
 

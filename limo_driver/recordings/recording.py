@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
 
-__all__ = ["LeftOut", "Recording"]
+__all__ = ["Columns", "LeftOut", "Recording"]
 
 SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
 LIVELIER = 1.25  # times the bandwidth, for the acceleration
@@ -159,6 +159,20 @@ class Recording(Displayed):
             {name: numbers(name, values) for name, values in (extras or {}).items()},
             warnings=(taken,) if taken else (),
         )
+        return cls.from_columns(columns, source)
+
+    @classmethod
+    def from_columns(cls, columns: Columns, source: str = "") -> Recording:
+        """Check columns in SI units as `load` checks those of a file.
+
+        Args:
+            columns: Before any row is judged.
+            source: Where they are from, for messages.
+
+        Raises:
+            RecordingError: The data cannot be used.
+            ShapeError: An array has another shape than the positions.
+        """
         by_name = {"torque": columns.torque, "velocity": columns.velocity, **columns.extras}
         check_shapes(columns.time, columns.position, by_name)
         return cls._checked(columns, source)

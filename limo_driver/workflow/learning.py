@@ -81,6 +81,38 @@ def identify(
     return replace(result, warnings=(*doubts, *result.warnings))
 
 
+def nominal(
+    robot: RobotModel | Path | str,
+    recordings: Recording | Path | str | Iterable[Recording | Path | str],
+    inertia_tolerance: float = 0.05,
+) -> Simulation:
+    """Return what is believed of a robot of which only a description is at hand.
+
+    Inertias are those of the description. Friction, armature and offsets, which it seldom knows,
+    are identified beside inertias that are free, so that a payload or a wrong link changes
+    neither; a diagnosis can then name it.
+
+    Args:
+        robot: A model, a built-in name, or the path of a URDF or MJCF.
+        recordings: Measured motions and torques of that arm: one or several, or their files.
+        inertia_tolerance: How far the inertias of the description may be off, relative, 1 sigma.
+
+    Returns:
+        A simulation to give to `diagnose`.
+
+    Raises:
+        ConfigError: There is no such robot.
+        RecordingError: As for `identify`.
+
+    Example:
+        >>> sim = limo.nominal("iiwa14", "run.parquet")
+    """
+    model, measured = model_of(robot), recordings_of(recordings)
+    found = identify(model, measured).simulation
+    known = replace(found.tolerances, inertia=inertia_tolerance)
+    return Simulation(model.name, found.effects, tolerances=known)
+
+
 def predict(
     model: ResidualModel[Any] | Simulation | Path | str,
     recording: Recording | Path | str,

@@ -22,6 +22,7 @@ import pytest
 from backends.can.config import ArmConfig
 from backends.can.simulator.scenario import BusScenario
 from backends.fri.simulator.scenario import ControllerScenario
+from limo_driver.foreign import LogMapping
 from limo_driver.physics import Simulation
 
 ROOT = Path(__file__).parents[2]
@@ -121,6 +122,8 @@ def test_yaml_is_what_its_reader_reads(block, tmp_path):
         assert BusScenario.load(path, arm.joints)
     elif block.document == "fri_controller.md":
         assert ControllerScenario.load(path)
+    elif block.document == "your_data.md":
+        assert LogMapping.load(path)
     else:
         assert Simulation.load(path).effects
 

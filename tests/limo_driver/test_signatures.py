@@ -24,6 +24,8 @@ PUBLIC = (
     "limo_driver.model",
     "limo_driver.trajectory",
     "limo_driver.recordings.recording",
+    "limo_driver.foreign",
+    "limo_driver.exports",
     "limo_driver.network.messages",
     "limo_driver.physics",
     "limopa",
@@ -35,7 +37,17 @@ PUBLIC = (
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
 # What runs for longer than a moment, needs the network, or a model that was trained before.
-LONG = ("diagnose", "identify", "train", "plan", "excite", "serve", "evaluate", "load_model")
+LONG = (
+    "diagnose",
+    "identify",
+    "nominal",
+    "train",
+    "plan",
+    "excite",
+    "serve",
+    "evaluate",
+    "load_model",
+)
 
 
 def named(annotation):

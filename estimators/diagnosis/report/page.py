@@ -11,6 +11,7 @@ from estimators.diagnosis.report import sections
 from estimators.diagnosis.report.contact import pushed
 from estimators.diagnosis.report.findings import overview
 from estimators.diagnosis.report.markup import Charts
+from estimators.diagnosis.report.telemetry import telemetry
 from limo_driver.outputs import whole
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def render(diagnosis: Diagnosis) -> str:
     charts = Charts()
     body = (
         overview(diagnosis, charts)
+        + telemetry(diagnosis)
         + pushed(diagnosis, charts)
         + sections.where(diagnosis, charts)
         + sections.competing(diagnosis, charts)

@@ -111,7 +111,11 @@ def as_json(content: Mapping[str, Any]) -> bytes:
 def _take_robot_along(model: ResidualModel[Any], into: Path, robot: str) -> None:
     """Copy the URDF, and let simulation and manifest refer to the copy."""
     urdf = into / f"{robot}.urdf"
-    copyfile(model.simulation.model.urdf, urdf)
+    described = model.simulation.model.description
+    if described.kind == "URDF" and not model.simulation.model.chosen:
+        copyfile(model.simulation.model.urdf, urdf)
+    else:  # with the meshes and joints that it is meant with
+        urdf.write_text(described.text, encoding="utf-8")
     replace(model.simulation, robot=str(urdf)).save(into / SIMULATION)
     given = read_manifest(into)
     own = {**given["simulation"].content, "sha256": digest(into / SIMULATION)}

@@ -15,6 +15,7 @@ from limo_driver.cli.models.options import (
     opened,
     print_found,
 )
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
 
 
 def add(
@@ -29,6 +30,7 @@ def add(
     delay: Annotated[float, typer.Option(help="Delay of the live estimate [s].")] = 0.1,
     store: StoreOption = MODELS,
     robot: RobotOption = None,
+    mapping: MappingOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Add a model folder to a store as its next version.
@@ -40,10 +42,10 @@ def add(
         limo models add model/ --golden run.parquet --test test.parquet
     """
     from estimators.service.comparison.comparison import metrics
-    from limo_driver.recordings.recording import Recording
+    from limo_driver.workflow.reading import read
 
-    motion = Recording.load(golden)
-    record = {} if test is None else {"metrics": metrics(folder, Recording.load(test))}
+    motion = read(golden, mapping=mapping)
+    record = {} if test is None else {"metrics": metrics(folder, read(test, mapping=mapping))}
     models = opened(store, robot)
     version = models.add(folder, golden=motion, parent=parent, record=record, delay=delay)
     print_found(dict(version.record), f"{version.path}: version {version.number}", as_json=as_json)

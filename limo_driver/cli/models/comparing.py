@@ -17,6 +17,7 @@ from limo_driver.cli.models.options import (
     opened,
     print_found,
 )
+from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,6 +37,7 @@ def compare(
     store: StoreOption = MODELS,
     robot: RobotOption = None,
     trust: TrustOption = None,
+    mapping: MappingOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare the errors of two versions joint by joint, with intervals.
@@ -48,13 +50,13 @@ def compare(
     """
     from estimators.service.comparison.comparison import compare_versions, difference_figure
     from limo_driver.outputs import require_file, whole
-    from limo_driver.recordings.recording import Recording
+    from limo_driver.workflow.reading import read
 
     if out is not None:
         require_file(out, [data])
     models = opened(store, robot, trust)
     versions = models.open(champion), models.open(challenger)
-    found = compare_versions(*versions, Recording.load(data), block)
+    found = compare_versions(*versions, read(data, mapping=mapping), block)
     if out is not None:
         from estimators.pictures import png
 

@@ -297,6 +297,14 @@ def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(dia
     assert "stays" in page
 
 
+def test_the_head_says_what_the_recordings_are_worth(page):
+    _, _, after = page.partition('<section id="telemetry">')
+    head, _, rest = after.partition("</section>")
+    assert "sampled at" in head
+    assert "side of the gear" in head
+    assert "<section" in rest  # everything else follows
+
+
 def test_the_first_screen_says_which_rows_count_and_the_error_of_all(parsed, diagnosis):
     text = " ".join(parsed.text.split()).replace("\N{NO-BREAK SPACE}", " ")
     assert "The errors count 70 % to 80 % of the rows held out" in text

@@ -1,12 +1,12 @@
-"""Reads the chain of revolute joints of a URDF, as pinocchio has it."""
+"""The chain of revolute joints of a description, as pinocchio has it."""
 
 # pinocchio has no stubs and is found through an import hook; this file and `model` are the adapter.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
 from __future__ import annotations
 
-import math
+from copy import deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -15,8 +15,9 @@ import pinocchio as pin
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from limo_driver.descriptions.description import RobotDescription
 
+_JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
 TURN = np.pi  # [rad] to either side, within which motion of a joint without ends is planned
 
 
@@ -28,32 +29,39 @@ class Chain:
     locked: tuple[str, ...]  # names of joints
     turning: tuple[str, ...]  # names of the revolute joints without ends
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints as the description has them."""
+        return tuple(name.removesuffix(_JOINT) for name in self.model.names)[1:]
 
-def read_chain(urdf: Path) -> Chain:
+
+def read_chain(description: RobotDescription) -> Chain:
     """Read the joints of an arm.
 
     A continuous joint becomes a revolute one, whose position counts the turns: pinocchio would
     describe it by the point on a circle, which a recording does not.
 
     Args:
-        urdf: The file.
+        description: As read.
 
     Raises:
         ConfigError: It is no URDF, or has no revolute joint.
     """
+    path = description.path
+    text, turning = _with_ends(description)
     try:
-        text, turning = _with_ends(urdf)
         full = pin.buildModelFromXML(text)
-    except (ValueError, RuntimeError, IndexError, ET.ParseError) as error:
-        raise ConfigError(f"cannot be read as a URDF: {error}", path=urdf) from None
+    except (ValueError, RuntimeError, IndexError) as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"cannot be read as a URDF: {reason}", path=path) from None
     locked = [
         index
         for index in range(1, full.njoints)
         if not full.joints[index].shortname().startswith("JointModelR")
     ]
-    names = tuple(full.names[index] for index in locked)
+    names = tuple(full.names[index].removesuffix(_JOINT) for index in locked)
     if len(locked) == full.njoints - 1:
-        raise ConfigError("has no revolute joint", path=urdf)
+        raise ConfigError("has no revolute joint", path=path)
     return Chain(pin.buildReducedModel(full, locked, pin.neutral(full)), names, turning)
 
 
@@ -78,10 +86,13 @@ def last_frame(model: pin.Model, joint: int) -> int:
     return (named or frames)[0 if named else -1]
 
 
-def _with_ends(urdf: Path) -> tuple[str, tuple[str, ...]]:
-    """Return the text with an end to either side of each continuous joint, and their names."""
-    root = ET.parse(urdf).getroot()  # noqa: S314  # the user's own file
-    _check_numbers(root, urdf)
+def _with_ends(description: RobotDescription) -> tuple[str, tuple[str, ...]]:
+    """Return the text with an end to either side of each continuous joint, and their names.
+
+    Links and joints may share names in a file; in pinocchio, both are frames.
+    """
+    root = deepcopy(description.root)
+    links = {link.get("name") for link in root.findall("link")}
     joints = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
     for joint in joints:
         joint.set("type", "revolute")
@@ -90,38 +101,8 @@ def _with_ends(urdf: Path) -> tuple[str, tuple[str, ...]]:
             limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
         limit.set("lower", repr(-TURN))
         limit.set("upper", repr(TURN))
-    return ET.tostring(root, encoding="unicode"), tuple(str(j.get("name")) for j in joints)
-
-
-def _check_numbers(root: ET.Element, urdf: Path) -> None:
-    """Refuse what the parser would leave out silently, all other masses with it.
-
-    Raises:
-        ConfigError: Names the link or joint, and what is no finite number.
-    """
-    for kind, parts in _NUMBERS.items():
-        for owner in root.findall(kind):
-            for part in parts:
-                for element in owner.findall(part):
-                    _check_element(f"{kind} {owner.get('name')!r}", element, urdf)
-
-
-def _check_element(owner: str, element: ET.Element, urdf: Path) -> None:
-    for name, text in element.attrib.items():
-        for word in text.split():
-            try:
-                value = float(word)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value) or (element.tag == "mass" and value < 0.0):
-                expected = "0 or more" if element.tag == "mass" else "a finite number"
-                raise ConfigError(
-                    f"{owner}: {name} of its {element.tag} is {word}, expected {expected}",
-                    path=urdf,
-                )
-
-
-_NUMBERS: Final = {
-    "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
-    "joint": ("origin", "axis", "limit"),
-}
+    turning = tuple(str(joint.get("name")) for joint in joints)
+    for joint in root.findall("joint"):
+        if joint.get("name") in links:
+            joint.set("name", f"{joint.get('name')}{_JOINT}")
+    return ET.tostring(root, encoding="unicode"), turning

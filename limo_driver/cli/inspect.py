@@ -1,0 +1,92 @@
+"""`limo inspect`: what a log of any format holds, and the mapping that reads it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from limo_driver.workflow.inspecting import Inspection
+
+_MAPPING = Path("mapping.yaml")
+
+
+def command(
+    log: Annotated[Path, typer.Argument(help="The log: a file, or the folder of a bag.")],
+    robot: Annotated[str, typer.Option(help="Built-in robot, or its description.")],
+    out: Annotated[Path, typer.Option(help="Where to write the mapping.")] = _MAPPING,
+    topic: Annotated[
+        str | None, typer.Option(help="Topic of the joint states of a bag, if there are several.")
+    ] = None,
+    episode: Annotated[
+        int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Say what a log holds, and write how to read it.
+
+    Columns or topics are matched to the robot's joints by name, else by number; units are read
+    from names, limits, velocities and gravity. Where two readings fit, the question stands under
+    `undecided:` in the mapping, which cannot be used before it is answered: state what is meant,
+    and delete the question.
+
+    Then it says what the recording is worth: sampling, quantisation, dropouts, on which side of the
+    gear the torque was measured, and which parameters the motion says nothing about.
+
+    Every command that takes a recording takes the log itself, too, with `--mapping`, or without
+    one where nothing is left to be decided.
+
+    Examples:
+        limo inspect log.csv --robot iiwa14
+        limo convert log.csv --mapping mapping.yaml --out run.parquet
+    """
+    from limo_driver.outputs import require_file
+    from limo_driver.workflow.inspecting import inspect
+
+    require_file(out, [log] if log.is_file() else [])
+    found = inspect(log, robot, topic=topic, episode=episode)
+    found.mapping.save(out)
+    if as_json:
+        _print_json(found, out)
+    else:
+        _show(found, out)
+
+
+def _print_json(found: Inspection, out: Path) -> None:
+    import json
+
+    from limo_driver.console.terminal import terminal
+
+    taken = {
+        item.quantity: {"columns": item.columns, "unit": item.unit, "because": item.why}
+        for item in found.proposal.taken
+    }
+    values = {
+        "mapping": str(out),
+        "kind": found.table.kind,
+        "rows": found.table.rows,
+        "taken": taken,
+        "telemetry": list(found.telemetry),
+        "undecided": list(found.questions),
+        "notes": list(found.notes()),
+    }
+    terminal().print_json(json.dumps(values))
+
+
+def _show(found: Inspection, out: Path) -> None:
+    from limo_driver.console.terminal import terminal
+
+    console = terminal(soft_wrap=True)
+    for line in str(found).splitlines():
+        console.print(line)
+    if found.recording is not None:
+        console.print(found.recording.headline())
+    for line in found.telemetry:
+        console.print(f"telemetry: {line}")
+    for note in found.notes():
+        console.print(f"note: {note}")
+    for question in found.questions:
+        console.print(f"undecided: {question}")
+    console.print(f"wrote {out}")

@@ -1,0 +1,73 @@
+"""RobotDescription: a robot as its file states it, whatever the format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+from xml.etree import ElementTree as ET
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from limo_driver.types import FloatArray
+
+_MARK: Final = "#"  # between the path of a description and the joints that are chosen
+DOWN: Final = (0.0, 0.0, -9.81)  # [m/s²]
+
+
+@dataclass(frozen=True)
+class JointDynamics:
+    """What a description states of the physics of one joint; 0 where it states nothing."""
+
+    friction: float = 0.0  # [N m], dry
+    damping: float = 0.0  # [N m s/rad]
+    armature: float = 0.0  # [kg m²]
+    stiffness: float = 0.0  # [N m/rad], of a spring
+    rest: float = 0.0  # [rad], where the spring has no pull
+    cubic: float = 0.0  # [N m/rad³], by which that spring stiffens
+    drag: float = 0.0  # [N m s²/rad²], in proportion to the square of the speed
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A robot as its file states it.
+
+    Args:
+        root: As URDF, with every joint that is not chosen fixed.
+        path: The file.
+        kind: `URDF` or `MJCF`.
+        dynamics: Of joints, by name.
+        gravity: In the frame of the base [m/s²].
+        shifts: From the frame of each body of the file to that of the link here, by name [m].
+        notes: What was locked or left aside, and what the file cannot be taken at its word for.
+    """
+
+    root: ET.Element
+    path: Path
+    kind: str = "URDF"
+    dynamics: dict[str, JointDynamics] = field(default_factory=dict)
+    gravity: tuple[float, float, float] = DOWN
+    shifts: dict[str, FloatArray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The description as URDF."""
+        return ET.tostring(self.root, encoding="unicode")
+
+
+def split_reference(reference: str) -> tuple[str, tuple[str, ...]]:
+    """Return the path in a reference to a robot, and the joints that it chooses.
+
+    `panda.urdf#panda_joint*` are the joints of the panda whose names match; `gripper=0.02` among
+    them locks that joint at that position; all other joints are locked at zero.
+    """
+    path, mark, joints = reference.partition(_MARK)
+    chosen = tuple(part.strip() for part in joints.split(",") if part.strip())
+    return (path, chosen) if mark else (reference, ())
+
+
+def joined_reference(path: str, joints: Sequence[str]) -> str:
+    """Return a reference that `split_reference` takes apart."""
+    return f"{path}{_MARK}{','.join(joints)}" if joints else path

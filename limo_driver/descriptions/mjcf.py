@@ -1,0 +1,338 @@
+"""MJCF as MuJoCo compiles it, written as the URDF of one arm.
+
+Defaults, classes, includes, meshes without inertia and angles in degrees are so what MuJoCo makes
+of them. The frame of a link is that of its body, moved to the joint's anchor.
+"""
+
+# MuJoCo ships no stubs.
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+
+from limo_driver.descriptions.description import JointDynamics, RobotDescription
+from limo_driver.descriptions.geometry import numbers, rpy_of, turned
+from limo_driver.descriptions.xml_text import read_xml
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
+
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
+_FEWEST: Final = 2  # arms, of which one has to be chosen
+
+
+def read_mjcf(path: Path) -> RobotDescription:
+    """Read the arm of an MJCF file: of its trees of bodies, the one with the most hinges.
+
+    Raises:
+        ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, its arm floats, or
+            several trees could be the arm.
+    """
+    check_includes(path)
+    model = compile_mjcf(path)
+    root = _arm(model, path)
+    writer = _Writer(model, root)
+    writer.write(root)
+    return RobotDescription(
+        writer.robot,
+        path,
+        "MJCF",
+        writer.dynamics,
+        tuple(np.array(model.opt.gravity).tolist()),  # type: ignore[arg-type]  # three
+        writer.shifts,
+        tuple(_left_aside(model, root) + writer.notes),
+    )
+
+
+def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
+    """Compile an MJCF file.
+
+    Raises:
+        ConfigError: It cannot be; in one line.
+    """
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
+
+
+def check_includes(path: Path) -> tuple[Path, ...]:
+    """Return the files that an MJCF file is made of, itself first.
+
+    Raises:
+        ConfigError: One lies outside the folder of the first, or declares entities.
+    """
+    folder = path.resolve().parent
+    found, waiting = [path], [path]
+    while waiting:
+        current = waiting.pop()
+        for element in read_xml(current).iter("include"):
+            file = folder / str(element.get("file"))
+            if not file.resolve().is_relative_to(folder):
+                raise ConfigError(
+                    f"includes {element.get('file')}, which is outside its folder", path=current
+                )
+            if not file.is_file():
+                raise ConfigError(f"includes {element.get('file')}, which is not there", path=path)
+            if file not in found:
+                found.append(file)
+                waiting.append(file)
+    return tuple(found)
+
+
+def _arm(model: Any, path: Path) -> int:  # noqa: ANN401
+    """Return the body at the root of the tree that is the arm."""
+    count: dict[int, int] = {}
+    for joint in range(model.njnt):
+        root = int(model.body_rootid[model.jnt_bodyid[joint]])
+        count.setdefault(root, 0)
+        count[root] += int(model.jnt_type[joint]) == HINGE
+    hinges = max(count.values(), default=0)
+    if not hinges:
+        raise ConfigError("has no hinge joint", path=path)
+    arms = [root for root, many in count.items() if many == hinges]
+    names = ", ".join(_body_name(model, root) for root in arms)
+    if len(arms) >= _FEWEST:
+        raise ConfigError(
+            f"holds several arms of {hinges} hinges, {names}; expected one in a file", path=path
+        )
+    free = [
+        j
+        for j in range(model.njnt)
+        if int(model.body_rootid[model.jnt_bodyid[j]]) == arms[0]
+        and int(model.jnt_type[j]) not in _TURNING
+    ]
+    if free:
+        kind = "ball" if model.jnt_type[free[0]] == mujoco.mjtJoint.mjJNT_BALL else "free"
+        raise ConfigError(
+            f"{names} has the {kind} joint {_joint_name(model, free[0])}; limo's arms stand on a "
+            "fixed base, with one axis a joint",
+            path=path,
+        )
+    return arms[0]
+
+
+def _left_aside(model: Any, root: int) -> list[str]:  # noqa: ANN401
+    """Say what the file holds that is not represented."""
+    notes: list[str] = []
+    others = {int(model.body_rootid[b]) for b in range(1, model.nbody)} - {root}
+    if others:
+        notes.append(f"left aside: {', '.join(_body_name(model, b) for b in sorted(others))}")
+    if model.neq:
+        notes.append(f"not represented: {model.neq} equality constraints")
+    if model.ntendon:
+        notes.append(f"not represented: {model.ntendon} tendons")
+    for values, what in (
+        (model.dof_dampingpoly[:, 1:], "damping of higher powers of the speed"),
+        (
+            model.jnt_stiffnesspoly[:, [0, *range(2, model.jnt_stiffnesspoly.shape[1])]],
+            "springs other than linear and cubic",
+        ),
+        (model.body_gravcomp, "gravity compensation"),
+    ):
+        if np.any(values):
+            notes.append(f"not represented: {what}")
+    if np.any(model.actuator_armature) or np.any(model.actuator_damping):
+        notes.append("not represented: armature and damping of actuators")
+    moving = [u for u in range(model.nu) if int(model.actuator_dyntype[u]) != 0]
+    if moving:
+        notes.append(f"not represented: the dynamics of {len(moving)} actuators")
+    if np.any(model.actuator_delay):
+        notes.append("not represented: delays of actuators")
+    return notes
+
+
+def _body_name(model: Any, body: int) -> str:  # noqa: ANN401
+    return model.body(body).name or f"body_{body}"
+
+
+def _joint_name(model: Any, joint: int) -> str:  # noqa: ANN401
+    return model.joint(joint).name or f"joint_{joint}"
+
+
+class _Writer:
+    """Writes one tree of bodies as links and joints."""
+
+    def __init__(self, model: Any, root: int) -> None:  # noqa: ANN401
+        self.model = model
+        self.robot = ET.Element("robot", name=Path(_body_name(model, root)).stem)
+        self.dynamics: dict[str, JointDynamics] = {}
+        self.shifts: dict[str, FloatArray] = {}
+        self.notes: list[str] = []
+        ET.SubElement(self.robot, "link", name="world")
+
+    def write(self, body: int) -> None:
+        """Write a body with its joint, its inertia and shapes, and all bodies that it carries."""
+        name, joints = _body_name(self.model, body), self._joints(body)
+        if len(joints) > 1:
+            named = ", ".join(_joint_name(self.model, j) for j in joints)
+            raise ConfigError(f"body {name} has {len(joints)} joints, {named}; expected one a body")
+        joint = joints[0] if joints else None
+        anchor = np.zeros(3) if joint is None else np.array(self.model.jnt_pos[joint])
+        self.shifts[name] = anchor
+        link = ET.SubElement(self.robot, "link", name=name)
+        self._inertial(link, body, anchor)
+        self._shapes(link, body, anchor)
+        self._joint(name, body, joint, anchor)
+        for site in np.flatnonzero(self.model.site_bodyid == body).tolist():
+            self._site(name, site, anchor)
+        for child in np.flatnonzero(self.model.body_parentid == body).tolist():
+            if child != body:
+                self.write(child)
+
+    def _joints(self, body: int) -> list[int]:
+        first, many = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
+        return list(range(first, first + many))
+
+    def _parent(self, body: int) -> tuple[str, FloatArray]:
+        parent = int(self.model.body_parentid[body])
+        if not parent:
+            return "world", np.zeros(3)
+        name = _body_name(self.model, parent)
+        return name, self.shifts[name]
+
+    def _joint(self, name: str, body: int, joint: int | None, anchor: FloatArray) -> None:
+        model = self.model
+        parent, shift = self._parent(body)
+        rotation = _matrix(model.body_quat[body])
+        place = np.array(model.body_pos[body]) + rotation @ anchor - shift
+        if joint is None:
+            self._fixed(f"{name}_mount", parent, name, place, rotation)
+            return
+        kind, axis = int(model.jnt_type[joint]), np.array(model.jnt_axis[joint])
+        start = float(model.qpos0[model.jnt_qposadr[joint]])
+        if kind == HINGE:
+            rotation = rotation @ turned(axis, -start)
+        else:
+            place = place - rotation @ axis * start
+        limited = bool(model.jnt_limited[joint])
+        said = _TURNING[kind] if limited or kind == SLIDE else "continuous"
+        title = _joint_name(model, joint)
+        element = ET.SubElement(self.robot, "joint", name=title, type=said)
+        _place(element, place, rotation)
+        ET.SubElement(element, "parent", link=parent)
+        ET.SubElement(element, "child", link=name)
+        ET.SubElement(element, "axis", xyz=numbers(axis))
+        low, high = model.jnt_range[joint] if limited else (-np.inf, np.inf)
+        bounds = {"lower": repr(float(low)), "upper": repr(float(high))} if limited else {}
+        effort = repr(_effort(model, joint))
+        ET.SubElement(element, "limit", {**bounds, "effort": effort, "velocity": "0"})
+        self.dynamics[title] = _dynamics(model, joint)
+
+    def _fixed(self, title: str, parent: str, child: str, place: FloatArray, R: FloatArray) -> None:
+        element = ET.SubElement(self.robot, "joint", name=title, type="fixed")
+        _place(element, place, R)
+        ET.SubElement(element, "parent", link=parent)
+        ET.SubElement(element, "child", link=child)
+
+    def _site(self, body: str, site: int, anchor: FloatArray) -> None:
+        title = self.model.site(site).name
+        if not title or title in self.shifts:
+            return
+        ET.SubElement(self.robot, "link", name=f"site_{title}")
+        place = np.array(self.model.site_pos[site]) - anchor
+        R = _matrix(self.model.site_quat[site])
+        self._fixed(f"site_{title}_mount", body, f"site_{title}", place, R)
+
+    def _inertial(self, link: ET.Element, body: int, anchor: FloatArray) -> None:
+        model = self.model
+        mass = float(model.body_mass[body])
+        if mass <= 0:
+            return
+        R = _matrix(model.body_iquat[body])
+        tensor = R @ np.diag(model.body_inertia[body]) @ R.T
+        element = ET.SubElement(link, "inertial")
+        ET.SubElement(
+            element, "origin", xyz=numbers(np.array(model.body_ipos[body]) - anchor), rpy="0 0 0"
+        )
+        ET.SubElement(element, "mass", value=repr(mass))
+        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        entries = tensor[np.triu_indices(3)].tolist()
+        ET.SubElement(element, "inertia", dict(zip(keys, map(repr, entries), strict=True)))
+
+    def _shapes(self, link: ET.Element, body: int, anchor: FloatArray) -> None:
+        """Write collision shapes; a mesh as the box around it."""
+        model = self.model
+        for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
+            if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
+                continue
+            shape = _shape(model, geom)
+            if shape is None:
+                continue
+            place, R = np.array(model.geom_pos[geom]), _matrix(model.geom_quat[geom])
+            if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH):
+                place = place + R @ np.array(model.geom_aabb[geom][:3])
+            collision = ET.SubElement(link, "collision")
+            _place(collision, place - anchor, R)
+            ET.SubElement(collision, "geometry").append(shape)
+
+
+def _shape(model: Any, geom: int) -> ET.Element | None:  # noqa: ANN401
+    kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom])
+    kinds = mujoco.mjtGeom
+    if kind == int(kinds.mjGEOM_SPHERE):
+        return ET.Element("sphere", radius=repr(float(size[0])))
+    if kind == int(kinds.mjGEOM_CAPSULE):  # as a cylinder that is rounded off at its ends
+        length = repr(float(2 * (size[1] + size[0])))
+        return ET.Element("cylinder", radius=repr(float(size[0])), length=length)
+    if kind == int(kinds.mjGEOM_CYLINDER):
+        return ET.Element("cylinder", radius=repr(float(size[0])), length=repr(float(2 * size[1])))
+    if kind == int(kinds.mjGEOM_BOX):
+        return ET.Element("box", size=numbers(2 * size))
+    if kind in {int(kinds.mjGEOM_MESH), int(kinds.mjGEOM_ELLIPSOID)}:
+        return ET.Element("box", size=numbers(2 * np.array(model.geom_aabb[geom][3:])))
+    return None
+
+
+def _effort(model: Any, joint: int) -> float:  # noqa: ANN401
+    """Return the torque that joint and actuators can have [N m]; 0 where nothing is stated."""
+    if model.jnt_actfrclimited[joint]:
+        return float(np.abs(model.jnt_actfrcrange[joint]).max())
+    total = 0.0
+    for u in range(model.nu):
+        of_joint = int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        if not of_joint or int(model.actuator_trnid[u][0]) != joint:
+            continue
+        gear = abs(float(model.actuator_gear[u][0]))
+        direct = (
+            int(model.actuator_gaintype[u]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+            and int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_NONE)
+            and int(model.actuator_dyntype[u]) == int(mujoco.mjtDyn.mjDYN_NONE)
+        )
+        if model.actuator_forcelimited[u]:
+            total += gear * float(np.abs(model.actuator_forcerange[u]).max())
+        elif direct and model.actuator_ctrllimited[u]:
+            most = float(np.abs(model.actuator_ctrlrange[u]).max())
+            total += gear * abs(float(model.actuator_gainprm[u][0])) * most
+    return total
+
+
+def _dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401
+    dof = int(model.jnt_dofadr[joint])
+    return JointDynamics(
+        friction=float(model.dof_frictionloss[dof]),
+        damping=float(model.dof_damping[dof]),
+        armature=float(model.dof_armature[dof]),
+        stiffness=float(model.jnt_stiffness[joint]),
+        rest=float(model.qpos_spring[model.jnt_qposadr[joint]]),
+        cubic=float(model.jnt_stiffnesspoly[joint][1]),
+        drag=float(model.dof_dampingpoly[dof][0]),
+    )
+
+
+def _matrix(quaternion: Any) -> FloatArray:  # noqa: ANN401
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, np.array(quaternion))
+    return R.reshape(3, 3)
+
+
+def _place(element: ET.Element, place: FloatArray, R: FloatArray) -> None:
+    ET.SubElement(element, "origin", xyz=numbers(place), rpy=numbers(rpy_of(R)))

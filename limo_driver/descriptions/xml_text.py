@@ -1,0 +1,69 @@
+"""XML of strangers: parsed without entities, which could fill the memory or read other files."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_LARGEST = 1 << 26  # bytes of a description; meshes are files of their own
+
+
+def read_xml(path: Path) -> ET.Element:
+    """Parse a file.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ConfigError: It is no XML, too large, or declares entities.
+    """
+    text = read_text(path)
+    check_entities(text, path)
+    try:
+        return ET.fromstring(text)  # noqa: S314  # no entities are left by now
+    except ET.ParseError as error:
+        raise ConfigError(f"is no XML: {error}", path=path) from None
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a description.
+
+    Raises:
+        ConfigError: It cannot be read, is no text, or larger than any description.
+    """
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise ConfigError(f"has {path.stat().st_size} bytes, expected a description", path=path)
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
+    except UnicodeDecodeError:
+        raise ConfigError("is no text", path=path) from None
+
+
+def check_entities(text: str, path: Path) -> None:
+    """Refuse declarations of entities: none is of use in a description.
+
+    Raises:
+        ConfigError: There is one, or the text is no XML.
+    """
+    parser = expat.ParserCreate()
+
+    def refuse(name: str, *_: object) -> None:
+        raise ConfigError(
+            f"declares the entity {name!r}, which no description needs",
+            path=path,
+            line=parser.CurrentLineNumber,
+        )
+
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(text.encode(), True)
+    except expat.ExpatError as error:
+        raise ConfigError(f"is no XML: {error}", path=path) from None

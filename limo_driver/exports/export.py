@@ -1,0 +1,181 @@
+"""Export: a simulation in a copy of the user's own file, what changed in it, and a proof of it."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, replace
+from difflib import unified_diff
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.descriptions.description import DOWN
+from limo_driver.display import Displayed
+from limo_driver.errors import ConfigError
+from limo_driver.exports.joints import sharp
+from limo_driver.exports.mjcf import assets_of, edited_mjcf, rubs_anew
+from limo_driver.exports.proof import errors
+from limo_driver.exports.remainder import Remainder, proof_motion, remainders
+from limo_driver.exports.target import target_of
+from limo_driver.exports.urdf import edited_urdf
+from limo_driver.outputs import require_apart, require_folder, whole
+from limo_driver.physics import GravityDirection
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from limo_driver.exports.xml_edits import XmlText
+    from limo_driver.physics import Simulation
+    from limo_driver.types import Motion
+
+KINDS: Final = ("mjcf", "urdf")
+PROVEN: Final = 0.01  # of a joint's torque, RMS, that a plain simulator's should be near to
+
+
+@dataclass(frozen=True, repr=False)
+class Export(Displayed):
+    """What was written, what of it changed, what is missing, and how near a plain simulator is."""
+
+    file: Path
+    files: tuple[Path, ...]  # all that were written, with includes and meshes
+    kind: str
+    diff: str  # of the texts; empty where nothing changed
+    remainder: tuple[Remainder, ...]
+    joint_names: tuple[str, ...]
+    error: tuple[float, ...]  # RMS of plain simulator less prediction, (n,) [N m]
+    torque: tuple[float, ...]  # RMS of the prediction, (n,) [N m]
+
+    @property
+    def share(self) -> float:
+        """RMS of the difference over that of the torque, all joints together."""
+        total = sum(value**2 for value in self.torque) ** 0.5
+        return sum(value**2 for value in self.error) ** 0.5 / total if total else 0.0
+
+    def headline(self) -> str:
+        """Say what was written, and how well it was proven."""
+        plain = "MuJoCo" if self.kind == "mjcf" else "pinocchio"
+        return (
+            f"{self.file}: {(len(self.diff.splitlines()) and 'changed') or 'nothing to change'}; "
+            f"{plain} alone needs what limo predicts, to {self.share:.2%} of the torque "
+            "(RMS, in motion)"
+        )
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the errors of each joint."""
+        return {
+            "joint": self.joint_names,
+            "difference [N m]": self.error,
+            "torque, RMS [N m]": self.torque,
+        }
+
+
+def write(
+    simulation: Simulation,
+    into: Path,
+    kind: str,
+    out: Path,
+    motion: Motion | None = None,
+    name: str = "",
+) -> Export:
+    """Write a simulation into a copy of a file, and prove it.
+
+    Args:
+        simulation: What was found.
+        into: The file, which is not changed.
+        kind: `mjcf` or `urdf`.
+        out: Folder for the copy, and for what it includes and names.
+        motion: On which what is missing is counted; a minute through the range if not given.
+        name: Of the copy; that of the file if empty.
+
+    Raises:
+        ConfigError: It is of another arm, or cannot be written.
+    """
+    target = target_of(simulation, into, kind)
+    on = proof_motion(simulation.model)
+    left = remainders(simulation, target.split, motion or on)
+    expressed = replace(simulation, effects=tuple(map(sharp, target.split.expressed)))
+    if kind == "urdf" and not np.allclose(
+        [simulation.model.gravity, simulation.body.gravity], DOWN
+    ):
+        expressed = replace(expressed, effects=(*expressed.effects, GravityDirection(gravity=DOWN)))
+        if not np.allclose(simulation.body.gravity, DOWN):
+            left = (*left, _gravity(simulation, motion or on))
+    require_folder(out, "the export")
+    texts = edited_mjcf(target) if kind == "mjcf" else edited_urdf(target)
+    places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
+    _write_texts(texts, places)
+    error, torque = errors(places[0], kind, expressed, on)
+    if kind == "mjcf":
+        unproven = {j for j in range(len(error)) if error[j] > PROVEN * torque[j]}
+        if firm := unproven & rubs_anew(target):
+            texts = edited_mjcf(target, firm)
+            _write_texts(texts, places)
+            error, torque = errors(places[0], kind, expressed, on)
+    diff = "".join(_diff(text, place) for text, place in zip(texts, places, strict=True))
+    files = (*places, *copied)
+    names = simulation.model.joint_names
+    return Export(places[0], files, kind, diff, left, names, error, torque)
+
+
+def _places(texts: Sequence[XmlText], into: Path, out: Path, name: str) -> tuple[Path, ...]:
+    folder = into.resolve().parent
+    first, *others = (out / text.path.resolve().relative_to(folder) for text in texts)
+    places = (out / name if name else first, *others)
+    require_apart(list(places), [text.path for text in texts])
+    return places
+
+
+def _write_texts(texts: Sequence[XmlText], places: Sequence[Path]) -> None:
+    for text, place in zip(texts, places, strict=True):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with whole(place) as draft:
+            draft.write_text(text.text(), encoding="utf-8")
+
+
+def _copy(texts: Sequence[XmlText], into: Path, out: Path, kind: str) -> list[Path]:
+    """Copy meshes and textures to where the copy looks for them; a package stays where it is."""
+    if kind == "mjcf":
+        return _copied(assets_of(into), into, out)
+    names = [x.attributes.get("filename", "") for x in texts[0].root.walk() if x.tag == "mesh"]
+    files = [into.parent / name for name in names if name and "://" not in name]
+    return _copied([file for file in dict.fromkeys(files) if file.is_file()], into, out)
+
+
+def _gravity(simulation: Simulation, motion: Motion) -> Remainder:
+    """Return the size of a gravity that a URDF cannot state."""
+    body = simulation.body
+    static = body.gravity_torque(motion.position)
+    change = static - body.with_gravity(DOWN).gravity_torque(motion.position)
+    rms = tuple(np.sqrt(np.mean(change**2, axis=0)).tolist())
+    said = ", ".join(f"{x:.3g}" for x in body.gravity)
+    return Remainder(f"gravity ({said}) m/s²", rms, "is not in a URDF")
+
+
+def _diff(text: XmlText, place: Path) -> str:
+    before, after = text.data.decode("utf-8"), text.text()
+    lines = unified_diff(
+        before.splitlines(keepends=True),
+        after.splitlines(keepends=True),
+        str(text.path),
+        str(place),
+        n=0,
+    )
+    return "".join(lines)
+
+
+def _copied(files: Sequence[Path], into: Path, out: Path) -> list[Path]:
+    folder, copied = into.resolve().parent, list[Path]()
+    for file in files:
+        if not file.resolve().is_relative_to(folder):
+            raise ConfigError(
+                f"names {file}, which is outside its folder; copy the model with its files to one "
+                "folder",
+                path=into,
+            )
+        place = out / file.resolve().relative_to(folder)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if not (place.exists() and place.samefile(file)):
+            shutil.copyfile(file, place)
+            copied.append(place)
+    return copied

@@ -1,0 +1,183 @@
+"""A simulation written into an MJCF file: attributes change, all else stays as it is."""
+
+# MuJoCo ships no stubs.
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from limo_driver.descriptions.description import JointDynamics
+from limo_driver.descriptions.mjcf import check_includes
+from limo_driver.errors import ConfigError
+from limo_driver.exports.xml_edits import Element, XmlText
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    from limo_driver.exports.target import Target
+    from limo_driver.model import Inertial
+    from limo_driver.physics import Payload
+
+_SAME: Final = 1e-9  # relative
+_TURNED: Final = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "diaginertia")
+_FIRM: Final = "0.999 0.999"  # of the constraint; 0.9 if nothing is said
+_SMALLEST: Final = 1e-10  # [kg m²], of a payload that is a point: MuJoCo wants some inertia
+
+
+def edited_mjcf(target: Target, firm: Collection[int] = ()) -> tuple[XmlText, ...]:
+    """Return the texts of an MJCF file and its includes, with the edits in them.
+
+    Args:
+        target: What has to change.
+        firm: Joints (0-based) whose dry friction MuJoCo would make too soft: it gives way at low
+            speed by as much as the joint is light.
+
+    Raises:
+        ConfigError: A body or joint that changes has no name, or the file states no inertias.
+    """
+    into = target.model.urdf
+    texts = tuple(XmlText(path) for path in check_includes(into))
+    spec = mujoco.MjSpec.from_file(str(into))
+    for name, body in target.inertials.items():
+        _write_inertial(texts, name, body, spec, into)
+    for j, name in enumerate(target.model.joint_names):
+        stated = target.model.description.dynamics.get(name, JointDynamics())
+        values = _joint_values(stated, target.split.joints[j], degrees=bool(spec.compiler.degree))
+        if j in firm:
+            values["solimpfriction"] = _FIRM
+        if values:
+            text, element = _found(texts, "joint", name, into)
+            for attribute, value in values.items():
+                text.set(element, attribute, value)
+    _write_payloads(texts, target, into)
+    gravity = target.simulation.body.gravity
+    if not np.allclose(gravity, target.model.gravity, rtol=_SAME, atol=1e-12):
+        _write_gravity(texts[0], gravity)
+    return texts
+
+
+def rubs_anew(target: Target) -> frozenset[int]:
+    """Return the joints (0-based) whose dry friction is another than in the file."""
+    known = target.model.description.dynamics
+    pairs = zip(target.model.joint_names, target.split.joints, strict=True)
+    return frozenset(
+        j
+        for j, (name, wanted) in enumerate(pairs)
+        if wanted.friction and _differ(known.get(name, JointDynamics()).friction, wanted.friction)
+    )
+
+
+def assets_of(into: Path) -> list[Path]:
+    """Return the files of meshes, textures and height fields that an MJCF file names."""
+    spec, folder = mujoco.MjSpec.from_file(str(into)), into.parent
+    found: list[Path] = []
+    for items, where in (
+        (spec.meshes, spec.meshdir),
+        (spec.textures, spec.texturedir),
+        (spec.hfields, spec.meshdir),
+    ):
+        found += [folder / (where or "") / item.file for item in items if item.file]
+    return [path for path in dict.fromkeys(found) if path.is_file()]
+
+
+def _found(texts: Sequence[XmlText], tag: str, name: str, into: Path) -> tuple[XmlText, Element]:
+    for text in texts:
+        if (element := text.find(tag, name)) is not None:
+            return text, element
+    raise ConfigError(f"{tag} {name} has to change, but is not named in the file", path=into)
+
+
+def _write_inertial(
+    texts: Sequence[XmlText],
+    name: str,
+    body: Inertial,
+    spec: Any,  # noqa: ANN401
+    into: Path,
+) -> None:
+    if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        raise ConfigError(
+            "its compiler takes every inertia from shapes (inertiafromgeom=true), so none that was "
+            "found can be written; set it to auto",
+            path=into,
+        )
+    text, element = _found(texts, "body", name, into)
+    values = _inertial_values(body)
+    stated = element.child("inertial")
+    if stated is None:
+        written = " ".join(f'{key}="{value}"' for key, value in values.items())
+        text.insert(element, f"<inertial {written}/>")
+        return
+    text.remove(stated, *_TURNED)
+    for key, value in values.items():
+        text.set(stated, key, value)
+
+
+def _inertial_values(body: Inertial) -> dict[str, str]:
+    xx, xy, xz, yy, yz, zz = body.inertia
+    return {
+        "pos": _numbers(*body.com),
+        "mass": _numbers(body.mass),
+        "fullinertia": _numbers(xx, yy, zz, xy, xz, yz),
+    }
+
+
+def _joint_values(stated: JointDynamics, wanted: JointDynamics, *, degrees: bool) -> dict[str, str]:
+    """Return the attributes of a joint that have to change."""
+    values: dict[str, str] = {}
+    for attribute, of in (("frictionloss", "friction"), ("armature", "armature")):
+        if _differ(getattr(stated, of), getattr(wanted, of)):
+            values[attribute] = _numbers(getattr(wanted, of))
+    if _differ(stated.damping, wanted.damping) or _differ(stated.drag, wanted.drag):
+        more = (wanted.drag,) if wanted.drag or stated.drag else ()
+        values["damping"] = _numbers(wanted.damping, *more)
+    if _differ(stated.stiffness, wanted.stiffness) or _differ(stated.cubic, wanted.cubic):
+        more = (0.0, wanted.cubic) if wanted.cubic or stated.cubic else ()
+        values["stiffness"] = _numbers(wanted.stiffness, *more)
+    pulls = wanted.stiffness or wanted.cubic
+    if pulls and _differ(stated.rest, wanted.rest):
+        values["springref"] = _numbers(np.rad2deg(wanted.rest) if degrees else wanted.rest)
+    return values
+
+
+def _write_payloads(texts: Sequence[XmlText], target: Target, into: Path) -> None:
+    payloads = target.split.payloads
+    if not payloads:
+        return
+    text, element = _found(texts, "body", target.last, into)
+    shift = target.model.description.shifts.get(target.last, np.zeros(3))
+    taken = {x.attributes.get("name") for each in texts for x in each.root.walk()}
+    for number, payload in enumerate(payloads, start=1):
+        name = "payload" if "payload" not in taken else f"payload_{number}"
+        text.insert(element, f'<body name="{name}">{_payload(payload, shift)}</body>')
+
+
+def _payload(payload: Payload, shift: Any) -> str:  # noqa: ANN401
+    x, y, z = (np.array(payload.com) + shift).tolist()
+    xx, xy, xz, yy, yz, zz = payload.inertia
+    if min(xx, yy, zz) < _SMALLEST:
+        xx, yy, zz = (value + _SMALLEST for value in (xx, yy, zz))
+    inertia = _numbers(xx, yy, zz, xy, xz, yz)
+    return (
+        f'<inertial pos="{_numbers(x, y, z)}" mass="{_numbers(payload.mass)}" '
+        f'fullinertia="{inertia}"/>'
+    )
+
+
+def _write_gravity(text: XmlText, gravity: Sequence[float]) -> None:
+    option = text.root.child("option")
+    if option is None:
+        text.insert(text.root, f'<option gravity="{_numbers(*gravity)}"/>')
+    else:
+        text.set(option, "gravity", _numbers(*gravity))
+
+
+def _differ(first: float, second: float) -> bool:
+    return abs(first - second) > _SAME * max(abs(first), abs(second))
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(f"{float(value):.10g}" for value in values)

@@ -1,0 +1,114 @@
+"""Proof: a plain simulator that reads the exported file needs the torque that limo predicts."""
+
+# MuJoCo and pinocchio ship no stubs.
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.descriptions.description import split_reference
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray, Motion
+
+MOVING: Final = 0.02  # [rad/s], above which a joint counts as moving
+
+
+def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float], motion: Motion):  # noqa: ANN201
+    """Return what MuJoCo says that a motion needs, (T, n) [N m].
+
+    Contacts, ends of joints and equalities are off: they are not of the arm's own physics.
+
+    Args:
+        path: MJCF file.
+        joints: Names of the joints that move.
+        locked: Positions of others, by name; the rest stays where the file has it.
+        motion: T samples of n joints.
+    """
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(path))
+    bits = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(
+        bits.mjDSBL_CONTACT | bits.mjDSBL_LIMIT | bits.mjDSBL_EQUALITY | bits.mjDSBL_ACTUATION
+    )
+    data = mujoco.MjData(model)
+    for name, value in locked.items():
+        data.qpos[model.joint(name).qposadr[0]] = value
+    positions = np.array([model.joint(name).qposadr[0] for name in joints])
+    velocities = np.array([model.joint(name).dofadr[0] for name in joints])
+    torque = np.zeros_like(motion.position)
+    for k in range(len(torque)):
+        data.qpos[positions] = motion.position[k]
+        data.qvel[velocities] = motion.velocity[k]
+        data.qacc[velocities] = motion.acceleration[k]
+        mujoco.mj_inverse(model, data)
+        torque[k] = data.qfrc_inverse[velocities]
+    return torque
+
+
+def torque_in_pinocchio(
+    path: Path, joints: Sequence[str], locked: dict[str, float], motion: Motion
+) -> FloatArray:
+    """Return what pinocchio, with the damping and friction of the file, says a motion needs.
+
+    Args:
+        path: URDF.
+        joints: Names of the joints that move.
+        locked: Positions of others, by name.
+        motion: T samples of n joints.
+    """
+    import pinocchio as pin
+
+    full = pin.buildModelFromUrdf(str(path))
+    q0 = pin.neutral(full)
+    for name, value in locked.items():
+        q0[full.joints[full.getJointId(name)].idx_q] = value
+    moving = {full.getJointId(name) for name in joints}
+    model = pin.buildReducedModel(full, [k for k in range(1, full.njoints) if k not in moving], q0)
+    data = model.createData()
+    torque = np.array(
+        [
+            pin.rnea(model, data, *row)
+            for row in zip(motion.position, motion.velocity, motion.acceleration, strict=True)
+        ]
+    )
+    friction = np.array(model.upperDryFrictionLimit)
+    return torque + np.array(model.damping) * motion.velocity + friction * np.sign(motion.velocity)
+
+
+def errors(
+    path: Path, kind: str, expressed: Simulation, motion: Motion
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return RMS of the difference, and of the torque, of each joint [N m].
+
+    Counted where a joint moves: as it reverses, dry friction may be anything within its band, and
+    simulators that all are right differ in when it changes sides.
+
+    Args:
+        path: The exported file.
+        kind: `mjcf` or `urdf`.
+        expressed: The simulation, with the effects that the file expresses.
+        motion: On which they are compared.
+    """
+    wanted = expressed.predict(motion)
+    compute = torque_in_mujoco if kind == "mjcf" else torque_in_pinocchio
+    found = compute(path, expressed.model.joint_names, _locked(expressed), motion)
+    moving = np.abs(motion.velocity) > MOVING
+    many = np.maximum(moving.sum(axis=0), 1)
+    error = np.sqrt(np.sum((found - wanted) ** 2, axis=0, where=moving) / many)
+    torque = np.sqrt(np.sum(wanted**2, axis=0, where=moving) / many)
+    return tuple(error.tolist()), tuple(torque.tolist())
+
+
+def _locked(simulation: Simulation) -> dict[str, float]:
+    """Return the joints that the simulation's robot locks elsewhere than at zero."""
+    _, chosen = split_reference(simulation.model.name)
+    parts = (part.partition("=") for part in chosen)
+    return {name.strip(): float(value) for name, mark, value in parts if mark}

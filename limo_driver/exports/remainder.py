@@ -1,0 +1,85 @@
+"""What a target has no number for, and how many N m that is on a motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.physics import SensorEffect, spoken
+from limo_driver.types import Motion
+
+if TYPE_CHECKING:
+    from limo_driver.exports.joints import EffectSplit
+    from limo_driver.model import RobotModel
+    from limo_driver.physics import Effect, Simulation
+
+DURATION: Final = 60.0  # [s]
+RATE: Final = 250.0  # [Hz]
+_SPEED: Final = 0.5  # [rad/s], at which a slow arm moves
+_REACH: Final = 0.6  # of a joint's range
+_WIDEST: Final = 1.2  # [rad]
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What a target does not express of an effect."""
+
+    place: str  # effect and joints
+    rms: tuple[float, ...]  # (n,) [N m]
+    instead: str  # what is expressed instead, or why nothing is
+
+    def __str__(self) -> str:
+        """Say how much of it remains."""
+        worst = max(self.rms)
+        joint = self.rms.index(worst) + 1
+        return f"{self.place} {self.instead}: {worst:.3g} N m RMS remain (joint {joint})"
+
+
+def remainders(simulation: Simulation, split: EffectSplit, motion: Motion) -> tuple[Remainder, ...]:
+    """Return the size of what is not expressed of each effect, alone.
+
+    Args:
+        simulation: All that was found.
+        split: What of its effects the target expresses.
+        motion: On which their torque is counted.
+    """
+    whole = simulation.predict(motion)
+    found: list[Remainder] = []
+    pairs = [(effect, None) for effect in split.left] + list(split.stand_ins)
+    for effect, instead in pairs:
+        others = [x for x in simulation.effects if x is not effect]
+        changed = replace(simulation, effects=(*others, *([instead] if instead else [])))
+        rms = np.sqrt(np.mean((whole - changed.predict(motion)) ** 2, axis=0))
+        found.append(Remainder(effect.place, tuple(rms.tolist()), _instead(effect, instead)))
+    return tuple(sorted(found, key=lambda item: -max(item.rms)))
+
+
+def _instead(effect: Effect, instead: Effect | None) -> str:
+    if instead is not None:
+        return f"is written as {spoken(instead.name)}"
+    if isinstance(effect, SensorEffect):
+        return "is of the sensor, not of the robot"
+    return "is not expressible"
+
+
+def proof_motion(model: RobotModel) -> Motion:
+    """Return a minute of slow motion through most of the range of all joints.
+
+    Args:
+        model: The robot.
+    """
+    time = np.arange(0, DURATION, 1 / RATE)
+    low, high = model.limits.position_min, model.limits.position_max
+    middle = np.where(np.isfinite(low + high), (low + high) / 2, 0.0)
+    reach = np.minimum(_REACH * np.nan_to_num(high - low, posinf=10.0) / 2, _WIDEST)
+    speed = np.minimum(_SPEED, 0.5 * model.limits.velocity)
+    rate = speed / np.maximum(reach, 1e-3) * (1 + 0.07 * np.arange(model.n))
+    phase = np.outer(time, rate) + np.arange(model.n)
+    return Motion(
+        time,
+        middle + reach * np.sin(phase),
+        reach * rate * np.cos(phase),
+        -reach * rate**2 * np.sin(phase),
+    )

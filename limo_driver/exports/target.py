@@ -1,0 +1,82 @@
+"""The file that a simulation is written into: found, and checked to be of the same arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.exports.bodies import shared
+from limo_driver.exports.joints import EffectSplit, split
+from limo_driver.exports.parts import parts_of
+from limo_driver.model import RobotModel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from limo_driver.model import Inertial
+    from limo_driver.physics import Simulation
+
+_POSES: Final = 5
+_APART: Final = 1e-4  # [m], [rad], by which joints may stand elsewhere: files round
+
+
+@dataclass(frozen=True)
+class Target:
+    """A file, and what of it has to change."""
+
+    model: RobotModel  # as the file has it
+    simulation: Simulation
+    split: EffectSplit
+    inertials: Mapping[str, Inertial]  # new ones, by body of the file, in its frame
+    last: str  # body that payloads are fixed to
+
+
+def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
+    """Compare a file with a simulation.
+
+    Args:
+        simulation: What was found.
+        into: The file.
+        kind: `mjcf` or `urdf`.
+
+    Raises:
+        ConfigError: It is of another kind, or of another arm.
+    """
+    own = simulation.model
+    is_own = into.exists() and own.urdf.exists() and into.samefile(own.urdf)
+    model = RobotModel(into, joints=own.chosen if is_own else own.joint_names)
+    if model.description.kind.lower() != kind:
+        raise ConfigError(
+            f"is {model.description.kind}, expected {kind.upper()} to export to", path=into
+        )
+    _check_same(own, model, into)
+    parts = parts_of(model)
+    changes: dict[str, Inertial] = {}
+    for (link, its_parts), wanted in zip(parts.items(), own.inertials.values(), strict=True):
+        _ = link
+        changes |= shared(its_parts, wanted)
+    return Target(model, simulation, split(simulation, kind), changes, list(parts)[-1])
+
+
+def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:
+    if own.joint_names != model.joint_names:
+        raise ConfigError(
+            f"has the joints {', '.join(model.joint_names)}, but the simulation is of "
+            f"{', '.join(own.joint_names)}",
+            path=into,
+        )
+    random = np.random.default_rng(0)
+    for _ in range(_POSES):
+        q = random.uniform(-1.0, 1.0, own.n)
+        apart = np.abs(own.joint_poses(q) - model.joint_poses(q)).max(axis=(1, 2))
+        if (apart > _APART).any():
+            j = int((apart > _APART).argmax())
+            raise ConfigError(
+                f"joint {own.joint_names[j]} stands elsewhere than in {own.name}: they are not the "
+                "same arm, or have other bases",
+                path=into,
+            )

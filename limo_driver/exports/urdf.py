@@ -1,0 +1,119 @@
+"""A simulation written into a URDF: inertias, payload, friction and damping; nothing else fits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from limo_driver.descriptions.description import JointDynamics
+from limo_driver.errors import ConfigError
+from limo_driver.exports.xml_edits import Element, XmlText
+
+if TYPE_CHECKING:
+    from limo_driver.exports.target import Target
+    from limo_driver.model import Inertial
+    from limo_driver.physics import Payload
+
+_SAME: Final = 1e-9  # relative
+_KEYS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def edited_urdf(target: Target) -> tuple[XmlText, ...]:
+    """Return the text of a URDF with the edits in it.
+
+    Args:
+        target: What has to change.
+
+    Raises:
+        ConfigError: A link or joint that changes is not in the file.
+    """
+    text = XmlText(target.model.urdf)
+    for name, body in target.inertials.items():
+        _write_inertial(text, _found(text, "link", name), body)
+    for j, name in enumerate(target.model.joint_names):
+        stated = target.model.description.dynamics.get(name, JointDynamics())
+        _write_joint(text, _found(text, "joint", name), stated, target.split.joints[j])
+    for number, payload in enumerate(target.split.payloads, start=1):
+        _write_payload(text, payload, target.last, number)
+    return (text,)
+
+
+def _found(text: XmlText, tag: str, name: str) -> Element:
+    element = next(
+        (x for x in text.root.children if x.tag == tag and x.attributes.get("name") == name), None
+    )
+    if element is None:
+        raise ConfigError(f"has no {tag} {name}", path=text.path)
+    return element
+
+
+def _write_inertial(text: XmlText, link: Element, body: Inertial) -> None:
+    stated = link.child("inertial")
+    if stated is None:
+        text.insert(link, _inertial(body))
+        return
+    origin, mass, inertia = (stated.child(tag) for tag in ("origin", "mass", "inertia"))
+    if origin is None:
+        text.insert(stated, f'<origin xyz="{_numbers(*body.com)}" rpy="0 0 0"/>')
+    else:
+        text.set(origin, "xyz", _numbers(*body.com))
+        if any(float(part) for part in origin.attributes.get("rpy", "0").split()):
+            text.set(origin, "rpy", "0 0 0")
+    for element, values in (
+        (mass, {"value": body.mass}),
+        (inertia, dict(zip(_KEYS, body.inertia, strict=True))),
+    ):
+        if element is None:
+            raise ConfigError(
+                f"link {link.attributes.get('name')} states an <inertial> without mass or inertia",
+                path=text.path,
+            )
+        for key, value in values.items():
+            if float(element.attributes.get(key, "nan")) != value:
+                text.set(element, key, _numbers(value))
+
+
+def _inertial(body: Inertial) -> str:
+    inertia = " ".join(
+        f'{key}="{_numbers(value)}"' for key, value in zip(_KEYS, body.inertia, strict=True)
+    )
+    return (
+        f'<inertial><origin xyz="{_numbers(*body.com)}" rpy="0 0 0"/>'
+        f'<mass value="{_numbers(body.mass)}"/><inertia {inertia}/></inertial>'
+    )
+
+
+def _write_joint(
+    text: XmlText, joint: Element, stated: JointDynamics, wanted: JointDynamics
+) -> None:
+    values = {
+        attribute: _numbers(getattr(wanted, attribute))
+        for attribute in ("damping", "friction")
+        if _differ(getattr(stated, attribute), getattr(wanted, attribute))
+    }
+    if not values:
+        return
+    element = joint.child("dynamics")
+    if element is None:
+        written = " ".join(f'{key}="{value}"' for key, value in values.items())
+        text.insert(joint, f"<dynamics {written}/>")
+        return
+    for key, value in values.items():
+        text.set(element, key, value)
+
+
+def _write_payload(text: XmlText, payload: Payload, last: str, number: int) -> None:
+    name = "payload" if number == 1 else f"payload_{number}"
+    text.insert(
+        text.root,
+        f'<joint name="{name}_mount" type="fixed"><parent link="{last}"/><child link="{name}"/>'
+        "</joint>",
+    )
+    text.insert(text.root, f'<link name="{name}">{_inertial(payload.load)}</link>')
+
+
+def _differ(first: float, second: float) -> bool:
+    return abs(first - second) > _SAME * max(abs(first), abs(second))
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(f"{float(value):.10g}" for value in values)

@@ -1,0 +1,155 @@
+"""XmlText: an XML file of which single attributes change, and nothing else does.
+
+Parsers that write what they read lose quotes, line breaks within tags and the order of attributes;
+here the text stays, and edits are cut into it.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from xml.parsers import expat
+from xml.sax.saxutils import escape
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_ATTRIBUTE = re.compile(rb"(\s+)([\w:.\-]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
+_NAME = re.compile(rb"<[\w:.\-]+")
+
+
+@dataclass
+class Element:
+    """One element and where it stands in the bytes of the file."""
+
+    tag: str
+    attributes: dict[str, str]
+    start: int  # of the start tag
+    head_end: int  # after the last attribute
+    stop: int  # after the start tag
+    is_empty: bool  # <tag/>
+    children: list[Element] = field(default_factory=list)
+    parent: Element | None = field(default=None, repr=False)
+
+    def child(self, tag: str) -> Element | None:
+        """Return the first child of a tag."""
+        return next((item for item in self.children if item.tag == tag), None)
+
+    def walk(self) -> Iterator[Element]:
+        """Yield the element and all in it, in order of the text."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+class XmlText:
+    """The text of an XML file, and edits to it.
+
+    Args:
+        path: The file, which stays as it is.
+
+    Raises:
+        ConfigError: It is no XML.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.data = path.read_bytes()
+        self.root = self._parse()
+        self._edits: list[tuple[int, int, bytes]] = []  # start, stop, in place of it
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether any edit was made."""
+        return bool(self._edits)
+
+    def find(self, tag: str, name: str) -> Element | None:
+        """Return the element of a tag with a name, if there is one."""
+        return next(
+            (x for x in self.root.walk() if x.tag == tag and x.attributes.get("name") == name), None
+        )
+
+    def set(self, element: Element, name: str, value: str) -> None:
+        """Set an attribute, which stays where it is if it is there."""
+        if element.attributes.get(name) == value:
+            return
+        new = escape(value, {'"': "&quot;"}).encode()
+        spans = self._spans(element)
+        if name in spans:
+            _, start, stop = spans[name]
+            self._edits.append((start, stop, b'"' + new + b'"'))
+        else:
+            self._edits.append(
+                (element.head_end, element.head_end, b" " + name.encode() + b'="' + new + b'"')
+            )
+
+    def remove(self, element: Element, *names: str) -> None:
+        """Remove attributes, if they are there."""
+        spans = self._spans(element)
+        for name in names:
+            if name in spans:
+                start, _, stop = spans[name]
+                self._edits.append((start, stop, b""))
+
+    def insert(self, element: Element, text: str) -> None:
+        """Insert a line as the first content of an element, indented as its other content is."""
+        indent = self._indent(element)
+        if element.is_empty:
+            close = f">{indent}  {text}{indent}</{element.tag}>".encode()
+            self._edits.append((element.head_end, element.stop, close))
+        else:
+            self._edits.append((element.stop, element.stop, f"{indent}  {text}".encode()))
+
+    def text(self) -> str:
+        """Return the text with all edits."""
+        data = self.data
+        # those at one place in the order in which they were made; the last places first
+        ordered = sorted(enumerate(self._edits), key=lambda item: (item[1][0], item[0]))
+        for _, (start, stop, new) in reversed(ordered):
+            data = data[:start] + new + data[stop:]
+        return data.decode("utf-8")
+
+    def _indent(self, element: Element) -> str:
+        before = self.data[: element.start]
+        line = before[before.rfind(b"\n") + 1 :]
+        return "\n" + (line.decode() if not line.strip() else "")
+
+    def _spans(self, element: Element) -> dict[str, tuple[int, int, int]]:
+        """Return, of each attribute, where it starts, its value starts, and it stops."""
+        found: dict[str, tuple[int, int, int]] = {}
+        for match in _ATTRIBUTE.finditer(self.data, element.start, element.head_end):
+            found[match[2].decode()] = (match.start(), match.start(3), match.end())
+        return found
+
+    def _parse(self) -> Element:
+        parser = expat.ParserCreate()
+        stack: list[Element] = []
+        roots: list[Element] = []
+
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            at = parser.CurrentByteIndex
+            head = _NAME.match(self.data, at)
+            end = at if head is None else head.end()
+            while match := _ATTRIBUTE.match(self.data, end):
+                end = match.end()
+            stop = self.data.index(b">", end) + 1
+            empty = self.data[stop - 2 : stop] == b"/>"
+            element = Element(tag, attributes, at, end, stop, empty)
+            if stack:
+                element.parent = stack[-1]
+                stack[-1].children.append(element)
+            else:
+                roots.append(element)
+            stack.append(element)
+
+        parser.StartElementHandler = start
+        parser.EndElementHandler = lambda _: stack.pop()
+        try:
+            parser.Parse(self.data, True)
+        except expat.ExpatError as error:
+            raise ConfigError(f"is no XML: {error}", path=self.path) from None
+        return roots[0]

@@ -1,0 +1,164 @@
+"""The joint states of a ROS 2 bag as a table: one column for each quantity of each joint."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.foreign.names import words_of
+from limo_driver.foreign.table import LogTable
+from limo_driver.logs.joint_state_log import bag_files, read_bag
+from limo_driver.network.messages import JOINT_STATE, JointStateCodec
+from limo_driver.recordings.data_gate import SYSTEMATIC
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from limo_driver.logs.mcap_file import LoggedMessage
+
+_QUANTITIES = ("position", "velocity", "effort")
+_LISTED = 8  # topics that a message names
+
+
+def read_bags(
+    paths: Sequence[Path], topic: str | None = None, joints: Sequence[str] = ()
+) -> LogTable:
+    """Read the joint states of one topic.
+
+    Joints may come in any order, and in several messages (an arm and its gripper): each set of
+    names is a table of its own, and the one with the most of the robot's joints is meant.
+
+    Args:
+        paths: MCAP or .db3 files, or folders of them.
+        topic: The topic; may be left out where one alone has the robot's joints.
+        joints: Names of the robot's joints.
+
+    Raises:
+        RecordingError: No joint states, several topics that could be meant, or stamps that run
+            backwards more than now and then.
+    """
+    found, notes = _Found(), list[str]()
+    for path in bag_files(paths):
+        told: list[str] = []
+        for message in read_bag(path, told.append):
+            found.add(message)
+        notes += [f"{path} {text}" for text in told]
+    source = ", ".join(map(str, paths))
+    kept = found.meant(topic, joints, source)
+    columns, more = kept.columns(source)
+    others = [str(group) for group in found.groups.values() if group is not kept]
+    if others:
+        more.append(f"left aside: {'; '.join(others[:_LISTED])}")
+    if found.malformed:
+        more.append(f"{found.malformed} messages could not be decoded")
+    return LogTable(columns, source, f"ROS 2 bag, topic {kept.topic}", {}, (*notes, *more))
+
+
+@dataclass
+class _Group:
+    """The messages of one topic with one set of joints."""
+
+    topic: str
+    names: tuple[str, ...]
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+
+    def __str__(self) -> str:
+        """Say what it holds."""
+        return f"{len(self.stamps)} messages of {', '.join(self.names)} on {self.topic}"
+
+    def columns(self, source: str) -> tuple[dict[str, NDArray[Any]], list[str]]:
+        """Return time and quantities in order of the stamps, and what was odd about these."""
+        stamps = np.array(self.stamps, dtype=np.int64)
+        late = np.append(False, stamps[1:] < np.maximum.accumulate(stamps)[:-1])
+        if late.mean() > SYSTEMATIC:
+            raise RecordingError(
+                f"the stamps of {self.topic} run backwards at message {int(late.argmax())}, and "
+                f"{late.mean():.0%} of them do; are these two recordings, or two publishers?",
+                path=source,
+                rows=[int(late.argmax())],
+            )
+        order = np.argsort(stamps, kind="stable")
+        values = np.array(self.values).reshape(stamps.size, len(_QUANTITIES), -1)[order]
+        columns: dict[str, NDArray[Any]] = {"time": stamps[order]}
+        for k, quantity in enumerate(_QUANTITIES):
+            if not np.isnan(values[:, k]).all():
+                columns |= {
+                    f"{quantity}.{joint}": values[:, k, j] for j, joint in enumerate(self.names)
+                }
+        told = [f"{late.sum()} messages were logged after one with a later stamp"]
+        return columns, told if late.any() else []
+
+
+@dataclass
+class _Found:
+    """All joint states of a bag, by topic and joints."""
+
+    groups: dict[tuple[str, tuple[str, ...]], _Group] = field(default_factory=dict)
+    topics: dict[str, str] = field(default_factory=dict)
+    malformed: int = 0
+
+    def add(self, message: LoggedMessage) -> None:
+        """Add a message, if it is a joint state."""
+        self.topics.setdefault(message.topic, message.schema)
+        if message.schema != JOINT_STATE:
+            return
+        try:
+            state = _decode(message)
+        except WireFormatError:
+            self.malformed += 1
+            return
+        names = tuple(sorted(state.names))
+        group = self.groups.setdefault((message.topic, names), _Group(message.topic, state.names))
+        columns = slice(None)
+        if group.names != state.names:
+            columns = [state.names.index(name) for name in group.names]
+        missing = np.full(len(names), np.nan)
+        group.stamps.append(state.stamp_ns)
+        for values in (state.position, state.velocity, state.torque):
+            group.values.frombytes((values[columns] if values.size else missing).tobytes())
+
+    def meant(self, topic: str | None, joints: Sequence[str], source: str) -> _Group:
+        """Return the group that has the robot's joints."""
+        groups = [group for group in self.groups.values() if topic in {None, group.topic}]
+        if not groups:
+            named = [f"{name} ({kind})" for name, kind in self.topics.items()][:_LISTED]
+            unread = f"; {self.malformed} are malformed" if self.malformed else ""
+            raise RecordingError(
+                f"no joint states{f' of topic {topic}' if topic else ''}{unread}; it holds "
+                f"{', '.join(named) or 'nothing'}",
+                path=source,
+            )
+        best = max(_match(group, joints) for group in groups)
+        alike = [group for group in groups if _match(group, joints) == best]
+        if len(alike) > 1:
+            raise RecordingError(
+                f"joint states that could be meant are several: {'; '.join(map(str, alike))}; say "
+                "which topic is",
+                path=source,
+            )
+        return alike[0]
+
+
+def _decode(message: LoggedMessage):  # noqa: ANN202  # as the codec says
+    return _CODEC.decode(message.payload)
+
+
+_CODEC = JointStateCodec(())
+
+
+def _match(group: _Group, joints: Sequence[str]) -> int:
+    """Return how many of the robot's joints are in the names of a group, as whole words."""
+    named = [words_of(name) for name in group.names]
+    return sum(any(_holds(name, words_of(joint)) for name in named) for joint in joints)
+
+
+def _holds(words: tuple[str, ...], part: tuple[str, ...]) -> bool:
+    return any(words[k : k + len(part)] == part for k in range(len(words) - len(part) + 1))

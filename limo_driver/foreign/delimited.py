@@ -1,0 +1,159 @@
+"""Delimited text with any separator: the dialect is read off its first lines, rows in a stream."""
+
+# pyarrow ships no type stubs, so its tables are unknown to the checker.
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pyarrow as pa
+from pyarrow import csv
+
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_HEAD = 65536  # bytes that are looked at
+_LINES = 20
+_SEPARATORS = (",", ";", "\t", "|", " ")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|inf|-inf", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+
+
+class Dialect(NamedTuple):
+    """How a file of delimited text is written."""
+
+    separator: str
+    skipped: int  # lines before the names: comments, empty ones
+    names: tuple[str, ...]  # of the columns; made up where the file has none
+    named: bool  # whether the first line has the names
+    decimal: str  # point or comma
+
+
+def read_delimited(path: Path) -> tuple[pa.Table, tuple[str, ...]]:
+    """Read delimited text.
+
+    Returns:
+        Its columns, and what has to be said of how it was read.
+
+    Raises:
+        RecordingError: It cannot be read, or is no such text.
+    """
+    dialect = dialect_of(path)
+    read = csv.ReadOptions(
+        column_names=list(dialect.names), skip_rows=dialect.skipped + dialect.named
+    )
+    cut = list[str]()
+
+    def short(row: Any) -> str:  # noqa: ANN401  # pyarrow has no types
+        cut.append(f"row {row.number}" if row.number is not None else "a row")
+        return "skip"
+
+    try:
+        table = csv.read_csv(
+            path,
+            read_options=read,
+            parse_options=csv.ParseOptions(
+                delimiter=dialect.separator,
+                ignore_empty_lines=True,
+                invalid_row_handler=short,
+            ),
+            convert_options=csv.ConvertOptions(
+                decimal_point=dialect.decimal, strings_can_be_null=True
+            ),
+        )
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        reason = str(error).splitlines()[0]
+        raise RecordingError(f"cannot be read as delimited text: {reason}", path=path) from None
+    notes = [] if dialect.named else ["it has no line of names; columns are counted from 1"]
+    if len(cut) > max(1, table.num_rows // 50):
+        raise RecordingError(
+            f"has {len(cut)} rows with another number of cells than the {len(dialect.names)} of "
+            f"its first line, expected {len(dialect.names)}",
+            path=path,
+        )
+    if cut:
+        notes.append(f"{len(cut)} rows have another number of cells, and are left out: {cut[0]}")
+    return table, tuple(notes)
+
+
+def dialect_of(path: Path) -> Dialect:
+    """Read off the first lines how a file is written.
+
+    Raises:
+        RecordingError: No file, no text, or nothing in it.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", path=path) from None
+    try:
+        text = head[: head.rfind(b"\n") + 1 or None].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise RecordingError("is no text", path=path) from None
+    if "\0" in text:
+        raise RecordingError("is no text", path=path)
+    lines = text.splitlines()[: _LINES + 5]
+    skipped = 0
+    while skipped < len(lines) and _is_comment(lines, skipped):
+        skipped += 1
+    lines = [line for line in lines[skipped:] if line.strip()]
+    if not lines:
+        raise RecordingError("holds no rows", path=path)
+    lines[0] = lines[0].lstrip("#%/ ")  # names may stand in a comment
+    rows = lines[1:] or lines
+    separator = max(_SEPARATORS, key=lambda each: _regularity(each, lines[0], rows))
+    first = _cells(lines[0], separator)
+    named = not all(_is_number(cell) for cell in first)
+    decimal = "."
+    if (
+        separator != ","
+        and rows
+        and any(_DECIMAL_COMMA.fullmatch(cell) for cell in _cells(rows[0], separator))
+    ):
+        decimal = ","
+    names = list(first) if named else _counted(len(first))
+    names = [name or f"column_{k + 1}" for k, name in enumerate(names)]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise RecordingError(f"has more than one column {', '.join(repeated)}", path=path)
+    return Dialect(separator, skipped, tuple(names), named, decimal)
+
+
+def _is_comment(lines: list[str], k: int) -> bool:
+    """Say whether a line is a comment; the last one before numbers may be the names."""
+    line = lines[k].strip()
+    if not line:
+        return True
+    if not line.startswith(("#", "%", "//")):
+        return False
+    after = lines[k + 1].strip() if k + 1 < len(lines) else ""
+    words = line.lstrip("#%/ ")
+    is_names = any(
+        len(_cells(words, each)) == len(_cells(after, each)) > 1
+        and all(map(_is_number, _cells(after, each)))
+        for each in _SEPARATORS
+    )
+    return not is_names
+
+
+def _regularity(separator: str, first: str, rows: list[str]) -> tuple[int, int]:
+    """Return how many lines a separator cuts into as many cells, and how many cells those are."""
+    cells = len(_cells(first, separator))
+    alike = sum(len(_cells(row, separator)) == cells for row in rows)
+    return (alike if cells > 1 else -1, cells)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return [cell.strip().strip('"').strip() for cell in line.rstrip("\r\n").split(separator)]
+
+
+def _is_number(cell: str) -> bool:
+    return bool(_NUMBER.fullmatch(cell) or _DECIMAL_COMMA.fullmatch(cell))
+
+
+def _counted(many: int) -> list[str]:
+    return [f"column_{k + 1}" for k in range(many)]

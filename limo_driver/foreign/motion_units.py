@@ -1,0 +1,222 @@
+"""Units that no name says: what limits, gravity and velocities of an arm make of each reading."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.foreign.units import UNITS
+from limo_driver.recordings.data_gate import velocity_factor
+
+if TYPE_CHECKING:
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+_ROWS: Final = 1500  # that are looked at
+_MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
+_DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
+_ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
+_FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
+_OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
+_TORQUE_SCALES: Final = {"N m": 1.0, "N cm": 1e2, "mN m": 1e3}
+_WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A unit for each joint, why, and what is open."""
+
+    units: tuple[str, ...]
+    why: str
+    question: str = ""  # empty where one reading alone fits
+
+
+def position_reading(position: FloatArray, torque: FloatArray | None, model: RobotModel) -> Reading:
+    """Say whether positions are in radians or degrees, joint by joint.
+
+    Args:
+        position: (T, n) as the log has them, each with sign and zero of the robot.
+        torque: (T, n) in any unit, where it is measured.
+        model: The robot.
+    """
+    rows = _rows(position, torque)
+    position = position[rows]
+    torque = None if torque is None else torque[rows]
+    n = model.n
+    possible = {
+        unit: _possible(position * UNITS["position"][unit], model) for unit in ("rad", "deg")
+    }
+    uniform = [unit for unit, fits in possible.items() if fits.all()]
+    cost = _Gravity(model, torque)
+    if len(uniform) == 1:
+        unit = uniform[0]
+        other = "deg" if unit == "rad" else "rad"
+        j = int(np.flatnonzero(~possible[other])[0])
+        why = f"beyond the limits of joint {j + 1} in {other}, within all limits in {unit}"
+        return _unless_mixed(position, (unit,) * n, why, possible, cost)
+    if len(uniform) > 1:
+        rad, deg = (cost.of(position, (unit,) * n) for unit in ("rad", "deg"))
+        if abs(rad - deg) < _DECISIVE:
+            return Reading(
+                ("rad",) * n,
+                "in rad and in deg within the limits, and the torques fit both",
+                "position: are the columns in rad or deg? both fit limits and torques",
+            )
+        unit = "rad" if rad < deg else "deg"
+        return _unless_mixed(
+            position, (unit,) * n, f"the torques are those of positions in {unit}", possible, cost
+        )
+    units = tuple("rad" if possible["rad"][j] else "deg" for j in range(n))
+    return _unless_mixed(position, units, "within the limits one by one only", possible, cost)
+
+
+def _unless_mixed(
+    position: FloatArray,
+    units: tuple[str, ...],
+    why: str,
+    possible: dict[str, np.ndarray],
+    cost: _Gravity,
+) -> Reading:
+    """Return a reading; with a question where single joints decidedly fit other units."""
+    apart = tuple("rad" if fits else "deg" for fits in possible["rad"])
+    best, least = _flipped(position, units, possible, cost)
+    other, its = _flipped(position, apart, possible, cost)
+    mixed = len(set(best)) > 1  # then those of which nothing tells are as likely in rad
+    if its < least + (_DECISIVE if mixed else -_DECISIVE):
+        best = other
+    if len(set(best)) == 1:
+        return Reading(best, why)
+    in_degrees = [j + 1 for j, unit in enumerate(best) if unit == "deg"]
+    listed = ", ".join(map(str, in_degrees))
+    return Reading(
+        best,
+        f"joints {listed} read as degrees, the others as radians",
+        f"position: the columns of joints {listed} fit degrees only, others radians: is that so?",
+    )
+
+
+def _flipped(
+    position: FloatArray, units: tuple[str, ...], possible: dict[str, np.ndarray], cost: _Gravity
+) -> tuple[tuple[str, ...], float]:
+    """Return units with single joints changed where that explains the torques decidedly better."""
+    least = cost.of(position, units)
+    for j, unit in enumerate(units):
+        other = "deg" if unit == "rad" else "rad"
+        flipped = (*units[:j], other, *units[j + 1 :])
+        if possible[other][j] and (left := cost.of(position, flipped)) < least - _DECISIVE:
+            units, least = flipped, left
+    return units, least
+
+
+def velocity_unit(time: FloatArray, position: FloatArray, velocity: FloatArray) -> Reading:
+    """Say in which unit velocities are, from the rate of change of positions.
+
+    Args:
+        time: (T,) [s].
+        position: (T, n) [rad].
+        velocity: (T, n) as the log has it.
+    """
+    rows = _usual(position) & _usual(velocity) & _usual(time[:, None])
+    time, position, velocity = time[rows], position[rows], velocity[rows]
+    factors = [
+        factor
+        for j in range(position.shape[1])
+        if (factor := velocity_factor(time, position[:, j], velocity[:, j])) is not None
+    ]
+    usual = float(np.median(np.abs(factors))) if factors else math.nan
+    for unit, scale in UNITS["velocity"].items():
+        if unit in {"rad/s", "deg/s", "rpm"} and _ALIKE[0] < usual * scale < _ALIKE[1]:
+            return Reading(
+                (unit,), f"{usual * scale:.3g} times the rate of change of the positions"
+            )
+    return Reading(("rad/s",), f"{usual:.3g} times the rate of change of the positions; not used")
+
+
+def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) -> Reading:
+    """Say in which unit torques are, from the gravity of the arm and from its effort limits.
+
+    Args:
+        position: (T, n) [rad].
+        torque: (T, n) as the log has it.
+        model: The robot.
+    """
+    rows = _rows(position, torque)
+    slopes = _Gravity(model, torque[rows]).slopes(position[rows])
+    if slopes.size:
+        usual = float(np.median(slopes))
+        for unit, scale in _TORQUE_SCALES.items():
+            if 1 / _WITHIN < usual / scale < _WITHIN:
+                return Reading((unit,), f"{usual / scale:.2g} times the gravity torque of the arm")
+        return Reading(
+            ("N m",),
+            f"{usual:.2g} times the gravity torque of the arm",
+            f"torque: it is {usual:.2g} times the gravity torque of the arm in N m: which unit?",
+        )
+    return Reading(("N m",), "assumed: gravity makes too little of it to tell")
+
+
+class _Gravity:
+    """How well the gravity of an arm explains measured torques, for any reading of positions."""
+
+    def __init__(self, model: RobotModel, torque: FloatArray | None) -> None:
+        self.model, self.torque = model, torque
+
+    def of(self, position: FloatArray, units: tuple[str, ...]) -> float:
+        """Return the sum over joints of log(torque that gravity leaves / torque)."""
+        if self.torque is None:
+            return 0.0
+        scale = [UNITS["position"][unit] for unit in units]
+        load = self.model.gravity_torque(position * scale)
+        left = 0.0
+        for own, gravity, angle in zip(self.torque.T, load.T, position.T, strict=True):
+            total = float(np.var(own))
+            if total > 0 and np.isfinite(own).all():
+                rest = own - _fit(own, gravity, angle)
+                left += 0.5 * math.log(max(float(np.var(rest)) / total, 1e-6))
+        return left
+
+    def slopes(self, position: FloatArray) -> FloatArray:
+        """Return torque over gravity of the joints whose torque is gravity for the most part."""
+        if self.torque is None:
+            return np.zeros(0)
+        found: list[float] = []
+        for own, load in zip(self.torque.T, self.model.gravity_torque(position).T, strict=True):
+            energy = float(np.var(load))
+            if energy <= 0 or not np.var(own) > 0:
+                continue
+            slope = float(np.mean((own - own.mean()) * (load - load.mean()))) / energy
+            if slope**2 * energy > _OF_TORQUE**2 * float(np.var(own)):
+                found.append(abs(slope))
+        return np.array(found)
+
+
+def _fit(torque: FloatArray, gravity: FloatArray, position: FloatArray) -> FloatArray:
+    """Return what gravity at any scale, an offset and dry friction make of a torque, (T,)."""
+    A = np.column_stack([np.ones(torque.size), gravity, np.sign(np.gradient(position))])
+    return A @ np.linalg.lstsq(A, torque)[0]
+
+
+def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
+    """Say of each joint whether positions (T, n) [rad] are within its limits."""
+    limits = model.limits
+    low, high = np.nanquantile(position, (0.002, 0.998), axis=0)
+    fits = (low > limits.position_min - _MARGIN) & (high < limits.position_max + _MARGIN)
+    return fits | np.array(model.turning)
+
+
+def _usual(values: FloatArray) -> np.ndarray:
+    """Mark rows whose values are numbers, and none far beyond those of the others, (T,)."""
+    low, high = np.nanquantile(values, (0.01, 0.99), axis=0)
+    reach = _FAR * (high - low) + 1e-9
+    return ((values >= low - reach) & (values <= high + reach)).all(axis=1)
+
+
+def _rows(position: FloatArray, torque: FloatArray | None) -> np.ndarray:
+    known = _usual(position)
+    if torque is not None:
+        known &= _usual(torque)
+    rows = np.flatnonzero(known)
+    return rows[:: max(1, rows.size // _ROWS)]

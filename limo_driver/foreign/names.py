@@ -1,0 +1,131 @@
+"""What the name of a column says: which quantity of which joint, measured or commanded, its unit.
+
+A name is cut into words at signs, at digits and where a capital follows a small letter; the words
+of the field are looked up. `actual_q_0`, `axisQMsr[3]`, `joint1_pos_deg` and
+`observation.state.shoulder_pan.pos` are all read so.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from limo_driver.foreign.units import CURRENTS, WRITTEN, quantity_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+TIME, POSITION, VELOCITY, ACCELERATION = "time", "position", "velocity", "acceleration"
+TORQUE, CURRENT, TEMPERATURE, NOTHING = "torque", "current", "temperature", ""
+MEASURED, PLAIN, COMMANDED, DERIVED = 0, 1, 2, 3  # ranks: which of two is the measurement
+
+_SAYS: Final = {
+    TIME: "time t timestamp timestamps stamp clock elapsed zeit zeitin",
+    POSITION: "q qpos pos position positions angle angles theta jpos",
+    VELOCITY: "dq qd qdot qvel vel velocity velocities speed speeds omega jvel dtheta",
+    ACCELERATION: "ddq qdd qddot qacc acc accel acceleration accelerations",
+    TORQUE: "tau torque torques effort efforts trq moment moments mom tq",
+    CURRENT: "current currents cur curr i iq",
+    TEMPERATURE: "temp temperature temperatures",
+}
+_QUANTITY: Final = {word: quantity for quantity, words in _SAYS.items() for word in words.split()}
+_RANKS: Final = {
+    MEASURED: "measured meas msr actual act fbk feedback real sensed present observation",
+    COMMANDED: "cmd command commanded commands target des desired d ref reference setpoint goal "
+    "action ipo sp",
+    DERIVED: "ext external est estimated estimate model gravity coriolis error err hat residual "
+    "predicted pred noise std sim output",
+}
+_RANK: Final = {word: rank for rank, words in _RANKS.items() for word in words.split()}
+# of what is no joint: a name that holds one of these is left alone
+_NO_JOINT: Final = (
+    "tcp cartesian pose ee eef tool wrench ft imu camera image images odom quat orientation flange "
+    "voltage mode status safety digital analog index bits"
+)
+_ELSEWHERE: Final = frozenset(_NO_JOINT.split())
+_BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
+_WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°")
+_SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s"}
+
+
+@dataclass(frozen=True)
+class Name:
+    """The name of a column, read."""
+
+    column: str
+    quantity: str  # empty where it says none
+    rank: int  # MEASURED, PLAIN, COMMANDED, DERIVED
+    joint: str | int | None  # name of a joint of the robot, or the number in the name
+    unit: str  # empty where it says none
+    family: tuple[str, ...]  # what is left of it without the joint: alike for one quantity
+
+    @property
+    def kind(self) -> tuple[str, int, tuple[str, ...]]:
+        """What columns of one family share."""
+        return (self.quantity, self.rank, self.family)
+
+
+def words_of(text: str) -> tuple[str, ...]:
+    """Cut a name into words, in lower case."""
+    return tuple(word.lower() for word in _WORD.findall(text))
+
+
+def read_name(column: str, joints: Sequence[str] = ()) -> Name:
+    """Read the name of a column.
+
+    Args:
+        column: The name.
+        joints: Names of the robot's joints, which are looked for in it, the longest first.
+    """
+    unit = ""
+    rest = column
+    for match in _BRACKETED.finditer(column):
+        if found := WRITTEN.get(match[1].strip().lower()):
+            unit, rest = found, rest.replace(match[0], " ")
+    words = words_of(rest)
+    joint, words = _joint_in(words, joints)
+    if not unit:
+        unit, words = _unit_at_end(words)
+    said = [word for word in words if word in _QUANTITY]
+    quantity = _QUANTITY[said[-1]] if said else NOTHING
+    if not said and unit and joint is not None:
+        quantity = _of_unit(unit)
+    if quantity == VELOCITY:
+        unit = _SPEED.get(unit, unit)
+    if quantity != TIME and any(word in _ELSEWHERE for word in words):
+        quantity = NOTHING
+    ranks = [_RANK[word] for word in words if word in _RANK]
+    return Name(column, quantity, max(ranks, default=PLAIN), joint, unit, words)
+
+
+def _joint_in(
+    words: tuple[str, ...], joints: Sequence[str]
+) -> tuple[str | int | None, tuple[str, ...]]:
+    """Return the joint that the words name, and the other words."""
+    for joint in sorted(joints, key=len, reverse=True):
+        wanted = words_of(joint)
+        for start in range(len(words) - len(wanted) + 1):
+            if wanted and words[start : start + len(wanted)] == wanted:
+                return joint, (*words[:start], *words[start + len(wanted) :])
+    for index in reversed(range(len(words))):
+        if words[index].isdigit():
+            return int(words[index]), (*words[:index], *words[index + 1 :])
+    return None, words
+
+
+def _unit_at_end(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    """Return the unit that the last words write, and the words before it."""
+    for many in (2, 1):
+        last, before = words[len(words) - many :], words[: len(words) - many]
+        if not before or len(last) < many:
+            continue
+        for written in ("/".join(last), "".join(last)):
+            if written in WRITTEN:
+                return WRITTEN[written], before
+    return "", words
+
+
+def _of_unit(unit: str) -> str:
+    """Return the quantity that a unit alone gives away; A1 is an axis, and no ampere."""
+    return NOTHING if unit in CURRENTS else quantity_of(unit)

@@ -1,0 +1,247 @@
+"""Proposal: the mapping that names, limits and gravity suggest, with reasons and open questions.
+
+Nothing is guessed in silence: where two readings fit, the mapping is made with one of them and a
+question under `undecided`, with which it cannot be used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.errors import RecordingError
+from limo_driver.foreign.families import ColumnFamily, families_of
+from limo_driver.foreign.mapping import Channels, LogMapping
+from limo_driver.foreign.motion_units import position_reading, torque_reading, velocity_unit
+from limo_driver.foreign.names import (
+    COMMANDED,
+    CURRENT,
+    NOTHING,
+    PLAIN,
+    POSITION,
+    TEMPERATURE,
+    TORQUE,
+    VELOCITY,
+)
+from limo_driver.foreign.table import shortened
+from limo_driver.foreign.times import time_columns
+from limo_driver.foreign.units import UNITS
+
+if TYPE_CHECKING:
+    from limo_driver.foreign.mapping import TimeColumns
+    from limo_driver.foreign.table import LogTable
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+
+_LOOKED_AT = 200_000  # rows that tell names, units and rates apart; the rest is like them
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What was taken for a quantity, and why."""
+
+    quantity: str
+    columns: str
+    unit: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A mapping and the reasons for it."""
+
+    mapping: LogMapping
+    taken: tuple[Taken, ...]
+
+
+@dataclass
+class _Draft:
+    """What is found so far."""
+
+    table: LogTable
+    model: RobotModel
+    families: list[ColumnFamily]
+    taken: list[Taken] = field(default_factory=list)
+    questions: list[str] = field(default_factory=list)
+
+    def values(self, family: ColumnFamily) -> FloatArray:
+        """Return the columns of a family as the log has them, (T, n)."""
+        columns = [self.table.column(name) for name in family.columns]
+        return np.stack(columns, axis=1).astype(np.float64)
+
+    def take(
+        self, quantity: str, family: ColumnFamily, unit: tuple[str, ...], why: str
+    ) -> Channels:
+        """Note what is taken, and return it."""
+        told = ", ".join(dict.fromkeys(unit))
+        self.taken.append(Taken(quantity, str(family), told, why))
+        if family.by_order:
+            self.questions.append(
+                f"{quantity}: the columns {shortened(list(family.columns))} do not name joints of "
+                f"{self.model.name}: are they in the order {', '.join(self.model.joint_names)}?"
+            )
+        return Channels(columns=family.columns, unit=unit)
+
+
+def propose(table: LogTable, model: RobotModel) -> Proposal:
+    """Propose how to read a log of a robot.
+
+    Args:
+        table: What the log holds.
+        model: The robot, whose joints are looked for by name, else by number.
+
+    Raises:
+        RecordingError: It has no positions of the robot's joints.
+    """
+    if not table.rows:
+        raise RecordingError("holds no rows", path=table.source or None)
+    table = table.first(_LOOKED_AT)
+    draft = _Draft(table, model, families_of(table.columns, model.joint_names))
+    time = time_columns(table)
+    draft.questions += time.questions
+    draft.taken.append(Taken("time", ", ".join(time.columns.columns), time.unit, time.why))
+    positions = _position_family(draft)
+    torques = _torque_family(draft)
+    position = _positions(draft, positions, torques)
+    torque = _torques(draft, torques, position)
+    velocity = _velocities(draft, time.columns, position)
+    temperature = None
+    if warmth := _best(draft, TEMPERATURE):
+        temperature = draft.take(TEMPERATURE, warmth, ("°C",), "by name")
+    used = [position, torque, velocity, temperature]
+    kept = {*time.columns.columns, *(name for c in used if c for name in c.columns)}
+    mapping = LogMapping(
+        joints=model.joint_names,
+        time=time.columns,
+        position=position,
+        torque=torque,
+        velocity=velocity,
+        temperature=temperature,
+        robot=model.name,
+        left_out=tuple(name for name in table.columns if name not in kept),
+        undecided=tuple(draft.questions),
+    )
+    return Proposal(mapping, tuple(draft.taken))
+
+
+def _complete(draft: _Draft, quantity: str) -> list[ColumnFamily]:
+    found = [f for f in draft.families if f.quantity == quantity and not f.missing]
+    return [f for f in found if len(f.names) == draft.model.n]
+
+
+def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | None:
+    """Return the family of a quantity, if there is one alone of the best rank; or note a question.
+
+    Columns that are equal in every row are one family.
+    """
+    found = _complete(draft, quantity)
+    if not found:
+        return None
+    rank = min(family.rank for family in found)
+    alike = [family for family in found if family.rank == rank]
+    named = [family for family in alike if not family.by_order]
+    alike = named or alike
+    first, *others = alike
+    values = draft.values(first)
+    others = [o for o in others if not np.array_equal(draft.values(o), values, equal_nan=True)]
+    if others and quantity in {POSITION, TORQUE, CURRENT}:
+        listed = " or ".join(map(str, (first, *others)))
+        draft.questions.append(f"{quantity}: {listed}? both fit the names")
+    if others and quantity in {VELOCITY, TEMPERATURE}:
+        return None
+    if rank > worst:
+        if quantity not in {POSITION, TORQUE}:
+            return None
+        said = "commanded" if rank == COMMANDED else "derived"
+        draft.questions.append(
+            f"{quantity}: only {said} values are named ({first}): are they to stand for measured "
+            "ones?"
+        )
+    if first.beyond:
+        draft.questions.append(
+            f"{quantity}: {first} has columns for more than {draft.model.n} joints "
+            f"({', '.join(first.beyond)} beyond): are the first {draft.model.n} meant?"
+        )
+    return first
+
+
+def _position_family(draft: _Draft) -> ColumnFamily:
+    if found := _best(draft, POSITION):
+        return found
+    if unnamed := _complete(draft, NOTHING):
+        draft.questions.append(
+            f"position: no name says so; is it {' or '.join(map(str, unnamed))}?"
+        )
+        return unnamed[0]
+    lacking = [f for f in draft.families if f.quantity == POSITION and f.missing]
+    named = [f for f in lacking if len(f.names) > len(f.missing)] or lacking
+    what = (
+        f"{named[0]} lacks {', '.join(named[0].missing)}"
+        if named
+        else f"its columns are {shortened(list(draft.table.columns))}"
+    )
+    raise RecordingError(
+        f"has no positions of the {draft.model.n} joints of {draft.model.name}: {what}; "
+        f"its joints are {', '.join(draft.model.joint_names)}",
+        path=draft.table.source or None,
+    )
+
+
+def _torque_family(draft: _Draft) -> ColumnFamily | None:
+    found = _best(draft, TORQUE)
+    return found if found is not None else _best(draft, CURRENT)
+
+
+def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None) -> Channels:
+    if family.unit:
+        return draft.take(POSITION, family, (family.unit,), "the names say so")
+    stated = tuple(name.unit for name in family.names)
+    if all(stated):
+        return draft.take(POSITION, family, stated, "the names say so")
+    measured = None if torques is None else draft.values(torques)
+    found = position_reading(draft.values(family), measured, draft.model)
+    if found.question:
+        draft.questions.append(found.question)
+    unit = found.units if len(set(found.units)) > 1 else found.units[:1]
+    return draft.take(POSITION, family, unit, found.why)
+
+
+def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> Channels | None:
+    if family is None:
+        draft.taken.append(Taken(TORQUE, "none", "", "no column is named like a measured torque"))
+        return None
+    if family.quantity == CURRENT:
+        unit = (family.unit or "A",)
+        draft.questions.append(
+            f"torque: {family} are currents: how many N m does one {unit[0]} make at each joint "
+            "(`factor:`)?"
+        )
+        return draft.take(TORQUE, family, unit, "currents")
+    if family.unit:
+        return draft.take(TORQUE, family, (family.unit,), "the names say so")
+    motion = position.read(draft.table, POSITION)
+    found = torque_reading(motion, draft.values(family), draft.model)
+    if found.question:
+        draft.questions.append(found.question)
+    return draft.take(TORQUE, family, found.units, found.why)
+
+
+def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:
+    family = _best(draft, VELOCITY)
+    if family is None:
+        return None
+    if family.unit in UNITS[VELOCITY]:
+        return draft.take(VELOCITY, family, (family.unit,), "the names say so")
+    seconds = time.read(draft.table)[0]
+    rising = np.append(True, np.diff(seconds) > 0) & np.isfinite(seconds)
+    motion = position.read(draft.table, POSITION)
+    found = velocity_unit(seconds[rising], motion[rising], draft.values(family)[rising])
+    return draft.take(VELOCITY, family, found.units, found.why)
+
+
+def without_questions(proposal: Proposal) -> LogMapping:
+    """Return the mapping as it would be with every question answered as proposed."""
+    return replace(proposal.mapping, undecided=())

@@ -1,0 +1,91 @@
+"""Any file of a log as a table; its ending, or what a folder holds, says what it is."""
+
+from __future__ import annotations
+
+import zipfile
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.errors import RecordingError
+from limo_driver.foreign.table import LogTable, table_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+BAGS: Final = (".mcap", ".db3", ".zstd")
+TEXTS: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
+PARQUET: Final = (".parquet", ".pq")
+ARRAYS: Final = (".npz",)
+_EXPECTED: Final = (
+    f"expected delimited text ({', '.join(TEXTS)}), Parquet, NumPy's .npz, a ROS 2 bag (.mcap, "
+    ".db3) or the folder of a bag or of a LeRobotDataset"
+)
+
+
+def read_table(
+    path: Path,
+    topic: str | None = None,
+    episode: int | None = None,
+    joints: Sequence[str] = (),
+) -> LogTable:
+    """Read what a log holds, without judging it.
+
+    Args:
+        path: File or folder.
+        topic: Of the joint states of a bag.
+        episode: Of a LeRobotDataset.
+        joints: Names of the robot's joints, by which one of several topics is found.
+
+    Raises:
+        RecordingError: No such file, or it cannot be read as what its ending says.
+    """
+    if not path.exists():
+        raise RecordingError("no such file", path=path)
+    if path.is_dir():
+        return _read_folder(path, topic, episode, joints)
+    ending = path.suffix.lower()
+    if ending in BAGS:
+        from limo_driver.foreign.bag import read_bags
+
+        return read_bags([path], topic, joints)
+    if ending in ARRAYS:
+        return _read_npz(path)
+    from limo_driver.foreign.arrow import numbers_of, read_parquet
+
+    if ending in TEXTS:
+        from limo_driver.foreign.delimited import read_delimited
+
+        text, notes = read_delimited(path)
+        found = numbers_of(text, str(path), "delimited text")
+        return LogTable(found.columns, found.source, found.kind, found.unread, notes)
+    if ending in PARQUET:
+        return numbers_of(read_parquet(path), str(path), "Parquet")
+    raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
+
+
+def _read_folder(
+    path: Path, topic: str | None, episode: int | None, joints: Sequence[str]
+) -> LogTable:
+    from limo_driver.foreign.lerobot import is_dataset, read_dataset
+
+    if is_dataset(path):
+        return read_dataset(path, episode)
+    if any(file.suffix in BAGS for file in path.iterdir()):
+        from limo_driver.foreign.bag import read_bags
+
+        return read_bags([path], topic, joints)
+    raise RecordingError(
+        "is a folder that holds neither a bag (.mcap, .db3) nor a LeRobotDataset (meta/info.json)",
+        path=path,
+    )
+
+
+def _read_npz(path: Path) -> LogTable:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files if archive[name].ndim}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+        raise RecordingError(f"cannot be read as .npz: {error}", path=path) from None
+    return table_of(arrays, str(path), "NumPy arrays")

@@ -1,0 +1,99 @@
+"""LogTable: what a log of any kind holds, as named columns of numbers, before it is mapped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class LogTable:
+    """Named columns of T rows.
+
+    Args:
+        columns: Numbers or dates, (T,) each, by name; NaN where a cell is empty.
+        source: File or folder that they are from, for messages.
+        kind: What it is, in words, such as `CSV`.
+        unread: Columns that hold no numbers, by name, and what they hold.
+        notes: What a user should know of how it was read.
+        robot: Name of the robot, where the file says it.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+    source: str = ""
+    kind: str = "arrays"
+    unread: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    robot: str = ""
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return next((values.size for values in self.columns.values()), 0)
+
+    def __post_init__(self) -> None:
+        sizes = {name: values.size for name, values in self.columns.items()}
+        if len(set(sizes.values())) > 1:
+            usual = max(sizes.values(), key=list(sizes.values()).count)
+            odd = next(name for name, size in sizes.items() if size != usual)
+            raise RecordingError(
+                f"{odd} has {sizes[odd]} rows, the others {usual}; expected columns of one length",
+                path=self.source or None,
+            )
+
+    def first(self, rows: int) -> LogTable:
+        """Return the first rows, which share their memory with this table."""
+        return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a column.
+
+        Raises:
+            RecordingError: There is none of this name that holds numbers.
+        """
+        if name in self.columns:
+            return self.columns[name]
+        what = f"has no column {name!r}; it has {shortened(list(self.columns))}"
+        if name in self.unread:
+            what = f"column {name} holds {self.unread[name]}, expected numbers"
+        raise RecordingError(what, path=self.source or None)
+
+
+def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") -> LogTable:
+    """Make a table of arrays: (T,) is a column, (T, k) columns `name[0]` to `name[k-1]`.
+
+    Args:
+        arrays: By name. What is no array of numbers, or has another number of rows than most, is
+            named as unread.
+        source: Where they are from, for messages.
+        kind: What that is, in words.
+    """
+    columns, unread = dict[str, "NDArray[Any]"](), dict[str, str]()
+    given = {name: np.asarray(values) for name, values in arrays.items()}
+    lengths = [len(values) for values in given.values() if values.ndim in {1, 2}]
+    usual = max(lengths, key=lengths.count, default=0)
+    for name, values in given.items():
+        if values.dtype.kind not in "fiumM":
+            unread[name] = f"{values.dtype} values"
+        elif values.ndim not in {1, 2} or len(values) != usual:
+            unread[name] = f"an array of shape {values.shape}"
+        elif values.ndim == 1:
+            columns[name] = values
+        else:
+            columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
+    return LogTable(columns, source, kind, unread)
+
+
+def shortened(names: list[str], most: int = 8) -> str:
+    """List names, the first few of many."""
+    listed = ", ".join(names[:most]) or "none"
+    return listed + (f" and {len(names) - most} more" if len(names) > most else "")

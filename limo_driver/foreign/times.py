@@ -1,0 +1,115 @@
+"""The time of a log: which columns, in which unit, read from names and from steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from limo_driver.foreign.mapping import TimeColumns
+from limo_driver.foreign.names import COMMANDED, TIME, read_name
+from limo_driver.foreign.units import SECONDS
+from limo_driver.recordings.recorded_time import RATES, unit_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.foreign.table import LogTable
+
+_SHORT: Final = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
+_FIRST: Final = ("time", "t", "timestamp")  # names that stand before all others
+_APART: Final = 0.01  # by which the lengths of two clocks differ where they are two clocks
+_FEWEST = 2
+_SECOND: Final = 1e9  # [ns]
+
+
+@dataclass(frozen=True)
+class TimeFound:
+    """The columns of the time, and how sure that is."""
+
+    columns: TimeColumns
+    why: str
+    questions: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """The units, in words."""
+        return ", ".join(self.columns.unit) if self.columns.columns else "Hz"
+
+
+def time_columns(table: LogTable) -> TimeFound:
+    """Find the time of a log.
+
+    Args:
+        table: What the log holds.
+    """
+    found = [read_name(name) for name in table.columns]
+    names = [n for n in found if n.quantity == TIME and n.rank != COMMANDED]
+    counters = {n.unit: n.column for n in names}
+    if len(names) == _FEWEST and {"s", "ns"} <= set(counters):
+        pair = TimeColumns(columns=(counters["s"], counters["ns"]), unit=("s", "ns"))
+        rest = np.asarray(table.columns[counters["ns"]], dtype=np.float64)
+        if np.nanmax(rest) < _SECOND:
+            return TimeFound(pair, "seconds, and the nanoseconds of each")
+    running = [n.column for n in names if _runs(table.columns[n.column])]
+    if not running:
+        return TimeFound(
+            TimeColumns(rate=1.0),
+            "no column is named like a time",
+            ("time: none was found: state `columns:`, or the `rate:` of the rows in Hz",),
+        )
+    running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+    read = {name: _unit(table.columns[name], read_name(name).unit) for name in running}
+    first = running[0]
+    unit, why, question = read[first]
+    questions = [question] if question else []
+    questions += _disagreeing(table, first, read)
+    return TimeFound(TimeColumns(columns=(first,), unit=(unit,)), why, tuple(questions))
+
+
+def _disagreeing(table: LogTable, first: str, read: dict[str, tuple[str, str, str]]) -> list[str]:
+    """Return a question where two columns of time tell of different durations."""
+    if first in _FIRST[:1]:
+        return []
+    lengths = {
+        name: float(np.ptp(np.asarray(table.columns[name], dtype=np.float64))) * SECONDS[unit]
+        for name, (unit, _, _) in read.items()
+        if table.columns[name].dtype.kind not in "mM"
+    }
+    own = lengths.get(first)
+    other = [n for n, x in lengths.items() if own is not None and abs(x - own) > _APART * own]
+    return [f"time: {first} or {other[0]}? their lengths differ"] if other else []
+
+
+def _runs(values: NDArray[Any]) -> bool:
+    """Say whether most of the steps go forward."""
+    if values.dtype.kind in "mM":
+        return True
+    steps = np.diff(values.astype(np.float64))
+    return bool(steps.size and np.mean(steps >= 0) > 0.5 and np.ptp(values) > 0)  # noqa: PLR2004
+
+
+def _unit(values: NDArray[Any], said: str) -> tuple[str, str, str]:
+    """Return unit, reason and question of a column of time."""
+    if values.dtype.kind in "mM":
+        return "s", "dates", ""
+    steps = np.diff(values.astype(np.float64) if values.dtype.kind == "f" else values)
+    forward = steps[steps > 0]
+    step = float(np.median(forward)) if forward.size else 0.0
+    by_step = "s" if step and RATES[0] <= 1 / step <= RATES[1] else None
+    by_step = by_step or _SHORT.get(unit_of(step) or "")
+    rate = f"{1 / (step * SECONDS[by_step]):.4g} Hz" if by_step else ""
+    if said in SECONDS:
+        if by_step and by_step != said:
+            return (
+                by_step,
+                f"steps of {step:.4g} are {rate} in {by_step}",
+                f"time: the name says {said}, steps of {step:.4g} make {rate} in {by_step}: which?",
+            )
+        return said, f"the name says so; steps of {step:.4g}", ""
+    if by_step is None:
+        return "s", f"steps of {step:.4g}", f"time: steps of {step:.4g} are no rate of a log"
+    if step == 1.0 and values.dtype.kind in "iu":
+        return by_step, "steps of 1", "time: does it count milliseconds, or rows?"
+    return by_step, f"steps of {step:.4g} are {rate}", ""

@@ -1,0 +1,99 @@
+"""One SQLite file of a ROS 2 bag (`.db3`), read even where the recorder was killed.
+
+The file holds two plain tables, topics and messages. A bag that was never closed lacks the
+metadata.yaml beside it, without which readers of whole bags refuse it; the tables need none.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from contextlib import closing, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import zstandard
+
+from limo_driver.errors import RecordingError
+from limo_driver.logs.mcap_file import CDR, LoggedMessage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterator
+
+_ZSTD = b"\x28\xb5\x2f\xfd"  # begins what is packed, a message or the whole file
+_SQLITE = b"SQLite format 3\x00"
+_LARGEST = 1 << 28  # bytes of one message when unpacked; a damaged length may ask for anything
+
+
+def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[LoggedMessage]:
+    """Read the messages in CDR of a SQLite bag file, in the order in which they were logged.
+
+    Args:
+        path: The file, as it is or packed with zstd (`.db3.zstd`).
+        tell: Told, once, if the file was not read to its end, and why.
+
+    Raises:
+        RecordingError: The file cannot be read, or is no SQLite bag.
+    """
+    with _unpacked(path) as file, closing(_opened(file, path)) as bag:
+        try:
+            topics = {
+                key: (str(name), str(kind))
+                for key, name, kind, encoding in bag.execute(
+                    "SELECT id, name, type, serialization_format FROM topics"
+                )
+                if encoding == CDR
+            }
+            rows = bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
+        except sqlite3.DatabaseError as error:
+            raise RecordingError(f"is no bag of ROS 2: {error}", path=path) from None
+        count = 0
+        try:
+            for count, (key, stamp, data) in enumerate(rows):  # told below
+                if key in topics:
+                    payload = _unpack(data) if data[:4] == _ZSTD else data
+                    yield LoggedMessage(*topics[key], payload, stamp, stamp, count)
+        except (sqlite3.DatabaseError, zstandard.ZstdError) as error:
+            if tell is not None:
+                tell(f"is damaged after {count} messages and was read up to there: {error}")
+
+
+def _opened(file: Path, path: Path) -> sqlite3.Connection:
+    # a file beside it holds what a recorder that was killed has not merged yet
+    unmerged = file.with_name(file.name + "-wal").exists()
+    how = "mode=ro" if unmerged else "mode=ro&immutable=1"
+    try:
+        return sqlite3.connect(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
+    except sqlite3.Error as error:
+        raise RecordingError(f"cannot be read: {error}", path=path) from None
+
+
+@contextmanager
+def _unpacked(path: Path) -> Generator[Path]:
+    """Give the file itself, or a copy that is not packed."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(_SQLITE))
+            if head == _SQLITE:
+                yield path
+                return
+            if head[:4] != _ZSTD:
+                raise RecordingError("is no SQLite file of a ROS 2 bag", path=path)
+            file.seek(0)
+            with TemporaryDirectory() as folder:
+                copy = Path(folder) / "bag.db3"
+                with copy.open("wb") as target:
+                    try:
+                        with zstandard.ZstdDecompressor().stream_reader(file) as source:
+                            shutil.copyfileobj(source, target)
+                    except zstandard.ZstdError as error:
+                        raise RecordingError(f"is damaged: {error}", path=path) from None
+                yield copy
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror or error}", path=path) from None
+
+
+def _unpack(data: bytes) -> bytes:
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=_LARGEST)

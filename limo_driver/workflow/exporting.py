@@ -1,0 +1,83 @@
+"""Export: what was found, in the file of the user's own simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final
+
+from limo_driver.errors import ConfigError
+from limo_driver.workflow.inputs import recording_of, simulation_of
+
+if TYPE_CHECKING:
+    from limo_driver.exports.export import Export
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+
+_FILES: Final = (".xml", ".urdf")
+
+
+def export(
+    simulation: Simulation | Path | str,
+    to: str,
+    out: Path | str,
+    into: Path | str | None = None,
+    on: Recording | Path | str | None = None,
+) -> Export:
+    """Write a simulation into a copy of a MuJoCo or URDF file, and prove that it is in it.
+
+    Only what was found changes: inertias, a payload as a body, dry friction, damping, armature,
+    springs and gravity, as far as the format has them. Comments, names and order stay. The copy is
+    then read by MuJoCo or pinocchio alone, whose torque on a minute of motion is compared with the
+    prediction.
+
+    Args:
+        simulation: What was found, or its sim.yaml.
+        to: `mjcf` or `urdf`.
+        out: Folder for the copy, and for meshes and files that it includes; or the copy itself, if
+            its name ends in .xml or .urdf.
+        into: The file; that of the simulation's robot if not given, where it is of that format,
+            else a bare one is made.
+        on: Recording on whose motion the size of what cannot be expressed is counted; a minute
+            through most of the joints' range if not given.
+
+    Returns:
+        The files, a diff, what is not expressed with its size, and the proof.
+
+    Raises:
+        ConfigError: No such format, the file is of another arm, or cannot be written.
+
+    Example:
+        >>> sim = limo.Simulation.load("sim.yaml")
+        >>> print(limo.export(sim, "mjcf", "exported/"))
+    """
+    from limo_driver.exports.export import KINDS, write
+    from limo_driver.recordings.bandwidth import BANDWIDTH
+
+    if to not in KINDS:
+        raise ConfigError(f"there is no export to {to!r}, expected one of {', '.join(KINDS)}")
+    found = simulation_of(simulation)
+    motion = None if on is None else recording_of(on).motion(BANDWIDTH)
+    folder, name = Path(out), ""
+    if folder.suffix in _FILES:
+        folder, name = folder.parent, folder.name
+    own = found.model.description
+    if into is None and own.kind.lower() == to:
+        into = found.model.urdf
+    if into is not None:
+        return write(found, Path(into), to, folder, motion, name)
+    with TemporaryDirectory() as bare_folder:
+        bare = Path(bare_folder) / f"{found.model.urdf.stem}.{'xml' if to == 'mjcf' else 'urdf'}"
+        bare.write_text(_bare(found, to), encoding="utf-8")
+        written = write(found, bare, to, folder, motion, name)
+        return replace(written, diff=f"{written.file.name} is new\n")
+
+
+def _bare(simulation: Simulation, to: str) -> str:
+    """Return the robot as a file of a format that its own is not of."""
+    if to == "urdf":
+        return simulation.model.description.text
+    from backends.mujoco_sim.scene import bare_mjcf
+
+    return bare_mjcf(simulation.model)

@@ -1,0 +1,171 @@
+"""Read recordings of any format: with a mapping, or with the one that is proposed for the log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.foreign.mapping import LogMapping
+from limo_driver.foreign.proposal import propose
+from limo_driver.foreign.reading import ARRAYS, BAGS, PARQUET, TEXTS, read_table
+from limo_driver.foreign.table import LogTable, table_of
+from limo_driver.recordings.recording import Recording
+from limo_driver.workflow.inputs import expected, model_of, unexpected
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from limo_driver.foreign.proposal import Proposal
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.data_gate import Columns
+
+_FOREIGN = (*BAGS, *ARRAYS, *TEXTS[1:])  # endings that limo's own recordings never have
+
+
+def read(
+    log: Path | str | Mapping[str, Any],
+    robot: RobotModel | Path | str | None = None,
+    mapping: LogMapping | Path | str | None = None,
+    *,
+    topic: str | None = None,
+    episode: int | None = None,
+) -> Recording:
+    """Read a recording of any format.
+
+    Limo's own columns need neither robot nor mapping. Of any other log the columns are found by
+    name, number, limits and gravity of the robot; where two readings fit, that is refused, and a
+    mapping has to say which is meant: `limo.inspect` writes one.
+
+    Args:
+        log: A file or folder: delimited text, Parquet, NumPy's .npz, a ROS 2 bag (MCAP or .db3),
+            a LeRobotDataset; or arrays by name, (T,) or (T, k) each.
+        robot: Whose log it is: a model, a built-in name, or the path of its description.
+        mapping: Which columns are what, or the file that says so.
+        topic: Of the joint states of a bag, where there are several.
+        episode: Of a LeRobotDataset; all of them, with gaps between, if not given.
+
+    Returns:
+        The recording; its `warnings` say how the log was read.
+
+    Raises:
+        ConfigError: A question is open, or the mapping is of other joints.
+        RecordingError: The log cannot be used.
+
+    Example:
+        >>> q = np.sin(0.01 * np.arange(500))[:, None] * np.ones(7)
+        >>> log = {"t_ms": 4.0 * np.arange(500), "q_rad": q, "tau_nm": np.cos(q)}
+        >>> recording = limo.read(log, "iiwa14")
+    """
+    model = None if robot is None else model_of(robot)
+    if mapping is None and model_is_enough(log):
+        recording = Recording.load(Path(str(log)))
+    else:
+        columns, _ = columns_of(log, model, mapping, topic, episode)
+        source = str(log) if isinstance(log, (str, Path)) else ""
+        try:
+            recording = Recording.from_columns(columns, source)
+        except RecordingError as error:
+            raise RecordingError(str(error), path=source or None, rows=error.rows) from None
+    if model is not None:
+        recording.check_robot(model)
+    return recording
+
+
+def table_of_log(
+    log: Path | str | Mapping[str, Any],
+    model: RobotModel | None = None,
+    mapping: LogMapping | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
+) -> LogTable:
+    """Return what a log holds, as columns of numbers.
+
+    Raises:
+        ConfigError: It is neither a path nor arrays by name.
+        RecordingError: It cannot be read.
+    """
+    if isinstance(log, (str, Path)):
+        if topic is None and mapping is not None and mapping.topic != "-":
+            topic = mapping.topic
+        joints = () if model is None else model.joint_names
+        return read_table(Path(log), topic, episode, joints)
+    if not hasattr(log, "items"):
+        raise unexpected("log", log, "the path of a file or folder, or arrays by name")
+    return table_of(log)
+
+
+def model_is_enough(log: object) -> bool:
+    """Say whether a log has limo's own columns, or at least the ending of such a file."""
+    if not isinstance(log, (str, Path)):
+        return False
+    path = Path(log)
+    if path.is_dir() or path.suffix.lower() in _FOREIGN:
+        return False
+    if not path.is_file() or path.suffix.lower() not in {*PARQUET, ".csv"}:
+        return True  # as `Recording.load` knows it, or says what is wrong
+    return {"time", "position_1", "torque_1"} <= set(_column_names(path))
+
+
+def _column_names(path: Path) -> list[str]:
+    if path.suffix.lower() == ".csv":
+        from limo_driver.foreign.delimited import dialect_of
+
+        found = dialect_of(path)
+        own = found.separator == "," and found.decimal == "."
+        return list(found.names) if own else []
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return [name.strip() for name in pq.read_schema(path).names]
+    except (OSError, pa.ArrowException) as error:
+        raise RecordingError(
+            f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path
+        ) from None
+
+
+def _mapping_of(mapping: LogMapping | Path | str | None) -> LogMapping | None:
+    if mapping is None:
+        return None
+    if isinstance(mapping, (Path, str)):
+        return LogMapping.load(mapping)
+    return expected("mapping", mapping, LogMapping, "a LogMapping or the path of its file")
+
+
+def columns_of(
+    log: Path | str | Mapping[str, Any],
+    model: RobotModel | None = None,
+    mapping: LogMapping | Path | str | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
+) -> tuple[Columns, LogMapping]:
+    """Return the columns of a log in SI units, unjudged, and the mapping that was used.
+
+    Raises:
+        ConfigError: There is neither robot nor mapping, or a question is open.
+        RecordingError: The log cannot be read, or lacks what a recording has.
+    """
+    used = _mapping_of(mapping)
+    table = table_of_log(log, model, used, topic, episode)
+    if used is not None:
+        return used.columns(table, model), used
+    if model is None:
+        raise ConfigError(
+            "its columns are not limo's own, so `robot` or `mapping` has to say what they are; "
+            "`limo inspect` proposes a mapping",
+            path=table.source or None,
+        )
+    proposal = propose(table, model)
+    columns = proposal.mapping.columns(table, model)
+    told = (said(proposal), *columns.warnings)
+    return replace(columns, warnings=told), proposal.mapping
+
+
+def said(proposal: Proposal) -> str:
+    """Say in one line what was taken for what."""
+    parts = [f"{t.quantity} {t.columns} [{t.unit}]" for t in proposal.taken if t.unit]
+    left = proposal.mapping.left_out
+    more = f"; left out: {', '.join(left)}" if left else ""
+    return f"read as {', '.join(parts)}{more}"

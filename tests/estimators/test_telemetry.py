@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+
+from estimators.telemetry import channels_of, resolution, sampling_of, telemetry_of
+from limo_driver.model import RobotModel
+from limo_driver.recordings.recording import Recording
+
+RATE = 200.0
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return RobotModel.load("iiwa14")
+
+
+def motion(duration=20.0, still=()):
+    time = np.arange(0, duration, 1 / RATE)
+    rate = 2 * np.pi * (0.1 + 0.05 * np.arange(7))
+    phase = np.outer(time, rate) + np.arange(7)
+    q, v, a = np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase)
+    for j in still:
+        q[:, j], v[:, j], a[:, j] = 0.3, 0.0, 0.0
+    return time, q, v, a
+
+
+def recorded(arm, friction, still=(), noise=0.05):
+    time, q, v, a = motion(still=still)
+    torque = arm.inverse_dynamics(q, v, a) + friction * np.tanh(v / 0.01)
+    torque += np.random.default_rng(0).normal(0, noise, q.shape)
+    return Recording.from_arrays(time, q, torque)
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.003, "link side"), (0.06, "motor side"), (0.02, "not to be told")]
+)
+def test_friction_says_on_which_side_of_the_gear(arm, share, said):
+    found = telemetry_of(recorded(arm, share * arm.limits.torque), arm)
+    assert said in found.side
+    assert "% of what the drives can do" in found.side
+
+
+def test_a_joint_that_rests_is_named_and_its_parameters_are_unknown(arm):
+    said = telemetry_of(recorded(arm, 1.0, still=(6,)), arm).excitation
+    assert any("joint 7 never moves" in line for line in said)
+    unknown = next(line for line in said if "says nothing about" in line)
+    assert "tau_c_7" in unknown or "_7" in unknown
+
+
+def test_a_motion_that_excites_everything_has_nothing_unknown(arm):
+    said = telemetry_of(recorded(arm, 1.0, noise=1e-4), arm).excitation
+    assert not any("never moves" in line for line in said)
+
+
+@pytest.mark.parametrize("step", [0.25, 1e-3, 2.0**-12])
+def test_steps_of_a_grid_are_found(step):
+    values = np.round(np.sin(np.linspace(0, 9, 40_000)) / step) * step
+    assert resolution(values) == pytest.approx(step, rel=1e-3)
+
+
+def test_values_beside_a_grid_have_no_step():
+    assert resolution(np.sin(np.linspace(0, 9, 4000))) == 0
+    assert resolution(np.ones(100)) == 0
+
+
+def test_sampling_gaps_and_lost_rows_are_told(arm):
+    recording = recorded(arm, 1.0)
+    keep = np.ones(len(recording), dtype=bool)
+    keep[1000:1100] = False
+    keep[::50] = False
+    said = " ".join(sampling_of(recording[keep]))
+    assert "sampled at 200 Hz for" in said
+    assert "1 gap; about 177" in said
+
+
+def test_coarse_and_slow_channels_are_told(arm):
+    recording = recorded(arm, 1.0)
+    torque = np.array(recording.torque)
+    torque[:, 2] = np.round(torque[:, 2] / 2) * 2
+    position = np.repeat(recording.position[::4], 4, axis=0)[: len(recording)]
+    said = " ".join(channels_of(Recording(recording.time, position, torque)))
+    assert "torque comes in steps of 2 (joint 3) N m" in said
+    assert "torque of joint 3 is coarse" in said
+    assert "position of joints 1, 2, 3, 4, 5, 6, 7 changes in fewer than half" in said

@@ -1,0 +1,79 @@
+"""A stranger's door: a log and a description in, what is missing and a better description out."""
+
+import json
+import sys
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from logged import numbered, written
+from mjcf_arms import arm_of
+
+from limo_driver.cli import main
+from limo_driver.physics import CoulombFriction, Payload, Simulation, ViscousFriction
+from limo_driver.types import Motion
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run a limo command in this process, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(*arguments):
+        monkeypatch.setattr(sys, "argv", ["limo", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code or 0, *capsys.readouterr())
+
+    return of
+
+
+def test_neither_or_both_of_simulation_and_robot_are_refused(run):
+    assert run("diagnose", "log.csv", "--out", "d")[0] == 2
+    status, _, said = run("diagnose", "log.csv", "--out", "d", "--sim", "s", "--robot", "r")
+    assert status == 2
+    assert "both of --sim and --robot given" in said
+
+
+@pytest.mark.slow("identifies, diagnoses and exports: ten seconds")
+def test_from_a_csv_and_an_mjcf_to_the_payload_in_the_mjcf(run, tmp_path):
+    """An arm that carries 0.7 kg of which its model knows nothing; degrees and milliseconds."""
+    model = tmp_path / "model.xml"
+    model.write_text(arm_of(3, dynamics=False), encoding="utf-8")
+    time = np.arange(0, 40, 0.005)
+    rate = 2 * np.pi * np.array([0.11, 0.17, 0.23, 0.31])
+    phase = np.outer(time, rate) + np.arange(4)
+    q, v, a = np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase)
+    nominal = Simulation.load(model)
+    joints = range(1, 5)
+    true = replace(
+        nominal,
+        effects=(
+            Payload(mass=0.7, com=(0.05, 0.02, 0.1), inertia=(0.002, 0, 0, 0.002, 0, 0.001)),
+            *(CoulombFriction(joint=j, tau_c=0.8, v_eps=0.004) for j in joints),
+            *(ViscousFriction(joint=j, f_v=0.6) for j in joints),
+        ),
+    )
+    torque = true.predict(Motion(time, q, v, a))
+    torque += np.random.default_rng(0).normal(0, 0.02, torque.shape)
+    log = {"t_ms": 1e3 * time, **numbered("angle_{}_deg", np.rad2deg(q))}
+    written(log | numbered("torque_{}", torque) | {"gripper": time}, tmp_path / "log.csv")
+    status, said, notes = run(
+        *("diagnose", "log.csv", "--robot", "model.xml", "--out", "found"),
+        *("--export", "better/improved.xml"),
+    )
+    assert status == 0, notes
+    assert "log.csv: read as time t_ms [ms], position angle_0_deg" in notes
+    assert "log.csv: sampled at 200 Hz for" in notes
+    verdict = json.loads((tmp_path / "found" / "verdict.json").read_text())
+    names = [finding["effect"] for finding in verdict["findings"]]
+    assert set(names) & {"payload", "link_inertia"}
+    assert "MuJoCo alone needs what limo predicts, to 0." in said
+    improved = mujoco.MjModel.from_xml_path(str(tmp_path / "better" / "improved.xml"))
+    before = mujoco.MjModel.from_xml_path(str(model))
+    added = improved.body_subtreemass[0] - before.body_subtreemass[0]
+    assert added == pytest.approx(0.7, abs=0.25)
+    np.testing.assert_allclose(improved.dof_frictionloss, 0.8, atol=0.2)
+    np.testing.assert_allclose(improved.dof_damping, 0.6, atol=0.3)
+    assert model.read_text() == arm_of(3, dynamics=False)

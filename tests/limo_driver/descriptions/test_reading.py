@@ -1,0 +1,200 @@
+"""Descriptions of robots: MJCF means what MuJoCo makes of it, and bad ones end in one line."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mjcf_arms import GRAVITY, arm_of, plain, torques
+
+from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
+from limo_driver.physics import Simulation, ViscousFriction
+from limo_driver.types import Motion
+
+URDF = """<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.1 0 0.2"/><mass value="2"/>
+    <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial></link>
+  <link name="hand"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <link name="finger"><inertial><origin xyz="0 0 0.02"/><mass value="0.1"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="40" velocity="2"/>
+    <dynamics damping="0.7" friction="0.4"/></joint>
+  <joint name="hand" type="revolute"><parent link="upper"/><child link="hand"/>
+    <origin xyz="0 0 0.4"/><axis xyz="1 0 0"/>
+    <limit lower="-2" upper="2" effort="40" velocity="2"/></joint>
+  <joint name="finger_slide" type="prismatic"><parent link="hand"/><child link="finger"/>
+    <axis xyz="0 1 0"/><limit lower="0" upper="0.1" effort="5" velocity="1"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write a description; returns its path."""
+
+    def of(text, name="arm.xml"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return of
+
+
+def moved(n, T=40, seed=0):
+    q, v, a = np.random.default_rng(seed).uniform(-1.5, 1.5, (3, T, n))
+    return q, np.where(np.abs(v) < 0.1, 0.5, v), a
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 7))
+def test_a_made_up_arm_needs_the_torque_that_mujoco_says(tmp_path_factory, seed, joints):
+    path = tmp_path_factory.mktemp("arm") / "arm.xml"
+    path.write_text(arm_of(seed, joints))
+    simulation = Simulation.load(path)
+    q, v, a = moved(joints, seed=seed % 1000)
+    expected = torques(plain(mujoco.MjModel.from_xml_path(str(path))), q, v, a)
+    found = simulation.predict(Motion(np.arange(40.0), q, v, a))
+    # dry friction is a constraint in MuJoCo, which may take a little less at its softest
+    np.testing.assert_allclose(found, expected, atol=2e-3 * max(1.0, np.abs(expected).max()))
+
+
+def test_what_the_file_states_becomes_effects(file):
+    simulation = Simulation.load(file(arm_of(3)))
+    of_first = {e.name: e for e in simulation.effects if e.joints == (1,)}
+    assert set(of_first) == {"viscous_friction", "armature"}  # of the class
+    assert of_first["armature"].inertia == pytest.approx(0.1)
+    of_second = {e.name for e in simulation.effects if e.joints == (2,)}
+    assert of_second >= {"coulomb_friction", "viscous_friction", "spring_load", "armature"} - {
+        "armature"
+    }
+    assert simulation.model.gravity == pytest.approx(GRAVITY)
+
+
+def test_a_sim_yaml_has_the_effects_of_its_robot_unless_it_states_some(file, tmp_path):
+    file(arm_of(3))
+    bare = tmp_path / "bare.yaml"
+    bare.write_text("robot: arm.xml\n")
+    none = tmp_path / "none.yaml"
+    none.write_text("robot: arm.xml\neffects: []\n")
+    assert Simulation.load(bare).effects == Simulation.load(tmp_path / "arm.xml").effects != ()
+    assert Simulation.load(none).effects == ()
+
+
+def test_dynamics_of_a_urdf_are_effects(file):
+    found = Simulation.load(file(URDF, "arm.urdf"))
+    assert ViscousFriction(joint=1, f_v=0.7) in found.effects
+    assert found.effects[0].tau_c == 0.4
+    assert {effect.joints for effect in found.effects} == {(1,)}
+
+
+def test_bodies_without_inertia_have_that_of_their_shapes(file):
+    path = file(arm_of(5, inertials=False))
+    model = RobotModel.load(path)
+    q, v, a = moved(4)
+    data = plain(mujoco.MjModel.from_xml_path(str(path)))
+    data.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data.dof_damping[:] = data.dof_armature[:] = data.jnt_stiffness[:] = 0
+    np.testing.assert_allclose(model.inverse_dynamics(q, v, a), torques(data, q, v, a), atol=1e-8)
+
+
+def test_links_and_joints_may_share_a_name_and_a_finger_is_locked_and_said_so(file):
+    model = RobotModel.load(file(URDF, "arm.urdf"))
+    assert model.joint_names == ("shoulder", "hand")
+    assert model.locked_joints == ("finger_slide",)
+
+
+def test_chosen_joints_move_and_all_others_are_locked_where_stated(file):
+    path = file(URDF, "arm.urdf")
+    one = RobotModel.load(f"{path}#should*,hand=0.5,finger_slide=0.05")
+    both = RobotModel.load(path)
+    assert one.joint_names == ("shoulder",)
+    q = np.linspace(-1, 1, 9)[:, None]
+    with_hand = np.column_stack([q, np.full(9, 0.5)])
+    gravity = both.gravity_torque(with_hand)[:, :1]
+    finger = one.gravity_torque(q) - gravity  # 0.1 kg moved by 5 cm, turned by 0.5 rad
+    assert np.abs(finger).max() < 0.1 * 9.81 * 0.05 + 1e-9
+    assert np.abs(finger).max() > 0.01
+    assert "joint hand is locked at 0.5; what it carries is lumped" in one.notes
+    assert one.inertials["upper"].mass == pytest.approx(3.1)
+
+
+def test_the_choice_of_joints_survives_a_sim_yaml(file, tmp_path):
+    file(URDF, "arm.urdf")
+    Simulation(f"{tmp_path}/arm.urdf#shoulder").save(tmp_path / "sim.yaml")
+    assert "arm.urdf#shoulder" in (tmp_path / "sim.yaml").read_text()
+    assert Simulation.load(tmp_path / "sim.yaml").model.joint_names == ("shoulder",)
+
+
+def test_joints_that_follow_others_are_locked_and_said_so(file):
+    text = URDF.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="shoulder"/>')
+    model = RobotModel.load(file(text, "arm.urdf"))
+    assert model.joint_names == ("shoulder",)
+    assert "joint hand, which follows shoulder is locked at 0" in model.notes[0]
+
+
+def test_limits_that_are_not_stated_are_named(file):
+    model = RobotModel.load(file(arm_of(1)))
+    assert "state no velocity limit; 1 rad/s is taken" in model.notes[-1]
+    assert model.limits.torque.tolist() == [80.0] * 4
+
+
+BOMB = (
+    '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><robot>&b;</robot>'
+)
+OUTSIDE = '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/hostname">]><robot name="&e;"/>'
+MOVING = (
+    '<mujoco><worldbody><body name="trunk"><freejoint name="root"/><geom size="1"/>{}</body>'
+    "</worldbody></mujoco>"
+)
+HINGE = '<body name="leg"><joint name="knee"/><geom size="1"/></body>'
+REFUSED = [
+    ("arm.urdf", BOMB, "declares the entity 'a'"),
+    ("arm.urdf", OUTSIDE, "declares the entity 'e'"),
+    ("arm.xml", '<mujoco><include file="../../etc/passwd"/></mujoco>', "outside its folder"),
+    ("arm.xml", '<mujoco><include file="none.xml"/></mujoco>', "none.xml, which is not there"),
+    ("arm.xml", "<mujoco><worldbody>", "is no XML"),
+    ("arm.xml", "<html/>", "is neither URDF nor MJCF: its outermost element is <html>"),
+    ("arm.xml", "<mujoco><worldbody/></mujoco>", "has no hinge joint"),
+    ("arm.xml", MOVING.format(HINGE), "trunk has the free joint root; .* fixed base"),
+    (
+        "arm.xml",
+        f"<mujoco><worldbody>{HINGE}{HINGE.replace('leg', 'arm').replace('knee', 'elbow')}"
+        "</worldbody></mujoco>",
+        "several arms of 1 hinges, leg, arm",
+    ),
+    (
+        "arm.xml",
+        '<mujoco><asset><mesh name="m" file="gone.stl"/></asset><worldbody><body name="b">'
+        '<joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+        "MuJoCo cannot compile it: .*gone.stl",
+    ),
+    ("arm.urdf", URDF.replace('link name="hand"', 'link name="upper"'), "more than one link"),
+    ("arm.urdf", URDF.replace("prismatic", "floating"), "finger_slide is floating"),
+    ("arm.urdf", URDF.replace('damping="0.7"', 'damping="much"'), "damping='much', expected"),
+    (
+        "arm.urdf",
+        URDF.replace('<mass value="2"/>', '<mass value="0"/>'),
+        "link upper, which joint shoulder moves, has no mass",
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "said"), REFUSED)
+def test_bad_descriptions_end_in_one_line(file, name, text, said):
+    path = file(text, name)
+    with pytest.raises(ConfigError, match=said) as refused:
+        RobotModel.load(path)
+    assert "\n" not in str(refused.value)
+    assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize("joints", ["elbow", "hand=x", "elbow=1"])
+def test_joints_that_are_not_there_are_refused(file, joints):
+    path = file(URDF, "arm.urdf")
+    with pytest.raises(ConfigError, match=r"has no joint 'elbow'|locked at 'x'"):
+        RobotModel.load(f"{path}#{joints}")

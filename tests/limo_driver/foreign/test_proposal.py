@@ -1,0 +1,178 @@
+import numpy as np
+import pytest
+from logged import arm, measured, numbered
+
+from limo_driver.errors import RecordingError
+from limo_driver.foreign.proposal import propose
+from limo_driver.foreign.table import table_of
+
+TIME, POSITION, VELOCITY, TORQUE = measured()
+
+
+def proposed(**columns):
+    return propose(table_of({"t": TIME, **columns}), arm())
+
+
+def test_degrees_milliseconds_and_counting_from_zero():
+    log = {"t_ms": 1e3 * TIME, **numbered("q{}", np.rad2deg(POSITION))}
+    log |= {**numbered("dq{}", np.rad2deg(VELOCITY)), **numbered("tau{}", TORQUE)}
+    found = propose(table_of(log | {"gripper_width": TIME}), arm())
+    assert found.mapping.undecided == ()
+    assert found.mapping.left_out == ("gripper_width",)
+    columns = found.mapping.columns(table_of(log), arm())
+    np.testing.assert_allclose(columns.time, TIME, atol=1e-9)
+    np.testing.assert_allclose(columns.position, POSITION, atol=1e-12)
+    np.testing.assert_allclose(columns.velocity, VELOCITY, atol=1e-12)
+    np.testing.assert_allclose(columns.torque, TORQUE)
+    why = {item.quantity: item.why for item in found.taken}
+    assert "beyond the limits of joint 1 in rad" in why["position"]
+    assert "rate of change" in why["velocity"]
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1.0, "rad"), (180 / np.pi, "deg")], ids=["rad", "deg"]
+)
+def test_small_motion_has_its_unit_from_gravity(scale, unit):
+    """Motion of some degrees is within the limits in either unit."""
+    rows = slice(0, 400)
+    q = POSITION[rows] if unit == "rad" else 0.05 * POSITION[rows]
+    v = np.gradient(q, TIME[rows], axis=0)
+    torque = arm().inverse_dynamics(q, v, np.gradient(v, TIME[rows], axis=0)) + 0.3 * np.sign(v)
+    log = {"t": TIME[rows], "q": scale * q, "tau": torque}
+    found = propose(table_of(log), arm())
+    assert found.mapping.position.unit == (unit,) or found.mapping.undecided
+    if not found.mapping.undecided:
+        assert "torques are those" in found.taken[1].why
+
+
+def test_two_readings_that_fit_are_a_question():
+    found = proposed(q=0.01 * POSITION)  # no torque says which
+    assert found.mapping.undecided == (
+        "position: are the columns in rad or deg? both fit limits and torques",
+    )
+    assert found.mapping.torque is None
+
+
+def test_degrees_and_radians_in_one_log_are_a_question_that_names_the_joints():
+    mixed = np.array(POSITION)
+    mixed[:, [1, 3]] = np.rad2deg(mixed[:, [1, 3]])
+    found = proposed(q=mixed, tau=TORQUE)
+    (question,) = found.mapping.undecided
+    assert "joints 2, 4 fit degrees only, others radians" in question
+    assert found.mapping.position.unit == ("rad", "deg", "rad", "deg", "rad", "rad", "rad")
+
+
+def test_measured_goes_before_commanded_and_derived():
+    log = {"actual_q": POSITION, "target_q": POSITION + 0.01, "tau": TORQUE}
+    found = proposed(**log, tau_ext=0.1 * TORQUE)
+    assert found.mapping.position.columns[0] == "actual_q[0]"
+    assert found.mapping.torque.columns[0] == "tau[0]"
+    assert "target_q[0]" in found.mapping.left_out
+    assert found.mapping.undecided == ()
+
+
+def test_motor_and_link_side_are_a_question():
+    found = proposed(q=POSITION, theta=POSITION + 0.01, tau=TORQUE)
+    assert found.mapping.undecided == (
+        "position: q[0] … q[6] or theta[0] … theta[6]? both fit the names",
+    )
+
+
+def test_a_column_that_stands_twice_is_no_question():
+    assert proposed(q=POSITION, theta=POSITION, tau=TORQUE).mapping.undecided == ()
+
+
+def test_two_arms_are_a_question():
+    left = numbered("left_q{}", POSITION) | numbered("left_tau{}", TORQUE)
+    right = numbered("right_q{}", -POSITION) | numbered("right_tau{}", -TORQUE)
+    questions = proposed(**left, **right).mapping.undecided
+    assert [question.partition(":")[0] for question in questions] == ["position", "torque"]
+    assert "left_q0 … left_q6 or right_q0 … right_q6" in questions[0]
+
+
+def test_only_commanded_values_are_a_question():
+    (question,) = proposed(q_cmd=POSITION, tau=TORQUE).mapping.undecided
+    assert "only commanded values are named" in question
+
+
+def test_currents_are_a_question_for_their_factor():
+    (question,) = proposed(q=POSITION, current=TORQUE / 12).mapping.undecided
+    assert "how many N m does one A make" in question
+
+
+def test_joints_come_by_name_in_any_order():
+    order = [4, 2, 0, 6, 1, 3, 5]
+    names = arm().joint_names
+    log = {f"{names[j]}_pos": POSITION[:, j] for j in order}
+    log |= {f"{names[j]}_effort": TORQUE[:, j] for j in reversed(order)}
+    found = proposed(**log, finger_pos=TIME, finger_effort=TIME)
+    columns = found.mapping.columns(table_of({"t": TIME, **log}), arm())
+    np.testing.assert_array_equal(columns.position, POSITION)
+    np.testing.assert_array_equal(columns.torque, TORQUE)
+    assert found.mapping.left_out == ("finger_pos", "finger_effort")
+    assert found.mapping.undecided == ()
+
+
+def test_names_that_are_no_joints_of_the_robot_are_a_question():
+    words = ("pan", "lift", "elbow", "roll", "wrist", "turn", "tip")
+    log = {f"{word}.pos": POSITION[:, j] for j, word in enumerate(words)}
+    questions = proposed(**log, tau=TORQUE).mapping.undecided
+    assert len(questions) == 1
+    assert "do not name joints of iiwa14" in questions[0]
+
+
+def test_missing_joints_are_named():
+    log = {name: v for name, v in numbered("joint_{}_pos", POSITION, 1).items() if "5" not in name}
+    with pytest.raises(RecordingError, match=r"no positions of the 7 joints of iiwa14: .* lacks"):
+        proposed(**log, tau=TORQUE)
+
+
+def test_more_joints_than_the_robot_has_are_a_question():
+    wide = np.column_stack([POSITION, TIME])
+    questions = proposed(q=wide, tau=TORQUE).mapping.undecided
+    assert questions == (
+        "position: q[0] … q[6] has columns for more than 7 joints (q[7] beyond): are the first 7 "
+        "meant?",
+    )
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1e3, "mN m"), (1e2, "N cm"), (1.0, "N m")])
+def test_torque_has_its_unit_from_gravity(scale, unit):
+    assert proposed(q=POSITION, tau=scale * TORQUE).mapping.torque.unit == (unit,)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "unit"),
+    [
+        ("time", TIME, "s"),
+        ("stamp", 1e9 * TIME, "ns"),
+        ("clock", 1e6 * TIME, "us"),
+        ("timestamp", 1e3 * TIME, "ms"),
+        ("stamp", (1.7e18 + 1e9 * TIME).astype(np.int64), "ns"),
+    ],
+)
+def test_time_has_its_unit_from_its_steps(name, values, unit):
+    log = {name: values, "q": POSITION, "tau": TORQUE}
+    mapping = propose(table_of(log), arm()).mapping
+    assert (mapping.time.columns, mapping.time.unit) == ((name,), (unit,))
+    assert mapping.undecided == ()
+    read = mapping.columns(table_of(log), arm()).time
+    np.testing.assert_allclose(read, TIME, atol=1e-6)
+
+
+def test_seconds_and_nanoseconds_in_two_columns():
+    stamps = (1_700_000_000 * 10**9 + np.round(1e9 * TIME)).astype(np.int64)
+    log = {"ZeitinSec": stamps // 10**9, "ZeitinNanoSec": stamps % 10**9}
+    log |= {"axisQMsr": POSITION, "axisTauMsr": TORQUE}
+    mapping = propose(table_of(log), arm()).mapping
+    np.testing.assert_allclose(mapping.columns(table_of(log), arm()).time, TIME, atol=1e-8)
+
+
+def test_a_name_and_steps_that_disagree_are_a_question():
+    questions = propose(table_of({"t_ms": TIME, "q": POSITION, "tau": TORQUE}), arm())
+    assert "the name says ms" in questions.mapping.undecided[0]
+
+
+def test_no_time_is_a_question():
+    (question,) = propose(table_of({"q": POSITION, "tau": TORQUE}), arm()).mapping.undecided
+    assert question.startswith("time: none was found")

@@ -1,0 +1,251 @@
+"""Tables of any format: what is in them, and what cannot be read."""
+
+import json
+import sqlite3
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import zstandard
+from logged import PERIOD, arm, measured, numbered, written
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from limo_driver.errors import RecordingError
+from limo_driver.foreign.reading import read_table
+
+TIME, POSITION, VELOCITY, TORQUE = measured(2.0)
+STAMPS = 1_700_000_000 * 10**9 + np.round(TIME * 1e9).astype(np.int64)
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+JointState = STORE.types["sensor_msgs/msg/JointState"]
+Header = STORE.types["std_msgs/msg/Header"]
+Stamp = STORE.types["builtin_interfaces/msg/Time"]
+NAMES = arm().joint_names
+
+
+def log():
+    return {"t": TIME, **numbered("q{}", POSITION), **numbered("tau{}", TORQUE)}
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+def test_text_of_any_separator(tmp_path, separator):
+    path = written(log(), tmp_path / "log.txt", separator, comment="# an iiwa\n\n")
+    table = read_table(path)
+    assert list(table.columns) == list(log())
+    np.testing.assert_allclose(table.columns["q3"], POSITION[:, 3], rtol=1e-8)
+
+
+def test_text_with_decimal_commas(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t;q0\n0,0;1,5\n0,1;-2,5e-1\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_table(path).columns["q0"], [1.5, -0.25])
+
+
+def test_text_whose_names_stand_in_a_comment(tmp_path):
+    path = tmp_path / "log.dat"
+    path.write_text("# t q0\n0 1\n1 2\n", encoding="utf-8")
+    assert list(read_table(path).columns) == ["t", "q0"]
+
+
+def test_text_without_names(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("0,1\n1,2\n", encoding="utf-8")
+    table = read_table(path)
+    assert list(table.columns) == ["column_1", "column_2"]
+    assert "no line of names" in table.notes[0]
+    assert table.rows == 2
+
+
+def test_a_column_of_words_is_named_as_unread(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,mode\n0,idle\n1,move\n", encoding="utf-8")
+    assert read_table(path).unread == {"mode": "string"}
+
+
+def test_a_row_that_is_cut_off_is_left_out_and_told(tmp_path):
+    path = written(log(), tmp_path / "log.csv")
+    text = path.read_text()
+    path.write_text(text[: len(text) - 40])
+    table = read_table(path)
+    assert table.rows == TIME.size - 1
+    assert "another number of cells" in table.notes[0]
+
+
+DAMAGED = [
+    ("log.csv", b"", "holds no rows"),
+    ("log.csv", b"\x00\x01\xff\xfe" * 50, "is no text"),
+    ("log.csv", b"t,t\n0,1\n", "more than one column t"),
+    ("log.csv", b"t,q0\n" + b"0,1\n" * 90 + b"x,1\n", "column t holds text in 1 of 91.* row 90"),
+    ("log.parquet", b"PAR1 and no more", "cannot be read as Parquet"),
+    ("log.npz", b"PK\x03\x04 and no more", "cannot be read as .npz"),
+    ("log.mcap", b"no bag", "is no MCAP file"),
+    ("log.db3", b"no bag", "is no SQLite file"),
+    ("log.xlsx", b"any", "of a kind that is not known, expected delimited text"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "said"), DAMAGED)
+def test_what_is_damaged_is_refused_in_one_line(tmp_path, name, content, said):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=said) as refused:
+        read_table(path)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_lists_in_parquet_are_columns(tmp_path):
+    table = pa.table({"t": TIME, "state": list(POSITION), "odd": [[0.0]] * 499 + [[0.0, 1.0]]})
+    pq.write_table(table, tmp_path / "log.parquet")
+    read = read_table(tmp_path / "log.parquet")
+    np.testing.assert_array_equal(read.columns["state[6]"], POSITION[:, 6])
+    assert "different lengths" in read.unread["odd"]
+
+
+def test_arrays_of_numpy(tmp_path):
+    np.savez(tmp_path / "log.npz", t=TIME, q=POSITION, dt=PERIOD, note=np.array(["a", "b"]))
+    read = read_table(tmp_path / "log.npz")
+    np.testing.assert_array_equal(read.columns["q[2]"], POSITION[:, 2])
+    assert "note" in read.unread
+
+
+def bag(path, messages, storage=StoragePlugin.SQLITE3):
+    """Write joint states (topic, names, rows) with a writer that shares no code with ours."""
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        topics = {}
+        for topic, names, columns in messages:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(
+                    topic, JointState.__msgtype__, typestore=STORE
+                )
+            for k, stamp in enumerate(STAMPS.tolist()):
+                header = Header(Stamp(stamp // 10**9, stamp % 10**9), "")
+                values = (POSITION, VELOCITY, TORQUE)
+                own = [np.ascontiguousarray(v[k, columns]) for v in values]
+                data = STORE.serialize_cdr(JointState(header, names, *own), JointState.__msgtype__)
+                writer.write(topics[topic], stamp, data)
+    return path
+
+
+ORDER = [2, 0, 6, 5, 4, 3, 1]
+SHUFFLED = ("/joint_states", [NAMES[j] for j in ORDER], ORDER)
+GRIPPER = ("/joint_states", ["finger_left", "finger_right"], [0, 1])
+OTHER = ("/other/joint_states", ["left_knee", "right_knee"], [0, 1])
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_joints_of_a_bag_come_by_name_beside_a_gripper(tmp_path, storage):
+    path = bag(tmp_path / "bag", [SHUFFLED, GRIPPER, OTHER], storage)
+    table = read_table(path, joints=NAMES)
+    np.testing.assert_array_equal(table.columns["time"], STAMPS)
+    for j, name in enumerate(NAMES):
+        np.testing.assert_array_equal(table.columns[f"position.{name}"], POSITION[:, j])
+        np.testing.assert_array_equal(table.columns[f"effort.{name}"], TORQUE[:, j])
+    assert "left aside: 500 messages of finger_left, finger_right" in table.notes[-1]
+
+
+def test_a_bag_without_its_metadata_is_read_as_a_file(tmp_path):
+    path = bag(tmp_path / "bag", [SHUFFLED])
+    (path / "metadata.yaml").unlink()
+    (file,) = path.glob("*.db3")
+    assert read_table(file, joints=NAMES).rows == TIME.size
+
+
+def test_a_packed_bag(tmp_path):
+    (file,) = bag(tmp_path / "bag", [SHUFFLED]).glob("*.db3")
+    packed = tmp_path / "bag.db3.zstd"
+    packed.write_bytes(zstandard.ZstdCompressor().compress(file.read_bytes()))
+    assert read_table(packed, joints=NAMES).rows == TIME.size
+
+
+def test_a_bag_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path):
+    (file,) = bag(tmp_path / "bag", [SHUFFLED]).glob("*.db3")
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) * 3 // 4])
+    try:
+        table = read_table(file, joints=NAMES)
+    except RecordingError as error:  # the table of contents may lie in what is lost
+        assert "bag" in str(error)  # noqa: PT017
+    else:
+        assert table.rows < TIME.size
+        assert "was read up to there" in table.notes[0]
+
+
+def test_topics_that_could_both_be_meant_are_named(tmp_path):
+    both = [
+        ("/left/joint_states", list(NAMES), range(7)),
+        ("/right/joint_states", list(NAMES), range(7)),
+    ]
+    path = bag(tmp_path / "bag", [(t, n, list(c)) for t, n, c in both])
+    with pytest.raises(RecordingError, match=r"several: 500 messages .* on /left.* on /right"):
+        read_table(path, joints=NAMES)
+    assert read_table(path, topic="/left/joint_states", joints=NAMES).rows == TIME.size
+
+
+def test_a_bag_of_something_else_says_what_it_holds(tmp_path):
+    with sqlite3.connect(tmp_path / "other.db3") as other:
+        other.execute("CREATE TABLE topics (id, name, type, serialization_format)")
+        other.execute("CREATE TABLE messages (id, topic_id, timestamp, data)")
+        other.execute("INSERT INTO topics VALUES (1, '/scan', 'sensor_msgs/msg/LaserScan', 'cdr')")
+        other.execute("INSERT INTO messages VALUES (1, 1, 0, x'00')")
+    other.close()
+    with pytest.raises(RecordingError, match=r"it holds /scan \(sensor_msgs/msg/LaserScan\)"):
+        read_table(tmp_path / "other.db3")
+
+
+def dataset(folder, version, torque=True):
+    """A LeRobotDataset of two episodes; v3.0 keeps them in one file."""
+    half = TIME.size // 2
+    names = {"motors": [f"{name}.pos" for name in NAMES]}
+    features = {"observation.state": {"dtype": "float32", "shape": [7], "names": names}}
+    columns = {
+        "observation.state": list(POSITION),
+        "timestamp": np.tile(TIME[:half], 2),
+        "episode_index": np.repeat([0, 1], half),
+        "frame_index": np.tile(np.arange(half), 2),
+    }
+    if torque:
+        features["observation.effort"] = {"names": [f"{name}.effort" for name in NAMES]}
+        columns["observation.effort"] = list(TORQUE)
+    (folder / "meta").mkdir(parents=True)
+    info = {"codebase_version": version, "fps": 250, "robot_type": "iiwa14", "features": features}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    data = folder / "data" / "chunk-000"
+    data.mkdir(parents=True)
+    table = pa.table(columns)
+    if version == "v3.0":
+        pq.write_table(table, data / "file-000.parquet")
+    else:
+        for k in range(2):
+            pq.write_table(table.slice(k * half, half), data / f"episode_00000{k}.parquet")
+    return folder
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_episodes_of_a_dataset(tmp_path, version):
+    folder = dataset(tmp_path / "set", version)
+    table = read_table(folder)
+    np.testing.assert_array_equal(
+        table.columns[f"observation.state.{NAMES[3]}.pos"], POSITION[:, 3]
+    )
+    steps = np.diff(table.columns["timestamp"])
+    assert (steps > 0).all()
+    assert np.flatnonzero(steps > 0.5).tolist() == [TIME.size // 2 - 1]
+    assert "2 episodes" in table.notes[0]
+    one = read_table(folder, episode=1)
+    np.testing.assert_array_equal(
+        one.columns[f"observation.effort.{NAMES[0]}.effort"], TORQUE[TIME.size // 2 :, 0]
+    )
+
+
+def test_an_episode_that_is_not_there(tmp_path):
+    with pytest.raises(RecordingError, match="no episode 7; it has 2, from 0 to 1"):
+        read_table(dataset(tmp_path / "set", "v3.0"), episode=7)
+
+
+def test_a_version_that_is_not_known(tmp_path):
+    folder = dataset(tmp_path / "set", "v3.0")
+    (folder / "meta" / "info.json").write_text('{"codebase_version": "v9"}')
+    with pytest.raises(RecordingError, match="version 'v9' of LeRobotDataset, expected one of v2"):
+        read_table(folder)

@@ -1,0 +1,200 @@
+"""Every kind of log with every kind of robot, as the tables of docs/your_data.md say."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib.metadata import files
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from logged import written
+from mjcf_arms import arm_of
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+import limo_driver as limo
+from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
+from limo_driver.types import Motion
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "your_data.md"
+ROBOTS = ("iiwa14", "panda.urdf", "model.xml")
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+JointState = STORE.types["sensor_msgs/msg/JointState"]
+Header = STORE.types["std_msgs/msg/Header"]
+Stamp = STORE.types["builtin_interfaces/msg/Time"]
+
+
+def rows_of(heading):
+    """Rows of the table of the document whose first heading is this one, without it."""
+    lines = DOCUMENT.read_text(encoding="utf-8").splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith(f"| {heading} |"))
+    table = []
+    for line in lines[start:]:
+        if not line.startswith("|"):
+            break
+        table.append([cell.strip() for cell in line.strip("|").split("|")])
+    return table[0], table[2:]
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory):
+    """Each robot's reference, and 16 s of its motion with friction."""
+    folder = tmp_path_factory.mktemp("robots")
+    (folder / "model.xml").write_text(arm_of(11, 5, dynamics=False), encoding="utf-8")
+    panda = next(x for x in files("example-robot-data") if x.name == "panda.urdf")
+    places = {
+        "iiwa14": "iiwa14",
+        "panda.urdf": str(Path(str(panda.locate())).resolve()),
+        "model.xml": str(folder / "model.xml"),
+    }
+    return {name: (place, motion_of(place)) for name, place in places.items()}
+
+
+def motion_of(place):
+    model = limo.RobotModel.load(place)
+    time = np.arange(0, 16, 0.01)
+    rate = 2 * np.pi * (0.11 + 0.05 * np.arange(model.n))
+    phase = np.outer(time, rate) + np.arange(model.n)
+    middle = (model.limits.position_min + model.limits.position_max) / 2
+    reach = np.minimum(0.8, 0.4 * (model.limits.position_max - model.limits.position_min))
+    q = middle + reach * np.sin(phase)
+    v, a = reach * rate * np.cos(phase), -reach * rate**2 * np.sin(phase)
+    friction = [CoulombFriction(joint=j + 1, tau_c=0.6, v_eps=0.005) for j in range(model.n)]
+    friction += [ViscousFriction(joint=j + 1, f_v=0.4) for j in range(model.n)]
+    torque = Simulation(place, tuple(friction)).predict(Motion(time, q, v, a))
+    return time, q, torque + np.random.default_rng(0).normal(0, 0.02, q.shape)
+
+
+def named(name, values):
+    return {f"{name}{j}": values[:, j] for j in range(values.shape[1])}
+
+
+def csv(folder, _names, time, q, torque):
+    log = {"t_ms": 1e3 * time, **named("q", np.rad2deg(q)), **named("tau", torque)}
+    return written(log, folder / "log.csv")
+
+
+def decimal_commas(folder, _names, time, q, torque):
+    log = {"time": time, **named("pos_", q), **named("torque_", torque)}
+    path = written(log, folder / "log.txt", ";")
+    path.write_text(path.read_text().replace(".", ","))
+    return path
+
+
+def parquet(folder, _names, time, q, torque):
+    table = {"stamp": (1e9 * time).astype(np.int64), "q": list(q), "effort": list(torque)}
+    pq.write_table(pa.table(table), folder / "log.parquet")
+    return folder / "log.parquet"
+
+
+def npz(folder, _names, time, q, torque):
+    np.savez(folder / "log.npz", t=time, qpos=q, torque=torque)
+    return folder / "log.npz"
+
+
+def arrays(_folder, _names, time, q, torque):
+    return {"t": time, "position": q, "torque": torque}
+
+
+def bag(storage):
+    def write(folder, names, time, q, torque):
+        order = np.random.default_rng(0).permutation(len(names))
+        path = folder / "bag"
+        with Writer(path, version=9, storage_plugin=storage) as writer:
+            topic = writer.add_connection("/js", JointState.__msgtype__, typestore=STORE)
+            shuffled = [names[j] for j in order]
+            for k, stamp in enumerate((1e18 + 1e9 * time).astype(np.int64).tolist()):
+                header = Header(Stamp(stamp // 10**9, stamp % 10**9), "")
+                values = np.ascontiguousarray(q[k, order]), np.zeros(0), torque[k, order].copy()
+                data = STORE.serialize_cdr(
+                    JointState(header, shuffled, *values), JointState.__msgtype__
+                )
+                writer.write(topic, stamp, data)
+        return path
+
+    return write
+
+
+def lerobot(version):
+    def write(folder, names, time, q, torque):
+        path = folder / "set"
+        (path / "meta").mkdir(parents=True)
+        (path / "data" / "chunk-000").mkdir(parents=True)
+        features = {
+            "observation.state": {"names": {"motors": [f"{name}.pos" for name in names]}},
+            "observation.effort": {"names": [f"{name}.effort" for name in names]},
+        }
+        info = {"codebase_version": version, "fps": 100, "features": features}
+        (path / "meta" / "info.json").write_text(json.dumps(info))
+        table = {
+            "observation.state": list(q),
+            "observation.effort": list(torque),
+            "timestamp": time,
+            "episode_index": np.zeros(time.size, dtype=np.int64),
+        }
+        file = "file-000.parquet" if version == "v3.0" else "episode_000000.parquet"
+        pq.write_table(pa.table(table), path / "data" / "chunk-000" / file)
+        return path
+
+    return write
+
+
+KINDS = {
+    "CSV, degrees and milliseconds": csv,
+    "text with semicolons and decimal commas": decimal_commas,
+    "Parquet, lists": parquet,
+    "NumPy .npz": npz,
+    "arrays in Python": arrays,
+    "ROS 2 bag, MCAP": bag(StoragePlugin.MCAP),
+    "ROS 2 bag, .db3": bag(StoragePlugin.SQLITE3),
+    "LeRobotDataset v2.1": lerobot("v2.1"),
+    "LeRobotDataset v3.0": lerobot("v3.0"),
+}
+
+
+def test_the_tables_are_those_of_the_document():
+    heading, logs = rows_of("log")
+    assert tuple(heading[1:]) == ROBOTS
+    assert [row[0] for row in logs] == list(KINDS)
+    assert {cell for row in logs for cell in row[1:]} == {"yes"}
+    heading, by_robot = rows_of("robot")
+    assert heading[1:] == ["runs", "identifies", "diagnoses", "exports"]
+    assert [row[0] for row in by_robot] == list(ROBOTS)
+    assert {tuple(row[1:]) for row in by_robot} == {("yes", "yes", "yes", "mjcf, urdf")}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_log_is_read_as_what_was_measured(kind, robot, robots, tmp_path):
+    place, (time, q, torque) = robots[robot]
+    names = limo.RobotModel.load(place).joint_names
+    recording = limo.read(KINDS[kind](tmp_path, names, time, q, torque), place)
+    assert len(recording) == time.size
+    np.testing.assert_allclose(recording.time, time - time[0], atol=2e-6)
+    np.testing.assert_allclose(recording.position, q, atol=1e-6)
+    np.testing.assert_allclose(recording.torque, torque, atol=1e-6)
+    assert re.match("read as .*position.*torque", recording.warnings[0])
+
+
+@pytest.mark.slow("runs, identifies, diagnoses and exports three robots")
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_robot_runs_is_identified_diagnosed_and_exported(robot, robots, tmp_path):
+    place, (time, q, torque) = robots[robot]
+    recording = limo.Recording.from_arrays(time, q, torque)
+    found = limo.identify(place, recording)
+    friction = [e.tau_c for e in found.simulation.effects if e.name == "coulomb_friction"]
+    np.testing.assert_allclose(friction, 0.6, atol=0.1)
+    diagnosis = limo.diagnose(limo.nominal(place, recording), recording)
+    assert diagnosis.verdict.verdict in {"consistent", "explained"}
+    for kind in ("mjcf", "urdf"):
+        exported = limo.export(found.simulation, kind, tmp_path / kind)
+        assert exported.share < 0.01
+    rest = np.zeros((100, q.shape[1]))
+    still = limo.Trajectory(np.arange(0, 1, 0.01), np.tile(q[0], (100, 1)), rest, rest)
+    with limo.open_robot("mujoco", simulation=found.simulation, seed=1) as arm:
+        run = arm.follow(still)
+    np.testing.assert_allclose(run.position[-1], q[0], atol=0.01)

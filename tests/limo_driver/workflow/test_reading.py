@@ -1,0 +1,128 @@
+"""`limo.read` and `limo inspect`: somebody else's log, from the file to the recording."""
+
+import json
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from logged import arm, measured, numbered, written
+
+import limo_driver as limo
+from limo_driver.cli import main
+from limo_driver.recordings.recorder import read_header
+
+TIME, POSITION, VELOCITY, TORQUE = measured()
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run a limo command in this process, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(*arguments):
+        monkeypatch.setattr(sys, "argv", ["limo", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code or 0, *capsys.readouterr())
+
+    return of
+
+
+def degrees():
+    log = {"t_ms": 1e3 * TIME, **numbered("q{}", np.rad2deg(POSITION))}
+    return log | numbered("tau{}", TORQUE) | {"gripper": np.sin(TIME)}
+
+
+def test_a_log_in_degrees_and_milliseconds_needs_no_script(run, tmp_path):
+    written(degrees(), tmp_path / "log.csv")
+    status, said, _ = run("inspect", "log.csv", "--robot", "iiwa14")
+    assert status == 0
+    assert "beyond the limits of joint 1 in rad, within all limits in deg" in said
+    assert "left out: gripper" in said
+    assert "undecided" not in said
+    assert "3000 samples at 250 Hz of 7 joints" in said
+    status, said, _ = run(
+        "convert",
+        "log.csv",
+        "--robot",
+        "iiwa14",
+        "--mapping",
+        "mapping.yaml",
+        "--out",
+        "run.parquet",
+    )
+    assert status == 0
+    assert "run.parquet: 3000 samples of 7 joints over 11.996 s" in said
+    recording = limo.Recording.load(tmp_path / "run.parquet")
+    np.testing.assert_allclose(recording.position, POSITION, atol=1e-7)
+    np.testing.assert_allclose(recording.torque, TORQUE, atol=1e-6)
+    assert read_header(pq.read_table(tmp_path / "run.parquet"))["joints"] == list(arm().joint_names)
+
+
+def test_identify_takes_the_log_itself_and_says_how_it_was_read(run, tmp_path):
+    written(degrees(), tmp_path / "log.csv")
+    status, _, notes = run("identify", "log.csv", "--robot", "iiwa14", "--out", "sim.yaml")
+    assert status == 0, notes
+    assert "log.csv: read as time t_ms [ms], position q0 … q6 [deg], torque tau0 … tau6" in notes
+    friction = [e for e in limo.Simulation.load(tmp_path / "sim.yaml").effects if e.rubs]
+    assert friction
+
+
+def test_what_is_undecided_is_refused_until_it_is_stated(run, tmp_path):
+    log = {"t": TIME, **numbered("q{}", POSITION), **numbered("theta{}", POSITION + 0.01)}
+    written(log | numbered("tau{}", TORQUE), tmp_path / "log.csv")
+    convert = ("convert", "log.csv", "--robot", "iiwa14", "--out", "run.parquet")
+    status, _, errors = run(*convert)
+    assert status == 2
+    assert "q0 … q6 or theta0 … theta6? both fit the names" in errors
+    assert "limo inspect" in errors
+    assert run("inspect", "log.csv", "--robot", "iiwa14")[0] == 0
+    status, _, errors = run(*convert, "--mapping", "mapping.yaml")
+    assert status == 2
+    text = (tmp_path / "mapping.yaml").read_text()
+    start = text.index("undecided:")
+    (tmp_path / "mapping.yaml").write_text(text[:start] + "undecided: []\n")
+    assert run(*convert, "--mapping", "mapping.yaml")[0] == 0
+
+
+def test_findings_as_json(run, tmp_path):
+    written(degrees(), tmp_path / "log.csv")
+    status, said, _ = run("inspect", "log.csv", "--robot", "iiwa14", "--json")
+    found = json.loads(said)
+    assert status == 0
+    assert found["taken"]["position"]["unit"] == "deg"
+    assert found["undecided"] == []
+
+
+def test_arrays_are_read_like_files():
+    log = {"t_ms": 1e3 * TIME, "q": np.rad2deg(POSITION), "tau": TORQUE}
+    recording = limo.read(log, "iiwa14")
+    np.testing.assert_allclose(recording.position, POSITION, atol=1e-12)
+    assert recording.warnings[0].startswith("read as time t_ms [ms]")
+    mapping = limo.inspect(log, "iiwa14").mapping
+    again = limo.read(log, mapping=mapping)
+    np.testing.assert_array_equal(again.position, recording.position)
+    assert again.warnings == ()
+
+
+def test_a_log_of_another_format_without_robot_or_mapping(tmp_path):
+    path = written(degrees(), tmp_path / "log.csv")
+    with pytest.raises(limo.LimoError, match="`robot` or `mapping` has to say what they are"):
+        limo.read(path)
+
+
+def test_limos_own_recordings_are_read_as_ever(tmp_path):
+    given = limo.Recording.from_arrays(TIME, POSITION, TORQUE)
+    given.save(tmp_path / "run.parquet")
+    np.testing.assert_array_equal(limo.read(tmp_path / "run.parquet").torque, given.torque)
+
+
+def test_exchanged_columns_are_refused_on_every_way_in(run, tmp_path):
+    torque = np.array(TORQUE)
+    torque[:, [1, 3]] = torque[:, [3, 1]]
+    log = {"t": TIME, **numbered("q{}", POSITION), **numbered("tau{}", torque)}
+    written(log, tmp_path / "log.csv")
+    status, _, errors = run("identify", "log.csv", "--robot", "iiwa14", "--out", "sim.yaml")
+    assert status == 2
+    assert "torque_2 belongs to joint 4 and torque_4 to joint 2" in errors
