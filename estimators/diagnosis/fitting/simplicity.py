@@ -34,8 +34,6 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     own = candidates[member]
     rest = tuple(i for i in solution.members if i != member)
     taken = {candidates[i].slot for i in rest}
-    # around a simulation that has it, the gain of a sensor is all of what was found
-    found_already = problem.observed.around is not None
     without = search.gain(rest)
     enough = without + CONTRIBUTION.most * (solution.gain - without)
     simpler = [
@@ -44,7 +42,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         if candidate.joints == own.joints
         and candidate.slot not in taken
         and _freedom(candidate) < _freedom(own)
-        and not (found_already and _is_of_sensor(candidate))
+        and not _is_of_sensor(candidate)
         and search.gain((*rest, i)) >= enough
     ]
     simpler.sort(key=lambda i: (_freedom(candidates[i]), -search.gain((*rest, i))))
@@ -64,6 +62,10 @@ def _freedom(candidate: Candidate) -> int:
 
 
 def _is_of_sensor(candidate: Candidate) -> bool:
+    """Say whether a candidate is no simpler law of what a joint does, but of who tells it.
+
+    Around a simulation that has it, the gain of a sensor is all of what was found.
+    """
     hypothesis = candidate.hypothesis
     return hypothesis is not None and any(isinstance(e, SensorEffect) for e in hypothesis.terms)
 
