@@ -165,7 +165,6 @@ def specification(simulation: Simulation, period: float) -> RobotSpec:
     if not 0 < period < np.inf:
         raise ConfigError(f"period = {period} s has to be positive")
     model = simulation.model
-    simulation.body.require_inertias()
     resolution = simulation.sensors.for_joints("torque_resolution", model.n)
     return RobotSpec(
         model.name, model.joint_names, model.limits, period, torque_resolution=resolution

@@ -208,22 +208,6 @@ class RobotModel(Displayed):
         """
         return self._changed({**self.inertials, **inertials}, self.gravity)
 
-    def require_inertias(self) -> None:
-        """Check that the torque of every joint can be computed: it moves a mass.
-
-        Raises:
-            ConfigError: Names the joint and its link.
-        """
-        moved = 0.0
-        for j, link in reversed(list(enumerate(self.link_names))):
-            moved += self.inertials[link].mass
-            if moved <= 0.0:
-                raise ConfigError(
-                    f"joint {j + 1} ({self.joint_names[j]}) moves no mass, so its torque cannot be "
-                    f"computed; give link {link!r} an inertial",
-                    path=self.urdf,
-                )
-
     def with_gravity(self, gravity: Sequence[float]) -> RobotModel:
         """Return this robot under another gravity.
 

@@ -162,7 +162,6 @@ class ArmConfig(Declared):
     def __post_init__(self) -> None:
         super().__post_init__()
         n = self.model.n
-        self.model.require_inertias()  # gravity is compensated by them
         if len(self.joints) != n:
             raise ConfigError(f"joints has {len(self.joints)} entries, but {self.robot} has {n}")
         kind = Cia402Joint if self.convention == CIA402 else DamiaoJoint
