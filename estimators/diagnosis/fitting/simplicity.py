@@ -40,6 +40,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         i
         for i, candidate in enumerate(candidates)
         if candidate.joints == own.joints
+        and candidate.effect != own.effect  # which law of it carries over better, its laws decide
         and candidate.slot not in taken
         and _freedom(candidate) < _freedom(own)
         and not _is_of_sensor(candidate)
