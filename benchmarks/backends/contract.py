@@ -39,8 +39,6 @@ import rigs
 from attacker import ACTIONS, Attacker
 from fri_messages import compile_schema
 
-from backends.fri.codec.messages import CommandMode
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
@@ -50,15 +48,7 @@ SESSION = 300  # actions, after which the robot is opened anew
 
 def backends() -> dict[str, Callable[[], AbstractContextManager[rigs.Rig]]]:
     """Return what opens each backend, with an arm behind it."""
-    schema = compile_schema(tempfile.mkdtemp())
-    return {
-        "virtual": rigs.virtual,
-        "mujoco": rigs.mujoco,
-        "fri": lambda: rigs.fri(schema),
-        "fri-torque": lambda: rigs.fri(schema, CommandMode.TORQUE),
-        "cia402": rigs.cia402,
-        "damiao": rigs.damiao,
-    }
+    return rigs.every(compile_schema(tempfile.mkdtemp()))
 
 
 def sessions(

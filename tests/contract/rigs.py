@@ -5,8 +5,10 @@ Wires are read by code of their own: protobuf's generated code for FRI, `struct`
 
 import math
 import struct
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from arms import NODES, arm_config
@@ -322,3 +324,19 @@ def damiao():
         robot.receive()
         bus.sent.clear()
         yield DamiaoRig(robot, bus, config)
+
+
+def every(schema: Any) -> dict[str, Callable[[], AbstractContextManager[Rig]]]:
+    """Return what opens each backend, by its name.
+
+    Args:
+        schema: Of FRI messages, as `compile_schema` makes it.
+    """
+    return {
+        "virtual": virtual,
+        "mujoco": mujoco,
+        "fri": lambda: fri(schema),
+        "fri-torque": lambda: fri(schema, CommandMode.TORQUE),
+        "cia402": cia402,
+        "damiao": damiao,
+    }

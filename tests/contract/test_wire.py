@@ -11,8 +11,6 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 
-from backends.fri.codec.messages import CommandMode
-
 RUNS, STEPS = 3, 24  # of about 12 cycles each
 
 
@@ -24,14 +22,7 @@ def schema(tmp_path_factory):
 @pytest.fixture(params=["virtual", "mujoco", "fri", "fri-torque", "cia402", "damiao"])
 def opened(request, schema):
     """Return what opens one of them."""
-    return {
-        "virtual": rigs.virtual,
-        "mujoco": rigs.mujoco,
-        "fri": lambda: rigs.fri(schema),
-        "fri-torque": lambda: rigs.fri(schema, CommandMode.TORQUE),
-        "cia402": rigs.cia402,
-        "damiao": rigs.damiao,
-    }[request.param]
+    return rigs.every(schema)[request.param]
 
 
 def machine(opened, counted):

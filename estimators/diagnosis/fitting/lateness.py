@@ -86,7 +86,7 @@ class _OneJoint:
 
     joint: int
     time: FloatArray  # (K,) [s]
-    segments: tuple[slice, ...]
+    segments: list[slice]
     columns: FloatArray  # (K, c), times their prior deviation
     deviation: FloatArray  # (c,)
     place: list[int]  # of each column in the coefficients of the set, (c,)
@@ -111,13 +111,11 @@ class _OneJoint:
         column = {int(k): c for c, k in enumerate(at)}
         place = [i for i, k in enumerate(index) if int(k) in column and deviation[i] > 0]
         rows = problem.split.fitted[:, joint]
-        starts = np.flatnonzero(np.diff(problem.observed.segment, prepend=-1) != 0)
-        ends = [*starts[1:], problem.observed.segment.size]
         measured = problem.observed.measured[:, joint]
         return cls(
             joint,
             problem.observed.slow.time,
-            tuple(slice(a, b) for a, b in zip(starts.tolist(), ends, strict=True)),
+            problem.observed.stretches,
             values[:, [column[int(index[i])] for i in place]] * deviation[place],
             deviation[place],
             place,

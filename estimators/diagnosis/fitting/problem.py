@@ -164,6 +164,11 @@ class Solution:
     fitted: Posterior
     gain: float
 
+    def having(self, members: tuple[int, ...]) -> Solution:
+        """Return other members of the same search, fitted under the same noise."""
+        posterior = self.search.evidence.posterior(self.search.prior(members))
+        return replace(self, members=members, fitted=posterior, gain=self.search.gain(members))
+
 
 def fitted(
     problem: RegressionProblem, members: tuple[int, ...], noise: Noise, *, everything: bool = False

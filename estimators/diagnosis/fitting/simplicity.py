@@ -7,7 +7,6 @@ of the same, and predicts motion held out no worse, it takes the place of the ot
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,9 +47,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     ]
     simpler.sort(key=lambda i: (_freedom(candidates[i]), -search.gain((*rest, i))))
     for other in simpler:
-        members = (*rest, other)
-        posterior = search.evidence.posterior(search.prior(members))
-        new = replace(solution, members=members, fitted=posterior, gain=search.gain(members))
+        new = solution.having((*rest, other))
         if not _surely_worse(problem, new, solution):
             return new
     return solution

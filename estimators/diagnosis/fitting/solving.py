@@ -170,9 +170,7 @@ def _excess(problem: RegressionProblem, solution: Solution) -> float:
 
 def _less(solution: Solution, some: Collection[int]) -> Solution:
     """Return a solution without some of its members, fitted again."""
-    rest = tuple(member for member in solution.members if member not in some)
-    posterior = solution.search.evidence.posterior(solution.search.prior(rest))
-    return replace(solution, members=rest, fitted=posterior, gain=solution.search.gain(rest))
+    return solution.having(tuple(member for member in solution.members if member not in some))
 
 
 def refined(

@@ -161,7 +161,7 @@ class Observations:
         if not late:
             return torque
         result = np.array(torque)
-        for rows in _runs(self.segment):
+        for rows in self.stretches:
             for effect in late:
                 result[rows] = effect.late(self.slow.time[rows], result[rows])
         return result
@@ -175,6 +175,12 @@ class Observations:
     def segment(self) -> NDArray[np.int64]:
         """Contiguous segment of each kept row, (K,)."""
         return np.searchsorted([rows.stop for rows in self.segments], self.kept, side="right")
+
+    @property
+    def stretches(self) -> list[slice]:
+        """Kept rows of each contiguous segment that has some."""
+        ends = [*(np.flatnonzero(np.diff(self.segment)) + 1).tolist(), self.segment.size]
+        return [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
 
     @property
     def row_period(self) -> float:
@@ -438,9 +444,3 @@ def _joined(motions: Sequence[Motion]) -> Motion:
         np.concatenate([motion.acceleration for motion in motions]),
         np.concatenate(known) if len(known) == len(motions) else None,
     )
-
-
-def _runs(values: NDArray[np.int64]) -> list[slice]:
-    """Return the stretches of equal values."""
-    ends = [*(np.flatnonzero(np.diff(values)) + 1).tolist(), values.size]
-    return [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
