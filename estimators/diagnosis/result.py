@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from estimators.diagnosis.headline import headline
 from estimators.diagnosis.summary import columns_of, lines_of
 from limo_driver.display import Displayed
 from limo_driver.recordings.bandwidth import BANDWIDTH
@@ -127,7 +128,7 @@ class Diagnosis(Displayed):
 
     def headline(self) -> str:
         """Say the verdict in one sentence."""
-        return self.verdict.sentence()
+        return headline(self.verdict)
 
     def __str__(self) -> str:
         motion = self.next_motion is not None
@@ -157,3 +158,6 @@ class Replay:
     tracking: FloatArray  # (n,) RMS distance of simulated from recorded position [rad]
     moving: NDArray[np.bool_]  # (T, n) not near rest: rows that are scored
     recording: int  # 0-based
+    position: FloatArray  # (T, n) recorded [rad]
+    position_before: FloatArray  # (T, n) of the robot of the given simulation [rad]
+    position_after: FloatArray  # (T, n) of the robot of the improved simulation [rad]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from estimators.diagnosis.headline import headline, place_of, values_of
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -20,8 +22,10 @@ WORSE = (
 
 def lines_of(verdict: Verdict) -> list[str]:
     """Return the verdict, its findings, the errors of each joint, and the notes."""
-    findings = [line for item in verdict.findings for line in _said(item)]
-    return [verdict.sentence(), *findings, *_table(verdict), *(f"note: {n}" for n in verdict.notes)]
+    n = len(verdict.fit.noise_floor)
+    findings = [line for item in verdict.findings for line in _said(item, n)]
+    notes = (f"note: {note}" for note in verdict.notes)
+    return [headline(verdict), *findings, *_table(verdict), *notes]
 
 
 def columns_of(verdict: Verdict) -> dict[str, Sequence[float]]:
@@ -55,10 +59,17 @@ def coverage(verdict: Verdict) -> str:
     )
 
 
-def _said(item: Finding) -> tuple[str, str]:
+def _said(item: Finding, n: int) -> list[str]:
+    """Return name and place, values, evidence and confidence of a finding."""
+    name = "something unknown" if item.effect == UNKNOWN else spoken(item.effect)
+    values = values_of(item) if item.effect != CONTACT else ""
     same = ", ".join(spoken(other) for other in item.equivalent)
-    sure = f"  confidence {100 * item.confidence:.0f} %"
-    return item.evidence, sure + (f"; cannot be told from {same}" if same else "")
+    sure = f"confidence {100 * item.confidence:.0f} %"
+    return [
+        f"{name} ({place_of(item, n)}){f': {values}' if values else ''}",
+        f"  {item.evidence}",
+        f"  {sure}{f'; cannot be told from {same}' if same else ''}",
+    ]
 
 
 def _table(verdict: Verdict) -> list[str]:

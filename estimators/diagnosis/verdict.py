@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from limo_driver.outputs import whole
-from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -171,37 +170,6 @@ class Verdict:
         """
         with whole(path) as draft:
             draft.write_text(json.dumps(self.as_values(), indent=1) + "\n", encoding="utf-8")
-
-    def sentence(self) -> str:
-        """Say the verdict in one sentence."""
-        if self.verdict == "consistent":
-            return "Recording and simulation agree within tolerances and noise."
-        named = [item for item in self.findings if item.effect != UNKNOWN]
-        texts = [_said(item) for item in named]
-        unknown = [j for item in self.findings if item.effect == UNKNOWN for j in item.joints]
-        unknown = sorted({*unknown, *self.unexplained.joints})
-        if not texts:
-            at = _joints(tuple(unknown))
-            return f"No effect of the catalogue explains the difference at {at}."
-        said = "; ".join(texts)
-        if unknown:
-            at = _joints(tuple(unknown))
-            return f"Found {said}; a residual that no known effect explains remains at {at}."
-        return f"Found {said}; this explains the difference within the tolerances of other values."
-
-
-def _said(item: Finding) -> str:
-    if item.effect == CONTACT:  # an event, not physics that the simulation lacks
-        count = len(item.where.time)
-        return f"{spoken(item.effect)} in {count} stretch{'es' * (count > 1)} of time"
-    kind = "a wrong parameter of " if item.kind == "wrong_parameter" else "missing "
-    return f"{kind}{spoken(item.effect)} ({_joints(item.joints)})"
-
-
-def _joints(joints: tuple[int, ...]) -> str:
-    if not joints:
-        return "the whole arm"
-    return ("joint " if len(joints) == 1 else "joints ") + ", ".join(map(str, joints))
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401  # JSON values

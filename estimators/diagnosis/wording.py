@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from limo_driver.recordings.recording import Recording
 
-_COUNTED, _MOST = 3, 99  # powers of ten: up to where odds are counted, and beyond which nobody does
+_COUNTED = 1e6  # odds beyond which a figure says no more than words
 
 LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 _OTHERWISE = {
@@ -56,9 +56,20 @@ def listed(texts: Sequence[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def times(lead: float) -> str:
-    """Say evidence [nat] as odds; beyond 10^99 nobody counts."""
-    power = lead / math.log(10.0)
-    if power < _COUNTED:
-        return f"{math.exp(lead):.0f} times"
-    return f"more than 10^{_MOST} times" if power > _MOST else f"10^{power:.0f} times"
+def likelier(lead: float) -> str:
+    """Say evidence [nat] as odds; completes "the recordings are …"."""
+    if lead > math.log(_COUNTED):
+        return "likelier, beyond doubt,"
+    odds = math.exp(lead)
+    digits = max(0, math.floor(math.log10(odds)) - 1)
+    return f"{round(odds, -digits):,.0f} times likelier".replace(",", "\N{NO-BREAK SPACE}")
+
+
+def of_several(joints: Sequence[int], n: int) -> str:
+    """Return joints (1-based) of an arm of n in few words: "joints 1 to 4", "all joints"."""
+    known = sorted({*joints})
+    if not known or (known == list(range(1, n + 1)) and n > 1):
+        return "all joints"
+    if len(known) > 2 and known[-1] - known[0] == len(known) - 1:  # noqa: PLR2004  # a range
+        return f"joints {known[0]} to {known[-1]}"
+    return of_joints(known)

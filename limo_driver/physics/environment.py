@@ -34,7 +34,7 @@ class SpringLoad(TorqueEffect):
 
     name: ClassVar[str] = "spring_load"
     description: ClassVar[Description] = Description(
-        signature="a torque that depends on position alone, not on load",
+        signature="the error depends on position alone, not on load",
         shown_by="wide_sweep",
         confusions=(
             Confusion(
@@ -114,7 +114,7 @@ class ExternalContact(ArmEffect):
 
     name: ClassVar[str] = "external_contact"
     description: ClassVar[Description] = Description(
-        signature="short pushes that act on several joints as one force at the flange"
+        signature="short pushes act on several joints as one force at the flange"
     )
     windows: tuple[tuple[float, float], ...] = parameter(
         "s", "start and end of each contact", lower=-1e12, upper=1e12, columns=2, chosen=True

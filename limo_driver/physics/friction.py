@@ -112,7 +112,7 @@ class CoulombFriction(VelocityFriction):
 
     name: ClassVar[str] = "coulomb_friction"
     description: ClassVar[Description] = Description(
-        signature="a loop of constant height that flips with the direction of motion",
+        signature="the error is a torque of constant size against the direction of motion",
         shown_by="creep",
         confusions=(
             Confusion(
@@ -183,7 +183,7 @@ class AsymmetricFriction(VelocityFriction):
 
     name: ClassVar[str] = "asymmetric_friction"
     description: ClassVar[Description] = Description(
-        signature="two plateaus of different height for the two directions",
+        signature="the error has another constant size in each direction of motion",
         shown_by="creep",
         confusions=(
             Confusion(

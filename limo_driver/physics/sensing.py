@@ -45,7 +45,7 @@ class TorqueOffset(TorqueEffect):
 
     name: ClassVar[str] = "torque_offset"
     description: ClassVar[Description] = Description(
-        signature="a constant, also at rest", shown_by="rest_holds"
+        signature="the error is a constant, also at rest", shown_by="rest_holds"
     )
     offset: float = parameter("N m", "offset", lower=-MOST_TORQUE, upper=MOST_TORQUE, adds=True)
 

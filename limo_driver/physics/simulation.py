@@ -29,7 +29,7 @@ from limo_driver.physics.effect import (
 from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.score import Score
 from limo_driver.physics.sensing import Sensors
-from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save
+from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
 from limo_driver.physics.transmission import JointElasticity
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
@@ -129,6 +129,13 @@ class Simulation(Displayed):
         robot = self.model.reference(Path(path).parent)  # relative to the file, if it is one
         content = SimulationFile(robot, self.effects, self.inertials, self.tolerances, self.sensors)
         save(content, Path(path))
+
+    def changes_from(self, other: Simulation) -> str:
+        """Return which inertials and effects of this are not in another, as in a `sim.yaml`."""
+        inertials = {
+            link: body for link, body in self.inertials.items() if other.inertials.get(link) != body
+        }
+        return sections_of(inertials, [e for e in self.effects if e not in other.effects])
 
     def without_effects(self) -> Simulation:
         """Return the rigid body alone."""

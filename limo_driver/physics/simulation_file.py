@@ -17,7 +17,7 @@ from limo_driver.physics.described import described_effects
 from limo_driver.physics.sensing import Sensors
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from limo_driver.declarations import Given
@@ -81,17 +81,47 @@ def save(simulation: SimulationFile, path: Path) -> None:
     """Write a `sim.yaml`; its robot as it is given."""
     content: dict[str, Any] = {"robot": simulation.robot}
     if simulation.inertials:
-        content["inertials"] = {
-            link: {"mass": body.mass, "com": list(body.com), "inertia": list(body.inertia)}
-            for link, body in simulation.inertials.items()
-        }
+        content["inertials"] = _inertial_entries(simulation.inertials)
     content["tolerances"] = _values(simulation.tolerances)
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
     content["effects"] = [_effect_entry(effect) for effect in simulation.effects]
-    text = yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
     with whole(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+        draft.write_text(_text(content), encoding="utf-8")
+
+
+def sections_of(inertials: Mapping[str, Inertial], effects: Sequence[Effect]) -> str:
+    """Return inertials and effects as they stand in a `sim.yaml`, to five digits; "" if none.
+
+    Args:
+        inertials: By link name.
+        effects: In the order in which they are written.
+    """
+    content: dict[str, Any] = {}
+    if inertials:
+        content["inertials"] = _shortened(_inertial_entries(inertials))
+    if effects:
+        content["effects"] = [_shortened(_effect_entry(effect)) for effect in effects]
+    return _text(content) if content else ""
+
+
+def _text(content: dict[str, Any]) -> str:
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
+
+
+def _inertial_entries(inertials: Mapping[str, Inertial]) -> dict[str, Any]:
+    return {
+        link: {"mass": body.mass, "com": list(body.com), "inertia": list(body.inertia)}
+        for link, body in inertials.items()
+    }
+
+
+def _shortened(value: Any) -> Any:  # noqa: ANN401  # values of YAML
+    if isinstance(value, dict):
+        return {key: _shortened(item) for key, item in cast("dict[str, Any]", value).items()}
+    if isinstance(value, list):
+        return [_shortened(item) for item in cast("list[Any]", value)]
+    return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
 class _Dumper(yaml.SafeDumper):

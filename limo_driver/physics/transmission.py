@@ -280,7 +280,7 @@ class TorqueRipple(TorqueEffect):
 
     name: ClassVar[str] = "torque_ripple"
     description: ClassVar[Description] = Description(
-        signature="a line at a fixed number of cycles in a revolution", shown_by="creep"
+        signature="the error repeats a fixed number of times in a revolution", shown_by="creep"
     )
     cycles_per_rev: tuple[float, ...] = parameter(
         "1/rev", "cycles in a revolution of the joint", lower=1e-3, upper=1e6, deviation=1.0

@@ -80,14 +80,15 @@ def _without_motion(found: Diagnosis, note: str = "") -> Diagnosis:
 def with_next_motion(found: Diagnosis) -> Diagnosis:
     """Add the motion in which effects differ that the recordings cannot distinguish, if any."""
     from estimators.diagnosis.verdict import NEXT_MOTION, NextMotion
-    from limopa.separation.separation import motion_for, purpose_of
+    from limopa.separation.separation import SEPARATION, motion_for, purpose_of
 
     refused = ""
     for pair, joints in _ambiguous(found.verdict, found.before.model.n):
         try:
             motion = motion_for(found.before.model, joints, pair, _start_poses(found))
         except LimoError as error:
-            refused = refused or f"No next motion: {error}."
+            why = str(error).removeprefix(f"{SEPARATION}: ")
+            refused = refused or f"No motion to record next is proposed: {why}."
             continue
         wanted = NextMotion((pair,), NEXT_MOTION)
         return replace(
@@ -160,4 +161,7 @@ def _replay(found: Diagnosis) -> Replay:
         tracking=after.tracking,
         moving=found.traces.moving[worst.rows][np.maximum(scored, 0)],
         recording=worst.recording,
+        position=recording.position[rows][every],
+        position_before=before.position[every],
+        position_after=after.position[every],
     )

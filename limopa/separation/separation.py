@@ -64,6 +64,7 @@ _NAMES: dict[Kind, str] = {
     two_frequencies: "Swings at a low and at a high frequency",
     wide_sweep: "Wide sweeps both ways in poses of low and of high load",
 }
+SEPARATION = "separation"  # the condition that a pair breaks which no motion tells apart
 _LINK_INERTIA = "link_inertia"  # what a body has wrong, which is no effect of the catalogue
 
 
@@ -82,8 +83,8 @@ def separation_of(pair: tuple[str, str]) -> Separation:
     known = confusion_of(first, second)
     if known is not None:
         if known.motion is None:
-            reason = f"no motion tells {first} from {second}: {known.reason}"
-            raise InfeasiblePathError("separation", reason)
+            reason = f"no motion tells {spoken(first)} from {spoken(second)}: {known.reason}"
+            raise InfeasiblePathError(SEPARATION, reason)
         return Separation(_KINDS[known.motion], known.reason)
     if first == second:
         return Separation(
@@ -92,7 +93,9 @@ def separation_of(pair: tuple[str, str]) -> Separation:
     for effect in pair:
         if (motion := _shows(effect)) is not None:
             return Separation(motion, f"it makes {spoken(effect)} show")
-    raise InfeasiblePathError("separation", f"no motion is known that tells {first} from {second}")
+    raise InfeasiblePathError(
+        SEPARATION, f"no motion is known that tells {spoken(first)} from {spoken(second)}"
+    )
 
 
 def _shows(effect: str) -> Kind | None:

@@ -16,7 +16,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ("creep_and_reverse", "the arm holds"),
         pytest.param(
             "diagnose_simulated",
-            "Found missing payload (joint 7); missing presliding hysteresis (joint 4)",
+            "Payload of 0.776 kg [0.675, 0.878] at the flange; presliding hysteresis at joint 4.",
             marks=pytest.mark.slow("diagnoses two minutes of motion"),
         ),
     ],

@@ -17,7 +17,7 @@ from estimators.diagnosis.fitting.refinement import refine
 from estimators.diagnosis.hypotheses.catalogue import rivals
 from estimators.diagnosis.selection.candidates import LawEvidence
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS
-from estimators.diagnosis.wording import times
+from estimators.diagnosis.wording import likelier
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,4 +80,4 @@ def sentence_of(laws: Sequence[LawEvidence]) -> str:
             law.law for law in laws if best.log_evidence - law.log_evidence < CONTRIBUTION.tellable
         ]
         return f" Which law it follows ({', '.join(alike)}) these recordings cannot tell."
-    return f" Its law is {best.law}, {times(lead)} likelier than {laws[1].law}."
+    return f" Its law is {best.law}, {likelier(lead)} than {laws[1].law}."

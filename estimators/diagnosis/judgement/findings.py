@@ -36,7 +36,7 @@ from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
-from estimators.diagnosis.wording import listed, of_joints, signature_of, times
+from estimators.diagnosis.wording import is_of_bodies, likelier, listed, of_joints, signature_of
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -114,11 +114,16 @@ def findings_of(
 def _sentence(
     candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
 ) -> str:
+    signature = signature_of(candidate.effect)
+    if is_of_bodies(candidate.effect):
+        said = f"{signature[:1].upper()}{signature[1:]}, most of all at joint {joint + 1}"
+    else:
+        said = f"At joint {joint + 1} {signature}"
     return (
-        f"At joint {joint + 1} {signature_of(candidate.effect)}; on held-out motion it reduces the "
+        f"{said}; on held-out motion it reduces the "
         f"RMSE there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
         + (
-            f"makes the recordings {times(lead)} likelier than the next explanation does."
+            f"makes the recordings {likelier(lead)} than the next explanation does."
             if lead > 0
             else "the next explanation does as well."
         )

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.report import figures
-from estimators.diagnosis.report.markup import grid, number, section, table
 from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import names_of
+from limo_driver.pages.markup import grid, number, section, table
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.report.markup import Charts
     from estimators.diagnosis.result import Diagnosis
     from estimators.diagnosis.verdict import Finding
+    from limo_driver.pages.markup import Charts
 
 _AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
 _OPEN = 4  # pushes that are drawn; the table has all

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,10 +26,9 @@ if TYPE_CHECKING:
     from estimators.diagnosis.report.stretch import Stretch
     from estimators.diagnosis.result import Explanation, Replay, Shift, Traces
     from estimators.diagnosis.verdict import Fit
+    from limo_driver.pages.markup import Figure
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
-
-Figure: TypeAlias = dict[str, Any]
 
 MEASURED, BEFORE, AFTER, FLOOR = "#a3abb3", "#d9730d", "#0b559f", "#8a939c"
 TOLERANCES = "#2f9e6f"
@@ -175,6 +174,25 @@ def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
     return {"data": data, "layout": layout, "height": 320}
 
 
+def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
+    """Recorded less simulated torque of a joint over one recording, before and after."""
+    rows = np.flatnonzero(traces.recording == recording)
+    rows = rows[:: max(1, len(rows) // _DRAWN)]
+    gaps = _gaps(traces, rows)
+    data = [
+        curve
+        for side in _BOTH
+        for curve in _faded(
+            np.insert(traces.time[rows], gaps, np.nan),
+            np.insert(_residual(traces, side, j)[rows], gaps, np.nan),
+            np.insert(traces.moving[rows, j], gaps, values=False),
+            *_SIDES[side],
+        )
+    ]
+    layout = _layout("time [s]", "difference [N m]")
+    return {"data": data, "layout": layout | {"showlegend": True}, "height": 240}
+
+
 def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
     """Residual of the improved simulation on every joint around a push (in time of a recording)."""
     near = (traces.time > window[0] - _AROUND) & (traces.time < window[1] + _AROUND)
@@ -202,14 +220,15 @@ def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
 def explanations(
     candidates: Sequence[Explanation], names: Sequence[str], chosen: Explanation
 ) -> Figure:
-    """Log evidence of what competed, against no effect at all."""
+    """Odds of the chosen explanation against what else competed, in powers of ten."""
+    behind = np.array([chosen.log_evidence - item.log_evidence for item in candidates])
     bars = {
         "type": "bar", "orientation": "h", "y": list(names),
-        "x": numbers(np.array([item.log_evidence for item in candidates])),
+        "x": numbers(behind / np.log(10.0)),
         "marker": {"color": [AFTER if c is chosen else "#b8c4d0" for c in candidates]},
-        "hovertemplate": "%{y}: %{x}<extra></extra>",
+        "hovertemplate": "%{y}: 10^%{x} to 1<extra></extra>",
     }  # fmt: skip
-    layout = _layout("log evidence against no effect (natural logarithm)", "")
+    layout = _layout("how much likelier the chosen one is [powers of ten]", "")
     layout["yaxis"] |= {"autorange": "reversed", "automargin": True, "showgrid": False}
     layout["bargap"] = 0.35
     return {"data": [bars], "layout": layout, "height": 80 + 28 * len(names)}

@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.headline import headline, place_of
 from estimators.diagnosis.report import figures
-from estimators.diagnosis.report.markup import (
+from estimators.diagnosis.residuals.held_out import reducible_removed
+from estimators.diagnosis.summary import WORSE, columns_of, coverage
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN
+from estimators.diagnosis.wording import is_of_bodies, names_of
+from limo_driver.pages.markup import (
     UNSAID,
     Charts,
     folded,
@@ -20,10 +25,6 @@ from estimators.diagnosis.report.markup import (
     percent,
     table,
 )
-from estimators.diagnosis.residuals.held_out import reducible_removed
-from estimators.diagnosis.summary import WORSE, columns_of, coverage
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import is_of_bodies, names_of, of_joints
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -48,18 +49,24 @@ _NO_EFFECT_OF_THE_ARM = {
 }
 _MOST = 3  # joints of a finding whose errors are shown; the table above has all
 _LISTED = 6  # values of a parameter that are shown before they are folded
-_PLAIN = {"rows judged": percent, "improved / floor": "{:.2f}".format}  # columns without a unit
+_FLOOR = 1.15  # noise floors up to which an error is at the floor: that is an estimate itself
 _WORTH_SAYING = 0.05  # part of the reducible error
 
 
-def overview(diagnosis: Diagnosis, charts: Charts) -> str:
-    """Return verdict, errors and findings."""
+def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
+    """Return verdict, what to do with it, errors and findings.
+
+    Args:
+        diagnosis: What was found.
+        charts: Of the page.
+        between: What follows the verdict, before the errors.
+    """
     verdict = diagnosis.verdict
     names = names_of(diagnosis.recordings)
     head = (
         f'<header><p class="crumb">Diagnosis of a simulation of {escape(_robot(diagnosis))}</p>'
         f'<p><span class="badge {verdict.verdict}">{VERDICTS[verdict.verdict]}</span></p>'
-        f"<h1>{escape(verdict.sentence())}</h1>{_sources(diagnosis, names)}</header>"
+        f"<h1>{escape(headline(verdict))}</h1>{_sources(diagnosis, names)}</header>"
     )
     chart = charts.place(
         figures.summary(verdict.fit),
@@ -68,11 +75,34 @@ def overview(diagnosis: Diagnosis, charts: Charts) -> str:
     )
     beside = grid([chart, _removed(verdict)])
     errors = f'<section id="errors">{beside}{_errors(verdict)}</section>'
-    cards = "".join(_card(item, verdict.fit, names) for item in verdict.findings)
+    cards = "".join(
+        _card(number, item, verdict.fit, names)
+        for number, item in enumerate(verdict.findings, start=1)
+    )
     if cards:
         title = "Findings" if len(verdict.findings) > 1 else "Finding"
         cards = f'<section id="findings"><h2>{title}</h2>{cards}</section>'
-    return f"{head}{errors}{cards}{_notes(verdict.notes)}"
+    return f"{head}{_put(diagnosis)}{between}{errors}{cards}{_notes(verdict.notes)}"
+
+
+def _put(diagnosis: Diagnosis) -> str:
+    """Return how to get what was found into a simulator; nothing where nothing changes."""
+    values = diagnosis.after.changes_from(diagnosis.before)
+    if not values:
+        return ""
+    kind = diagnosis.before.model.description.kind.lower()
+    command = f"limo export {IMPROVED} --to {kind} --out improved/"
+    where = "In the folder of this report; writes a copy of your own file with the values in it:"
+    copied = folded(
+        "The values, as they stand in sim.yaml", f'<pre id="values">{escape(values)}</pre>'
+    )
+    return (
+        '<aside class="put"><h2>Put this into your simulation</h2>'
+        f"{paragraph(where)}"
+        f'<pre id="export">{escape(command)}</pre>'
+        '<button type="button" class="copy" data-of="export">copy command</button> '
+        f'<button type="button" class="copy" data-of="values">copy values</button>{copied}</aside>'
+    )
 
 
 def _notes(notes: Sequence[str]) -> str:
@@ -104,7 +134,7 @@ def _errors(verdict: Verdict) -> str:
     fit, worse = verdict.fit, verdict.fit.worse_within_tolerances
     columns = columns_of(verdict)
     ratio = np.array(fit.heldout_rmse_after) / np.maximum(np.array(fit.noise_floor), 1e-12)
-    columns["improved / floor"] = ratio.tolist()
+    columns["improved, of floor"] = ratio.tolist()
     rows = [
         [str(j), *(_cell(name, value, marked=j in worse) for name, value in errors.items())]
         for j, errors in enumerate(_by_joint(columns), start=1)
@@ -125,7 +155,9 @@ def _removed(verdict: Verdict) -> str:
     )
     meaning = (
         "Held-out: rows of the recordings that no parameter was fitted to. "
-        "Reducible: mean square above the noise floor. Within tolerances: the given "
+        "Noise floor: an estimate of the error that would stay whatever the model; an improved "
+        "error near it, also below, cannot be told from noise. Reducible: mean square above the "
+        "noise floor. Within tolerances: the given "
         "simulation with its values moved within their tolerances, no effect added."
     )
     removed += _by_tolerances(fit, findings=bool(verdict.findings))
@@ -136,6 +168,14 @@ def _removed(verdict: Verdict) -> str:
 def _by_joint(columns: Mapping[str, Sequence[float]]) -> Iterator[dict[str, float]]:
     for values in zip(*columns.values(), strict=True):
         yield dict(zip(columns, values, strict=True))
+
+
+def _of_floor(ratio: float) -> str:
+    """Say how far above the noise floor an error is; at it, nothing can be told from noise."""
+    return "at the floor" if ratio <= _FLOOR else f"{ratio:.1f} times"
+
+
+_PLAIN = {"rows judged": percent, "improved, of floor": _of_floor}  # columns without a unit
 
 
 def _cell(heading: str, value: float, *, marked: bool) -> str:
@@ -160,13 +200,13 @@ def _rmse(value: float) -> str:
     return f"{value:.4f}" if np.isfinite(value) else UNSAID
 
 
-def _card(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
+def _card(order: int, item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     unknown = item.effect == UNKNOWN
     name = "Something unknown" if unknown else spoken(item.effect).capitalize()
-    kind = _NO_EFFECT_OF_THE_ARM.get(item.effect) or _KINDS[item.kind]
+    means = _NO_EFFECT_OF_THE_ARM.get(item.effect) or _KINDS[item.kind]
     head = (
-        f"<h3>{escape(name)} <span>{escape(of_joints(item.joints))}</span></h3>"
-        f'<p class="kind">{escape(kind)}</p><p class="evidence">{escape(item.evidence)}</p>'
+        f"<h3>{escape(name)} <span>{escape(_title_place(item, fit))}</span></h3>"
+        f'<p class="kind">{escape(means)}</p><p class="evidence">{escape(item.evidence)}</p>'
     )
     facts = [
         ("confidence", meter(item.confidence)),
@@ -182,10 +222,20 @@ def _card(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     if where := _where(item, fit, recordings):
         facts.append(("where", where))
     listed = "".join(f"<dt>{k}</dt><dd>{v}</dd>" for k, v in facts)
+    kind = "card unknown" if unknown else "card"
     return (
-        f'<article class="card{" unknown" if unknown else ""}">{head}<dl>{listed}</dl>'
+        f'<article id="finding-{order}" class="{kind}">{head}<dl>{listed}</dl>'
         f"{_parameters(item) if item.effect != CONTACT else ''}</article>"
     )
+
+
+def _title_place(item: Finding, fit: Fit) -> str:
+    """Say where an effect is, and at which joint it shows where that is another one."""
+    place = place_of(item, len(fit.noise_floor))
+    shows = item.where.figure.removeprefix("joint-")
+    if not shows.isdigit() or (int(shows),) == item.joints:
+        return place
+    return f"{place}, most of all at joint {shows}" if item.effect != CONTACT else place
 
 
 def _drop(item: Finding) -> str:

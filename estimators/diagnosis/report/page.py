@@ -1,23 +1,27 @@
-"""The page of a report: sections, style, charts and plotly in one file."""
+"""The page of a report: its sections in the order in which they are read."""
 
 from __future__ import annotations
 
-from html import escape
-from importlib.resources import files
-from string import Template
 from typing import TYPE_CHECKING
 
+from estimators.diagnosis.headline import headline
 from estimators.diagnosis.report import sections
+from estimators.diagnosis.report.arm import arm
 from estimators.diagnosis.report.contact import pushed
 from estimators.diagnosis.report.findings import overview
-from estimators.diagnosis.report.markup import Charts
 from estimators.diagnosis.report.telemetry import telemetry
-from limo_driver.outputs import whole
+from limo_driver.pages import Charts, Page
+from limo_driver.pages.page import FOOTER
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.diagnosis.result import Diagnosis
+
+_FOOTER = (
+    f"{FOOTER} Positive torque acts along the joint axis. The same content for programs: "
+    "<code>verdict.json</code>; the improved simulation: <code>sim.yaml</code>."
+)
 
 
 def write_report(diagnosis: Diagnosis, path: Path) -> None:
@@ -30,17 +34,20 @@ def write_report(diagnosis: Diagnosis, path: Path) -> None:
     Raises:
         ConfigError: The file cannot be written.
     """
-    with whole(path) as draft:
-        draft.write_text(render(diagnosis), encoding="utf-8")
+    report(diagnosis).save(path)
 
 
 def render(diagnosis: Diagnosis) -> str:
     """Return the page as HTML."""
-    from plotly.offline import get_plotlyjs
+    return report(diagnosis).html()
 
+
+def report(diagnosis: Diagnosis) -> Page:
+    """Return the page of a diagnosis."""
     charts = Charts()
+    view, on_the_arm = arm(diagnosis, charts)
     body = (
-        overview(diagnosis, charts)
+        overview(diagnosis, charts, on_the_arm)
         + telemetry(diagnosis)
         + pushed(diagnosis, charts)
         + sections.where(diagnosis, charts)
@@ -51,15 +58,4 @@ def render(diagnosis: Diagnosis) -> str:
         + sections.doubts(diagnosis, charts)
         + sections.data(diagnosis)
     )
-    return Template(_asset("page.html")).substitute(
-        title=escape(diagnosis.verdict.sentence()),
-        style=_asset("style.css"),
-        body=body,
-        figures=charts.as_json(),
-        plotly=get_plotlyjs(),
-        script=_asset("charts.js"),
-    )
-
-
-def _asset(name: str) -> str:
-    return (files("estimators.diagnosis.report") / name).read_text(encoding="utf-8")
+    return Page(headline(diagnosis.verdict), body, charts, view, _FOOTER)

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.report import figures
-from estimators.diagnosis.report.markup import (
+from estimators.diagnosis.report.arm import played
+from estimators.diagnosis.report.stretch import loop_stretch
+from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.result import CHOSEN
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.summary import coverage
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
+from estimators.diagnosis.wording import likelier, names_of, of_joints
+from limo_driver.pages.markup import (
     UNSAID,
     Charts,
     folded,
@@ -20,13 +28,6 @@ from estimators.diagnosis.report.markup import (
     section,
     table,
 )
-from estimators.diagnosis.report.stretch import loop_stretch
-from estimators.diagnosis.residuals.held_out import rmse
-from estimators.diagnosis.result import CHOSEN
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.summary import coverage
-from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
-from estimators.diagnosis.wording import names_of, of_joints
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -46,6 +47,13 @@ _TITLES = {
     "time": "over time",
 }
 _NOTES = {"since_reversal": "signed along the motion"}
+_ASKED = {
+    "Does the residual depend on the distance since the last reversal?": "distance since reversal",
+    "Does it change with speed?": "speed",
+    "Does it change with the load on the joint?": "load on the joint",
+    "Does it change with the position of the joint?": "position of the joint",
+    "Does it change with time, at the same position and speed?": "time, at the same motion",
+}
 _SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
 _CANDIDATES = 12  # explanations drawn
 _LABEL = 44  # characters of an explanation beside its bar
@@ -97,7 +105,12 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
     note = _span(diagnosis, stretch.start, stretch.stop, stretch.recording)
     drawn = [
         charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
-        charts.place(figures.torque_over_time(traces, j, stretch), "Torque over time", note),
+        charts.place(
+            figures.torque_over_time(traces, j, stretch),
+            "Torque over time",
+            note,
+            follows=stretch.recording == played(diagnosis),
+        ),
     ]
     return grid(drawn) + grid(profiles, "three") + grid(maps)
 
@@ -169,27 +182,29 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
         body = charts.place(figures.explanations(best, names, chosen), "Explanations that competed")
         top = chosen.log_evidence
         rows = [
-            [escape(_name(item)), f"{item.log_evidence:.1f}", f"{item.log_evidence - top:.1f}",
-             meter(item.share), escape(_note(item, top))]
+            [escape(_name(item)), _compared_to(item.log_evidence - top), meter(item.share),
+             escape(_note(item, top))]
             for item in diagnosis.explanations
         ]  # fmt: skip
-        headings = (
-            "explanation",
-            "log evidence",
-            "to the chosen",
-            "share of the remaining error",
-            "",
-        )
+        headings = ("explanation", "beside the chosen", "removes of the remaining error", "")
         body += table(headings, rows)
     tellable = CONTRIBUTION.tellable
     lead = (
-        f"A difference in log evidence of {tellable:g} means odds of {np.exp(tellable):.0f} to 1; "
-        "these recordings cannot distinguish explanations that are closer than that. One of more "
-        "evidence than the chosen explanation is rejected where held-out motion speaks against it. "
+        "How likely each explanation makes the recordings, beside the chosen one. They "
+        f"cannot distinguish explanations within odds of {np.exp(tellable):.0f} to 1. A likelier "
+        "one than the chosen is rejected where held-out motion speaks against it. "
         "The remaining error is that of the given simulation with its values moved within their "
         "tolerances."
     )
     return section("What competed", body, "competing", lead)
+
+
+def _compared_to(lead: float) -> str:
+    """Say how likely an explanation is beside the chosen one, from its lead [nat]."""
+    if lead == 0.0:
+        return "chosen"
+    said = likelier(abs(lead)).rstrip(",")
+    return said if lead > 0 else said.replace("likelier", "less likely")
 
 
 def _name(item: Explanation) -> str:
@@ -219,18 +234,18 @@ def _note(item: Explanation, top: float) -> str:
 def tests(diagnosis: Diagnosis) -> str:
     """Return the tree of nested tests, joint by joint."""
     rows = [
-        [str(item.joint), escape(item.question), meter(item.share),
-         f'<b class="{"yes" if item.yes else "no"}">{"yes" if item.yes else "no"}</b>']
+        [str(item.joint), escape(_ASKED.get(item.question, item.question)), meter(item.share)]
         for item in sorted(diagnosis.tests, key=lambda item: item.joint)
-    ]  # fmt: skip
-    headings = ("joint", "question", "share of its reducible error", "answer")
+        if item.yes
+    ]
+    headings = ("joint", "its error goes with", "explains of its reducible error, beside the above")
     return section(
-        "Questions asked of the residual",
-        table(headings, rows) if rows else "",
+        "What the error of each joint goes with",
+        folded(f"{len(rows)} dependences", table(headings, rows)) if rows else "",
         "tests",
-        "Nested tests: each asks whether the residual of one joint, by itself, depends on one more "
-        "thing. They name nothing: an effect of the whole arm, or several at one joint, may answer "
-        "otherwise than a single effect would.",
+        "Found joint by joint, before any effect was named: a joint is listed with a variable if "
+        "knowing it predicts held-out error better. What is not listed is not denied: another "
+        "variable of the list, or an effect of the whole arm, may already account for it.",
     )
 
 
@@ -313,12 +328,17 @@ def replay(diagnosis: Diagnosis, charts: Charts) -> str:
 def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     order = [j for j in _by_excess(diagnosis) if j + 1 in _affected(diagnosis)] or [0]
     span = _span(diagnosis, item.time[0], item.time[-1], item.recording)
+    follows = item.recording == played(diagnosis)
     drawn = [
         chart
         for j in order[:OPEN]
         for chart in (
-            charts.place(figures.replayed(item, j), f"Joint {j + 1}: torque", span),
-            charts.place(figures.replay_error(item, j), f"Joint {j + 1}: difference", span),
+            charts.place(
+                figures.replayed(item, j), f"Joint {j + 1}: torque", span, follows=follows
+            ),
+            charts.place(
+                figures.replay_error(item, j), f"Joint {j + 1}: difference", span, follows=follows
+            ),
         )
     ]
     before, after = (

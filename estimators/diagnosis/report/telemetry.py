@@ -5,8 +5,8 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from estimators.diagnosis.report.markup import section
 from estimators.telemetry import telemetry_in
+from limo_driver.pages.markup import section
 
 if TYPE_CHECKING:
     from estimators.diagnosis.result import Diagnosis

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import pytest
 
+from estimators.diagnosis.headline import headline
 from estimators.diagnosis.summary import columns_of, coverage, lines_of
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
     Fit,
+    Interval,
     RowCount,
     Unexplained,
     Verdict,
@@ -20,7 +22,8 @@ from estimators.diagnosis.verdict import (
 FIT = Fit((0.4312, 3.7), (0.0312, 0.0078), (0.03, 0.0096), 0.9, (0.8, 0.95), (0.5, 3.0),
           (0.52, 3.9), (0.12, 0.2))  # fmt: skip
 FINDING = Finding(
-    "payload", "missing", (2,), ("link_inertia",), 0.93, {}, Where(), 0.8,
+    "payload", "missing", (2,), ("link_inertia",), 0.93,
+    {"mass": Interval(0.968, "kg", (0.754, 1.182))}, Where(), 0.8,
     BeforeAfter((0.4, 3.0), (0.1, 0.1)), "At joint 2 the error goes with the load.",
 )  # fmt: skip
 ROWS = RowCount(3810, {}, 400, (300, 280), (200, 180), 100, (69, 81))
@@ -29,8 +32,12 @@ VERDICT = Verdict("explained", (FINDING,), Unexplained(), (), None, FIT, ROWS, (
 
 def test_it_has_findings_equivalents_table_and_notes():
     lines = lines_of(VERDICT)
-    assert lines[0] == VERDICT.sentence()
-    assert lines[1:3] == [FINDING.evidence, "  confidence 93 %; cannot be told from link inertia"]
+    assert lines[0] == headline(VERDICT)
+    assert lines[1:4] == [
+        "payload (at the flange): mass 0.97 kg [0.75, 1.18]",
+        f"  {FINDING.evidence}",
+        "  confidence 93 %; cannot be told from link inertia",
+    ]
     assert lines[-1] == "note: A note."
     table = lines[lines.index("held-out RMSE [N m]") :]
     assert table[2].split() == [
@@ -60,4 +67,4 @@ def test_what_is_not_known_has_no_column():
     bare = replace(VERDICT, fit=Fit(*errors, 0.9, (0.8, 0.95)), rows=RowCount(10, {}))
     assert list(columns_of(bare)) == ["given", "improved", "noise floor"]
     assert coverage(bare) == ""
-    assert len(lines_of(bare)) == 10
+    assert len(lines_of(bare)) == 11

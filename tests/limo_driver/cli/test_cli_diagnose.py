@@ -132,7 +132,7 @@ def test_writes_verdict_simulation_report_and_the_next_motion(tmp_path, recordin
     status, printed, notes = diagnose(recording)
     assert status == 0, notes
     assert {item.name for item in (tmp_path / "out").iterdir()} == FILES
-    assert "Found missing presliding hysteresis (joint 2)" in printed
+    assert "Presliding hysteresis at joint 2" in printed
     assert "cannot be told from stribeck friction" in printed
     assert "next motion: Creep at five speeds" in printed
     said = printed.replace("\n", "")
@@ -184,9 +184,9 @@ def test_what_no_motion_tells_apart_is_said_in_the_report(tmp_path, recording, d
     found["separates"] = (("payload", "link_inertia"),)
     status, printed, notes = diagnose(recording)
     assert status == 0, notes
-    assert "No next motion: " in printed
+    assert "No motion to record next is proposed: " in printed
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "No next motion: " in page
+    assert "No motion to record next is proposed: " in page
     assert "once with and once without it" in page
     assert not (tmp_path / "out" / "next_motion.parquet").exists()
 
@@ -223,7 +223,7 @@ def test_where_a_later_stage_fails_the_verdict_is_written_and_says_so(
     status, printed, notes = diagnose(recording)
     assert status == 1
     assert f"limo: a stage of the diagnosis failed: {stage} (LinAlgError: Singular" in notes
-    assert "Found missing presliding hysteresis" in printed
+    assert "Presliding hysteresis at joint 2" in printed
     assert {item.name for item in (tmp_path / "out").iterdir()} == FILES - missing
     verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert f"missing: {stage} (LinAlgError: Singular matrix)." in verdict["notes"][0]

@@ -58,7 +58,7 @@ def test_the_whole_way_in_a_dozen_lines(recorded, tmp_path, monkeypatch, capsys)
     exec(SNIPPET, given)  # noqa: S102  # our own
     printed = capsys.readouterr().out
     assert "RMSE [N m]" in printed
-    assert given["found"].verdict.sentence() in printed
+    assert given["found"].headline() in printed
     better = limo.Simulation.load("better.yaml")
     assert better == given["found"].simulation
     written = {path.name for path in (tmp_path / "diagnosis").iterdir()}

@@ -6,12 +6,12 @@ import json
 from dataclasses import dataclass, field
 from html import escape
 from math import floor, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from estimators.diagnosis.report.figures import Figure
+Figure: TypeAlias = dict[str, Any]  # of plotly: data, layout, and the height in the page
 
 UNSAID = "\N{EN DASH}"  # a figure that is not known
 _NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
@@ -23,12 +23,21 @@ class Charts:
 
     figures: list[Figure] = field(default_factory=list)
 
-    def place(self, figure: Figure, caption: str, note: str = "") -> str:
-        """Add a chart and return its place in the page."""
+    def place(self, figure: Figure, caption: str, note: str = "", *, follows: bool = False) -> str:
+        """Add a chart and return its place in the page.
+
+        Args:
+            figure: What is drawn.
+            caption: What it shows, also for who cannot see it.
+            note: Beside the caption, in small letters.
+            follows: Whether its x is the time of the motion that the arm of the page plays.
+        """
         self.figures.append(figure)
+        cursor = " data-cursor" if follows else ""
         heading = f"<figcaption>{escape(caption)}{_small(note)}</figcaption>"
         return (
-            f'<figure>{heading}<div class="chart" role="img" aria-label="{escape(caption)}" '
+            f'<figure>{heading}<div class="chart"{cursor} role="img" '
+            f'aria-label="{escape(caption)}" '
             f'data-figure="{len(self.figures) - 1}" style="height:{figure["height"]}px"></div>'
             "</figure>"
         )
@@ -38,8 +47,13 @@ class Charts:
         content: list[dict[str, Any]] = [
             {"data": item["data"], "layout": item["layout"]} for item in self.figures
         ]
-        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-        return text.replace("</", "<\\/")
+        return script_json(content)
+
+
+def script_json(value: object) -> str:
+    """Return values as JSON that may stand inside a script element."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")
 
 
 def section(title: str, body: str, anchor: str, lead: str = "") -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.diagnosis.report.markup import UNSAID, percent
+from limo_driver.pages.markup import UNSAID, percent
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,191 @@
+"""Headline: a verdict in one sentence of two lines at most, grouped, with values and intervals."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Final
+
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.diagnosis.wording import LINK_INERTIA, of_several
+from limo_driver.physics import (
+    AsymmetricFriction,
+    CoulombFriction,
+    GravityDirection,
+    LoadDependentFriction,
+    Payload,
+    PositionDependentFriction,
+    QuadraticDrag,
+    StribeckFriction,
+    ViscousFriction,
+    spoken,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.verdict import Finding, Interval, Verdict
+
+MOST: Final = 190  # characters: two lines of a page or a wide terminal
+_FRICTION: Final = frozenset(
+    effect.name
+    for effect in (
+        CoulombFriction,
+        ViscousFriction,
+        AsymmetricFriction,
+        StribeckFriction,
+        QuadraticDrag,
+        LoadDependentFriction,
+        PositionDependentFriction,
+    )
+)
+_UNNUMBERED: Final = frozenset({"text", "joint"})  # units of what is no quantity
+_SMALLEST: Final = 1e-12  # half width of an interval below which it has none
+_PUSHES: Final = 2  # whose times are said
+
+
+def headline(verdict: Verdict) -> str:
+    """Say what was found, where, how much, and how sure the values are.
+
+    Effects of one kind are said together; where all of it does not fit into two lines, values are
+    left out first, and then what explains least.
+    """
+    if verdict.verdict == "consistent":
+        return "Recording and simulation agree within tolerances and noise."
+    n = len(verdict.fit.noise_floor)
+    groups = _groups(verdict)
+    long = [_said(group, n, values=True) for group in groups]
+    short = [_said(group, n, values=False) for group in groups]
+    unknown = _unknown(verdict, n)
+    count = len(groups)
+    tried = [[*long[:k], *short[k:], *unknown] for k in range(count, -1, -1)]
+    tried += [[*short[:k], f"{count - k} more below", *unknown] for k in range(count - 1, 0, -1)]
+    texts = [_sentence(parts) for parts in tried]
+    return next((text for text in texts if len(text) <= MOST), texts[-1])
+
+
+def place_of(item: Finding, n: int) -> str:
+    """Say where an effect acts on an arm of n joints; a payload is felt elsewhere than it is."""
+    if item.effect == Payload.name:
+        return "at the flange"
+    if item.effect == GravityDirection.name:
+        return "whole arm"
+    if item.effect == LINK_INERTIA:
+        return f"link {', '.join(map(str, item.joints))}"
+    return of_several(item.joints, n)
+
+
+def values_of(item: Finding) -> str:
+    """Return the parameters of a finding with units and 95 % intervals, in one line."""
+    said = [
+        f"{spoken(name)} {_value(known)}"
+        for name, known in item.parameters.items()
+        if known.value != ()
+    ]
+    return "; ".join(said)
+
+
+def quantity_of(item: Finding) -> str:
+    """Return the value that matters most of a finding, if that is one number; else nothing."""
+    known = _main(item)
+    return quantity(known) if known else ""
+
+
+def quantity(known: Interval) -> str:
+    """Return a number with its unit and interval, to the digits that the interval leaves."""
+    value = float(known.value)  # pyright: ignore[reportArgumentType]  # a number, see `_main`
+    unit = _unit(known.unit)
+    if known.ci95 is None or None in known.ci95:
+        return f"{value:.3g}{unit}"
+    low, high = map(float, known.ci95)
+    half = max((high - low) / 2, _SMALLEST)
+    decimals = min(max(0, 1 - math.floor(math.log10(half))), 9)
+    return f"{value:.{decimals}f}{unit} [{low:.{decimals}f}, {high:.{decimals}f}]"
+
+
+def _value(known: Interval) -> str:
+    if isinstance(known.value, str):
+        return spoken(known.value)
+    if isinstance(known.value, (int, float)):
+        return quantity(known)
+    return _nested(known.value) + _unit(known.unit)
+
+
+def _nested(values: object) -> str:
+    if isinstance(values, (tuple, list)):
+        return f"({', '.join(map(_nested, values))})"
+    return f"{values:.3g}" if isinstance(values, float) else str(values)
+
+
+def _unit(unit: str) -> str:
+    return f" {unit}" if unit not in {"", "1", *_UNNUMBERED} else ""
+
+
+def _groups(verdict: Verdict) -> list[list[Finding]]:
+    """Return findings that are said together, in order of their first; pushes last."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for item in verdict.findings:
+        if item.effect != UNKNOWN:
+            family = "friction" if _is_friction(item) else item.effect
+            groups.setdefault((family, item.kind), []).append(item)
+    return sorted(groups.values(), key=lambda group: group[0].effect == CONTACT)
+
+
+def _is_friction(item: Finding) -> bool:
+    return item.kind == "missing" and item.effect in _FRICTION
+
+
+def _said(group: Sequence[Finding], n: int, *, values: bool) -> str:
+    first = group[0]
+    joints = sorted({j for item in group for j in item.joints})
+    if first.effect == CONTACT:
+        return _pushed(first)
+    if _is_friction(first) and len({item.effect for item in group}) > 1:
+        return f"friction of {of_several(joints, n)} was not in the simulation"
+    name = spoken(first.effect)
+    if len(group) > 1:
+        return f"{_wrong(first)}{name} of {of_several(joints, n)}"
+    place = place_of(first, n)
+    at = place if first.effect == Payload.name else f"at {place}"
+    known = _main(first) if values else None
+    if first.kind == "wrong_parameter":
+        should = f": {quantity(known)} fits" if known else ""
+        return f"wrong {name} {at}{should}"
+    return f"{name}{f' of {quantity(known)}' if known else ''} {at}"
+
+
+def _wrong(item: Finding) -> str:
+    return "wrong " if item.kind == "wrong_parameter" else ""
+
+
+def _main(item: Finding) -> Interval | None:
+    """Return the first parameter that is one number with an interval."""
+    for known in item.parameters.values():
+        number = isinstance(known.value, (int, float)) and known.unit not in _UNNUMBERED
+        if number and known.ci95 is not None:
+            return known
+    return None
+
+
+def _pushed(item: Finding) -> str:
+    windows = item.where.time
+    if not 0 < len(windows) <= _PUSHES:
+        return f"something pushed the arm {len(windows)} times"
+    return f"something pushed the arm at {' and '.join(f'{a:.1f} s' for a, _ in windows)}"
+
+
+def _unknown(verdict: Verdict, n: int) -> list[str]:
+    """Say where nothing in the catalogue explains what is left, and in which motion."""
+    items = [item for item in verdict.findings if item.effect == UNKNOWN]
+    joints = sorted({j for item in items for j in item.joints} | {*verdict.unexplained.joints})
+    if not joints:
+        return []
+    region = (items[0].where.region if items else "") or verdict.unexplained.where.region
+    # such a region reads: joint 4, large |speed| (half of it above 0.4 rad/s), and so on
+    half = re.search(r"\((half of it [^)]+)\)", region) if len(joints) == 1 else None
+    return [f"{of_several(joints, n)}: something unknown" + (f", {half[1]}" if half else "")]
+
+
+def _sentence(parts: Sequence[str]) -> str:
+    text = "; ".join(parts)
+    return f"{text[:1].upper()}{text[1:]}." if text else "Nothing was found."

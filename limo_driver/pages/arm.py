@@ -1,0 +1,183 @@
+"""The arm on a page: its links and joints, what was found where, and the motion that is played."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.kinematics import KinematicChain
+from limo_driver.model import Capsule
+from limo_driver.pages.meshes import meshes_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from limo_driver.model import RobotModel
+    from limo_driver.pages.meshes import LinkMesh
+    from limo_driver.types import FloatArray
+
+STICK: Final = 0.03  # of the arm's length: radius of links that have no shape
+RING: Final = 0.05  # of the arm's length: radius of the ring at a joint that has no shape
+_WIDER: Final = 1.12  # of the ring than of the link it goes around
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A text at a joint (0-based), or at the flange if there is none."""
+
+    text: str
+    joint: int | None = None
+    link: str = ""  # anchor in the page
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """Another arm beside the recorded one: what it did and what torque it lacked, T samples."""
+
+    name: str
+    colour: str
+    error: FloatArray  # (T, n) recorded less simulated torque [N m]
+    position: FloatArray | None = None  # (T, n) [rad], where it was simulated
+
+
+@dataclass(frozen=True)
+class PushArrow:
+    """A force on the flange during a stretch of time."""
+
+    start: float  # [s]
+    end: float  # [s]
+    force: tuple[float, ...]  # (3,) [N], in axes of the base
+
+
+@dataclass(frozen=True)
+class PlayedMotion:
+    """The motion that the time slider goes through, T samples."""
+
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad]
+    ghosts: tuple[Ghost, ...] = ()
+    pushes: tuple[PushArrow, ...] = ()
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class ArmView:
+    """An arm as pages draw it, with what is said of its joints."""
+
+    chain: KinematicChain
+    capsules: tuple[Capsule, ...]
+    meshes: tuple[LinkMesh, ...]
+    rings: tuple[float, ...]  # (n,) radius of the ring around each joint [m]
+    length: float  # [m]
+    pose: FloatArray  # (n,) [rad], shown at first and on paper
+    errors: tuple[tuple[str, tuple[float, ...]], ...] = ()  # by name, (n,) [N m] each
+    floor: tuple[float, ...] = ()  # (n,) [N m], what an error is compared with
+    pins: tuple[Pin, ...] = ()
+    motion: PlayedMotion | None = None
+
+    def as_values(self) -> dict[str, Any]:
+        """Return what the script of a page draws, as plain values."""
+        chain = self.chain
+        return {
+            "parent": chain.parent.tolist(),
+            "rotation": _rounded(chain.rotation, 9),
+            "translation": _rounded(chain.translation, 6),
+            "axis": _rounded(chain.axis, 9),
+            "flange": _rounded(chain.flange, 6),
+            "length": self.length,
+            "pose": _rounded(self.pose, 5),
+            "rings": _rounded(self.rings, 4),
+            "capsules": [
+                [c.joint, *_rounded(c.start, 4), *_rounded(c.end, 4), round(c.radius, 4)]
+                for c in self.capsules
+            ],
+            "meshes": [_mesh_values(mesh) for mesh in self.meshes],
+            "errors": [[name, _rounded(values, 6)] for name, values in self.errors],
+            "floor": _rounded(self.floor, 6),
+            "pins": [{"text": p.text, "joint": p.joint, "link": p.link} for p in self.pins],
+            "motion": _motion_values(self.motion) if self.motion else None,
+        }
+
+
+def arm_view(model: RobotModel, pose: FloatArray, **said: Any) -> ArmView:  # noqa: ANN401
+    """Return a robot as pages draw it: its meshes, else its capsules, else a stick figure.
+
+    Args:
+        model: The robot.
+        pose: Shown at first and on paper, (n,) [rad].
+        said: `errors`, `floor`, `pins` and `motion` of the view.
+    """
+    chain = KinematicChain.of(model)
+    capsules = _capsules(model) or _sticks(chain, model.length)
+    rings = tuple(_ring(capsules, j, model.length) for j in range(model.n))
+    return ArmView(chain, capsules, meshes_of(model), rings, model.length, pose, **said)
+
+
+def _capsules(model: RobotModel) -> tuple[Capsule, ...]:
+    try:
+        return model.capsules()
+    except ConfigError:  # meshes that are not there: the arm can be drawn without
+        return ()
+
+
+def _sticks(chain: KinematicChain, length: float) -> tuple[Capsule, ...]:
+    """Return thin capsules from each joint to the next, and to the flange."""
+    ends = [(int(p), t) for p, t in zip(chain.parent, chain.translation, strict=True)]
+    ends.append((len(chain.parent) - 1, chain.flange))
+    zero = np.zeros(3)
+    return tuple(Capsule("", joint, zero, end, STICK * length) for joint, end in ends)
+
+
+def _ring(capsules: Sequence[Capsule], joint: int, length: float) -> float:
+    radii = [c.radius for c in capsules if c.joint == joint]
+    return _WIDER * max(radii, default=RING * length / _WIDER)
+
+
+def _mesh_values(mesh: LinkMesh) -> dict[str, Any]:
+    """Return a mesh in 16 bits a coordinate, of the box around it."""
+    low = mesh.vertices.min(axis=0)
+    size = float(np.ptp(mesh.vertices, axis=0).max()) or 1.0
+    values = np.round((mesh.vertices - low) / size * 65_535).astype("<u2")
+    return {
+        "joint": mesh.joint,
+        "low": _rounded(low, 6),
+        "size": size,
+        "vertices": _packed(values),
+        "faces": _packed(mesh.faces.astype("<u4" if len(values) > 65_535 else "<u2")),  # noqa: PLR2004
+        "wide": len(values) > 65_535,  # noqa: PLR2004  # 16 bits
+    }
+
+
+def _motion_values(motion: PlayedMotion) -> dict[str, Any]:
+    return {
+        "time": _packed(motion.time.astype("<f4")),
+        "position": _packed(motion.position.astype("<f4")),
+        "ghosts": [
+            {
+                "name": ghost.name,
+                "colour": ghost.colour,
+                "error": _packed(ghost.error.astype("<f4")),
+                "position": None
+                if ghost.position is None
+                # the difference, which single precision keeps where the position would drown it
+                else _packed((ghost.position - motion.position).astype("<f4")),
+            }
+            for ghost in motion.ghosts
+        ],
+        "pushes": [[p.start, p.end, *_rounded(p.force, 3)] for p in motion.pushes],
+    }
+
+
+def _packed(values: Any) -> str:  # noqa: ANN401  # arrays of any type
+    return b64encode(np.ascontiguousarray(values).tobytes()).decode()
+
+
+def _rounded(values: ArrayLike, digits: int) -> list[Any]:
+    known = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(known), np.round(known, digits), 0.0).tolist()

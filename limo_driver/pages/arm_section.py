@@ -1,0 +1,89 @@
+"""The place of the arm in a page: stage, picture for paper, colours, ghosts and time slider."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.pages.markup import paragraph
+from limo_driver.pages.still import SCALE, still
+
+if TYPE_CHECKING:
+    from limo_driver.pages.arm import ArmView, PlayedMotion
+
+_MAGNIFIED = (1, 10, 100, 1000, 10_000)  # times that a ghost's distance is drawn
+_SEEN = 0.3  # [rad] of that distance, at most, at first
+
+
+def arm_section(view: ArmView, title: str, lead: str) -> str:
+    """Return the section in which the script of a page draws its arm.
+
+    Args:
+        view: The arm; the first of its errors is shown first.
+        title: Of the section.
+        lead: What to see in it.
+    """
+    first = view.errors[0][0] if view.errors else ""
+    motion = view.motion
+    start = 0 if motion is None else int(np.argmin(np.abs(motion.position - view.pose).sum(axis=1)))
+    return (
+        f'<section id="arm" class="arm" data-first="{start}"><h2>{escape(title)}</h2>'
+        f"{paragraph(lead, 'lead')}"
+        f'<div class="stage"><svg class="leaders" aria-hidden="true"></svg>{still(view, first)}'
+        f"</div>{_colours(view, first)}{_player(motion) if motion else ''}</section>"
+    )
+
+
+def _colours(view: ArmView, first: str) -> str:
+    if not view.errors:
+        return ""
+    moving = [f"now {ghost.name}" for ghost in view.motion.ghosts] if view.motion else []
+    names = [name for name, _ in view.errors] + moving
+    buttons = "".join(
+        f'<label><input type="radio" name="colour" value="{escape(name)}"'
+        f"{' checked' if name == first else ''}> {escape(name)}</label>"
+        for name in names
+    )
+    return (
+        f'<fieldset class="controls"><legend>Rings show the error of</legend>{buttons}'
+        f'<span class="scale"><i style="background:linear-gradient(90deg,{",".join(SCALE)})"></i>'
+        "1 to 100 times the noise floor</span></fieldset>"
+    )
+
+
+def _player(motion: PlayedMotion) -> str:
+    moved = [ghost for ghost in motion.ghosts if ghost.position is not None]
+    ghosts = ""
+    if moved:
+        boxes = "".join(
+            f'<label><input type="checkbox" name="ghost" value="{escape(ghost.name)}" checked>'
+            f'<i class="dot" style="background:{ghost.colour}"></i> {escape(ghost.name)}</label>'
+            for ghost in moved
+        )
+        times = _magnified(motion)
+        options = "".join(
+            f'<option value="{k}"{" selected" if k == times else ""}>{k} times</option>'
+            for k in _MAGNIFIED
+        )
+        ghosts = (
+            f'<fieldset class="controls"><legend>Simulated arms, translucent</legend>{boxes}'
+            f'<label>distance drawn <select name="magnify">{options}</select></label></fieldset>'
+        )
+    return (
+        f'{ghosts}<div class="controls player"><button type="button" class="play">Play</button>'
+        f'<input type="range" min="0" max="{len(motion.time) - 1}" value="0" step="1" '
+        f'aria-label="Time"><output></output></div>{paragraph(motion.caption, "small")}'
+    )
+
+
+def _magnified(motion: PlayedMotion) -> int:
+    """Return how many times the distance of the ghosts is drawn at first, so that it shows."""
+    apart = [
+        np.abs(ghost.position - motion.position)
+        for ghost in motion.ghosts
+        if ghost.position is not None
+    ]
+    largest = max((float(np.nanmax(a)) for a in apart if np.isfinite(a).any()), default=0.0)
+    return max(k for k in _MAGNIFIED if k == 1 or k * largest <= _SEEN)

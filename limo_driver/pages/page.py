@@ -1,0 +1,75 @@
+"""The page: texts, charts, the arm in 3-D and what draws them, in one file without network."""
+
+from __future__ import annotations
+
+import gzip
+from base64 import b64encode
+from dataclasses import dataclass, field
+from functools import cache
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import TYPE_CHECKING
+
+from limo_driver.outputs import whole
+from limo_driver.pages.markup import Charts, script_json
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from limo_driver.pages.arm import ArmView
+
+FOOTER = "Torque in N m, angles in rad, joints counted from 1."
+
+
+@dataclass(frozen=True)
+class Page:
+    """The content of a page; `html` is all of it as text."""
+
+    title: str
+    body: str  # HTML
+    charts: Charts = field(default_factory=Charts)
+    arm: ArmView | None = None  # drawn in the place of `arm_section`
+    footer: str = FOOTER  # HTML
+
+    def html(self) -> str:
+        """Return the page as HTML."""
+        libraries = [("plotly", "plotly-cartesian.min.js")] if self.charts.figures else []
+        scripts = ["page.js", "charts.js"]
+        if self.arm is not None:
+            libraries.append(("three", "three.min.js"))
+            scripts += ["arm.js", "player.js"]
+        return Template(asset("page.html")).substitute(
+            title=escape(self.title),
+            style=asset("style.css"),
+            body=self.body,
+            footer=self.footer,
+            figures=self.charts.as_json(),
+            arm=script_json(self.arm.as_values() if self.arm else None),
+            libraries="\n".join(
+                f'<script type="text/plain" id="library-{name}">{_packed(file)}</script>'
+                for name, file in libraries
+            ),
+            script="\n".join(asset(name) for name in scripts),
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the page.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
+        with whole(path) as draft:
+            draft.write_text(self.html(), encoding="utf-8")
+
+
+def asset(name: str) -> str:
+    """Return a file of `static`."""
+    return (files("limo_driver.pages") / "static" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _packed(name: str) -> str:
+    """Return a library as browsers unpack it: a third of its size."""
+    text = asset(f"vendor/{name}").encode("utf-8")
+    return b64encode(gzip.compress(text, mtime=0)).decode()

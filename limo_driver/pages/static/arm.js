@@ -1,0 +1,202 @@
+// The arm in 3-D: links, a ring at each joint, translucent ghosts, arrows, and texts at their places.
+const SCALE = ["#8fa3b5", "#e3b04b", "#d9730d", "#b3261e"]; // as in still.py
+const MOST = 100; // noise floors of an error that has the last colour
+
+const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+const floats = (text) => new Float32Array(bytesOf(text));
+
+function colourOf(error, floor) {
+  const ratio = floor > 0 ? Math.min(Math.max(error / floor, 1), MOST) : 1;
+  const at = (Math.log(ratio) / Math.log(MOST)) * (SCALE.length - 1);
+  const k = Math.min(Math.floor(at), SCALE.length - 2);
+  return new THREE.Color(SCALE[k]).lerp(new THREE.Color(SCALE[k + 1]), at - k);
+}
+
+class ArmScene {
+  constructor(stage, arm) {
+    this.stage = stage;
+    this.arm = arm;
+    this.joints = arm.parent.length;
+    this.ghosts = [];
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.domElement.setAttribute("role", "img");
+    this.renderer.domElement.setAttribute("aria-label", "The arm in 3-D; drag to turn it");
+    stage.prepend(this.renderer.domElement);
+    this.scene = new THREE.Scene();
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a939c, 2.2));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
+    sun.position.set(2, 1, 4);
+    this.scene.add(sun);
+    this.grid = new THREE.PolarGridHelper(0.6 * arm.length, 8, 4, 48, 0xaab3bb, 0xaab3bb);
+    this.grid.rotation.x = Math.PI / 2;
+    this.scene.add(this.grid);
+    this.body = this.build(0xd5dbe1, 1);
+    this.scene.add(this.body.root);
+    this.rings = arm.rings.map((radius, j) => this.ring(radius, j));
+    this.camera = new THREE.PerspectiveCamera(35, 1, 0.01 * arm.length, 20 * arm.length);
+    this.camera.up.set(0, 0, 1);
+    const middle = this.pose(arm.pose);
+    const away = 1.9 * arm.length;
+    this.camera.position.set(middle.x + 0.55 * away, middle.y + 0.75 * away, middle.z + 0.4 * away);
+    this.controls = new THREE.OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.target.copy(middle);
+    this.controls.enableZoom = false; // the wheel scrolls the page
+    this.controls.update();
+    this.controls.addEventListener("change", () => this.render());
+    this.labels = this.arm.pins.map((pin) => this.label(pin));
+    new ResizeObserver(() => this.render()).observe(stage);
+    this.render();
+  }
+
+  // One arm of groups that turn, its bodies fixed to them.
+  build(colour, opacity) {
+    const { parent, rotation, translation } = this.arm;
+    const material = new THREE.MeshStandardMaterial({
+      color: colour, roughness: 0.6, metalness: 0.05, transparent: opacity < 1, opacity,
+      depthWrite: opacity === 1, side: opacity === 1 ? THREE.DoubleSide : THREE.FrontSide,
+      polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 2, // behind the solid one
+    });
+    const root = new THREE.Group();
+    const frames = parent.map(() => new THREE.Group());
+    frames.forEach((frame, j) => {
+      const R = rotation[j], p = translation[j];
+      frame.userData.home = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().set(
+        ...R[0], 0, ...R[1], 0, ...R[2], 0, 0, 0, 0, 1));
+      frame.position.set(...p);
+      (parent[j] < 0 ? root : frames[parent[j]]).add(frame);
+    });
+    const at = (joint) => (joint < 0 ? root : frames[joint]);
+    if (this.arm.meshes.length) {
+      this.arm.meshes.forEach((mesh) => at(mesh.joint).add(new THREE.Mesh(this.geometry(mesh), material)));
+    } else {
+      this.arm.capsules.forEach((c) => at(c[0]).add(this.capsule(c, material)));
+    }
+    return { root, frames, material };
+  }
+
+  geometry(mesh) {
+    if (!mesh.geometry) {
+      const packed = new Uint16Array(bytesOf(mesh.vertices));
+      const places = Float32Array.from(packed, (v, k) => mesh.low[k % 3] + (v / 65535) * mesh.size);
+      const faces = mesh.wide ? new Uint32Array(bytesOf(mesh.faces)) : new Uint16Array(bytesOf(mesh.faces));
+      mesh.geometry = new THREE.BufferGeometry();
+      mesh.geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
+      mesh.geometry.setIndex(new THREE.BufferAttribute(faces, 1));
+      mesh.geometry.computeVertexNormals();
+    }
+    return mesh.geometry;
+  }
+
+  capsule([, ax, ay, az, bx, by, bz, radius], material) {
+    const a = new THREE.Vector3(ax, ay, az), b = new THREE.Vector3(bx, by, bz);
+    const shape = new THREE.Mesh(new THREE.CapsuleGeometry(radius, a.distanceTo(b), 8, 20), material);
+    shape.position.copy(a).add(b).multiplyScalar(0.5);
+    const along = b.clone().sub(a);
+    if (along.length() > 1e-9) shape.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along.normalize());
+    return shape;
+  }
+
+  ring(radius, j) {
+    const material = new THREE.MeshStandardMaterial({ color: SCALE[0], roughness: 0.5 });
+    const ring = new THREE.Mesh(new THREE.TorusGeometry(radius, 0.012 * this.arm.length, 12, 48), material);
+    ring.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...this.arm.axis[j]));
+    this.body.frames[j].add(ring);
+    return ring;
+  }
+
+  turn(body, position) {
+    body.frames.forEach((frame, j) => {
+      const turned = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(...this.arm.axis[j]), position[j]);
+      frame.quaternion.copy(frame.userData.home).multiply(turned);
+    });
+    body.root.updateMatrixWorld(true);
+  }
+
+  // Take a position; returns the middle of the arm.
+  pose(position) {
+    this.turn(this.body, position);
+    const reach = [0, ...this.joints ? [...Array(this.joints).keys()] : []];
+    const places = reach.map((j) => this.place(j)).concat([this.place(null), new THREE.Vector3()]);
+    const low = places[0].clone(), high = places[0].clone();
+    places.forEach((p) => { low.min(p); high.max(p); });
+    return low.add(high).multiplyScalar(0.5);
+  }
+
+  // Where a joint is, or the flange, in axes of the base.
+  place(joint) {
+    const frame = this.body.frames[joint ?? this.joints - 1];
+    return joint === null ? frame.localToWorld(new THREE.Vector3(...this.arm.flange))
+      : new THREE.Vector3().setFromMatrixPosition(frame.matrixWorld);
+  }
+
+  addGhost(colour) {
+    const ghost = this.build(colour, 0.35);
+    this.scene.add(ghost.root);
+    this.ghosts.push(ghost);
+    return ghost;
+  }
+
+  // Errors of all joints [N m]: colour, and size where they change.
+  paint(errors, floor, grow = false) {
+    this.rings.forEach((ring, j) => {
+      ring.material.color.copy(colourOf(errors[j], floor[j]));
+      const ratio = floor[j] > 0 ? Math.abs(errors[j]) / floor[j] : 1;
+      const size = grow ? 1 + 0.35 * Math.min(Math.log10(Math.max(ratio, 1)), 2) : 1;
+      ring.scale.setScalar(size);
+    });
+  }
+
+  // An arrow at the flange along a force [N]; none without one.
+  push(force, most) {
+    if (this.arrow) this.scene.remove(this.arrow);
+    this.arrow = null;
+    if (!force) return;
+    const along = new THREE.Vector3(...force), size = along.length();
+    if (!(size > 0)) return;
+    const length = (0.15 + 0.35 * size / most) * this.arm.length;
+    const from = this.place(null).sub(along.clone().normalize().multiplyScalar(length));
+    this.arrow = new THREE.ArrowHelper(along.normalize(), from, length, 0xc2185b, 0.3 * length, 0.16 * length);
+    this.scene.add(this.arrow);
+  }
+
+  label(pin) {
+    const text = document.createElement(pin.link ? "a" : "span");
+    if (pin.link) text.href = pin.link;
+    text.className = "pin";
+    text.textContent = pin.text;
+    this.stage.append(text);
+    const leader = document.createElementNS("http://www.w3.org/2000/svg", "path");
+    this.stage.querySelector("svg.leaders").append(leader);
+    return { pin, text, leader };
+  }
+
+  placeLabels(width, height) {
+    const seen = this.labels.map(({ pin }) => this.place(pin.joint).project(this.camera));
+    const order = [...this.labels.keys()].sort((a, b) => seen[b].y - seen[a].y);
+    let below = 8;
+    order.forEach((k) => {
+      const { text, leader } = this.labels[k];
+      const x = (seen[k].x + 1) / 2 * width, y = (1 - seen[k].y) / 2 * height;
+      const top = Math.max(below, Math.min(y - text.offsetHeight / 2, height - 36 * (order.length - order.indexOf(k))));
+      text.style.top = `${top}px`;
+      below = top + text.offsetHeight + 6;
+      const left = width - text.offsetWidth - 10;
+      leader.setAttribute("d", `M${x},${y} L${left},${top + text.offsetHeight / 2}`);
+    });
+  }
+
+  render() {
+    const width = this.stage.clientWidth, height = this.stage.clientHeight;
+    if (!width) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    // texts stand at the right: the arm moves to the left where there is room
+    const aside = this.labels.length ? Math.min(0.16 * width, 0.5 * Math.max(0, width - height)) : 0;
+    this.camera.setViewOffset(width, height, aside, 0, width, height);
+    this.renderer.render(this.scene, this.camera);
+    this.camera.updateMatrixWorld();
+    this.placeLabels(width, height);
+  }
+}

@@ -1,0 +1,37 @@
+// Draw every chart that can be seen; those in closed details when they are opened.
+const figures = JSON.parse(document.getElementById("figures").textContent);
+const touch = matchMedia("(pointer: coarse)").matches;
+const config = { displaylogo: false, displayModeBar: false, responsive: true };
+const font = getComputedStyle(document.body).fontFamily;
+
+async function draw(place) {
+  if (place.closest("details:not([open])")) return;
+  place.dataset.drawn = "yes";
+  await library("plotly");
+  const { data, layout } = themed(figures[Number(place.dataset.figure)]);
+  layout.font.family = font;
+  layout.paper_bgcolor = layout.plot_bgcolor = "rgba(0,0,0,0)";
+  layout.width = place.clientWidth;
+  if (touch) layout.dragmode = false; // a finger scrolls the page
+  await Plotly.react(place, data, layout, config);
+}
+const drawAll = (root) => Promise.all(
+  [...root.querySelectorAll(".chart:not([data-drawn])")].map(draw));
+
+document.querySelectorAll("details").forEach((item) =>
+  item.addEventListener("toggle", () => drawAll(item)));
+document.querySelectorAll('a[href^="#"]').forEach((link) =>
+  link.addEventListener("click", () => {
+    const folded = document.querySelector(link.getAttribute("href"))?.querySelector(":scope > details");
+    if (folded) folded.open = true;
+  }));
+document.querySelectorAll("button.copy").forEach((button) =>
+  button.addEventListener("click", async () => {
+    await navigator.clipboard.writeText(document.getElementById(button.dataset.of).textContent);
+    button.textContent = "copied";
+  }));
+const drawn = () => document.querySelectorAll(".chart[data-drawn]").forEach(draw);
+redraw.push(drawn);
+let width = innerWidth;
+addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; drawn(); } });
+drawAll(document).then(() => { document.body.dataset.charts = "drawn"; });

@@ -1,0 +1,2 @@
+export { AmbientLight, ArrowHelper, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, DirectionalLight, DoubleSide, Group, HemisphereLight, Line, LineBasicMaterial, Matrix4, Mesh, MeshStandardMaterial, PerspectiveCamera, PolarGridHelper, Quaternion, Raycaster, Scene, SphereGeometry, TorusGeometry, Vector3, WebGLRenderer } from "three";
+export { OrbitControls } from "three/addons/controls/OrbitControls.js";

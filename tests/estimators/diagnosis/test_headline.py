@@ -1,0 +1,113 @@
+"""The headline groups what belongs together, has the values, and fits into two lines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from estimators.diagnosis.headline import MOST, headline, quantity
+from estimators.diagnosis.verdict import (
+    UNKNOWN,
+    BeforeAfter,
+    Finding,
+    Fit,
+    Interval,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
+from estimators.diagnosis.wording import likelier, of_several
+
+N = 7
+FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, 0.9, (0.8, 0.95))
+
+
+def finding(effect, joints, kind="missing", region="", **parameters):
+    return Finding(
+        effect, kind, joints, (), 0.9, parameters, Where(region=region), 0.1,
+        BeforeAfter((1.0,) * N, (0.1,) * N), "Evidence.",
+    )  # fmt: skip
+
+
+def verdict(*findings, said="explained", unexplained=()):
+    return Verdict(said, findings, Unexplained(unexplained), (), None, FIT, RowCount(1, {}))
+
+
+PAYLOAD = finding("payload", (7,), mass=Interval(0.968, "kg", (0.754, 1.182)))
+UNKNOWN_4 = finding(UNKNOWN, (4,), region="joint 4: large |speed| (half of it above 0.4 rad/s)")
+
+
+def test_many_findings_are_grouped_with_values_and_what_is_unknown():
+    friction = [
+        finding(effect, (j,))
+        for j in range(1, N + 1)
+        for effect in ("coulomb_friction", "viscous_friction", "stribeck_friction")
+    ]
+    assert headline(verdict(PAYLOAD, *friction, UNKNOWN_4, said="partly_explained")) == (
+        "Payload of 0.97 kg [0.75, 1.18] at the flange; friction of all joints was not in the "
+        "simulation; joint 4: something unknown, half of it above 0.4 rad/s."
+    )
+
+
+def test_a_wrong_value_is_said_with_the_one_that_fits():
+    wrong = finding(
+        "viscous_friction", (3,), "wrong_parameter", f_v=Interval(1.5, "N m s/rad", (1.4, 1.6))
+    )
+    assert headline(verdict(wrong)) == (
+        "Wrong viscous friction at joint 3: 1.50 N m s/rad [1.40, 1.60] fits."
+    )
+
+
+def test_values_go_before_findings_do_where_room_is_short():
+    effects = ("payload", "torque_gain", "spring_load", "armature", "backlash", "torque_offset",
+               "joint_elasticity", "torque_ripple", "encoder_offset")  # fmt: skip
+    many = [
+        finding(effect, (j % N + 1,), gain=Interval(1.234, "N m/rad", (1.2, 1.3)))
+        for j, effect in enumerate(effects)
+    ]
+    for count in range(1, len(many) + 1):
+        text = headline(verdict(*many[:count]))
+        assert len(text) <= MOST
+        assert text.startswith("Payload")
+    assert "more below" in text
+    assert "[" not in text
+
+
+def test_nothing_found_says_so():
+    assert "agree" in headline(verdict(said="consistent"))
+    left = verdict(said="unexplained", unexplained=(2, 5))
+    assert headline(left) == "Joints 2, 5: something unknown."
+
+
+@pytest.mark.parametrize(
+    ("value", "ci95", "text"),
+    [
+        (0.8017, (0.70317, 0.90025), "0.802 kg [0.703, 0.900]"),
+        (117.2, (105.0, 129.0), "117 kg [105, 129]"),
+        (3.0, None, "3 kg"),
+        (3.0, (None, None), "3 kg"),
+        (3.0, (3.0, 3.0), "3.000000000 kg [3.000000000, 3.000000000]"),
+    ],
+)
+def test_a_quantity_has_the_digits_that_its_interval_leaves(value, ci95, text):
+    assert quantity(Interval(value, "kg", ci95)) == text
+
+
+def test_odds_are_words_beyond_a_million():
+    assert likelier(6.0) == "400 times likelier"
+    assert likelier(4.0) == "55 times likelier"
+    assert likelier(11.0).replace("\N{NO-BREAK SPACE}", " ") == "60 000 times likelier"
+    assert likelier(14.0) == "likelier, beyond doubt,"
+    assert "10^" not in likelier(900.0)
+
+
+def test_joints_are_said_in_few_words():
+    assert [of_several(j, N) for j in ((3,), (1, 4), (2, 3, 4), range(1, 8), ())] == [
+        "joint 3", "joints 1, 4", "joints 2 to 4", "all joints", "all joints"
+    ]  # fmt: skip
+
+
+def test_equal_verdicts_have_equal_headlines():
+    assert headline(verdict(PAYLOAD)) == headline(replace(verdict(PAYLOAD), notes=("A note.",)))
