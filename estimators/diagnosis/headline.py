@@ -147,6 +147,8 @@ def _said(group: Sequence[Finding], n: int, *, values: bool) -> str:
         return f"{_wrong(first)}{name} of {of_several(joints, n)}"
     place = place_of(first, n)
     at = place if first.effect == Payload.name else f"at {place}"
+    if first.effect == LINK_INERTIA:
+        name, at = "inertia", f"of {place}"
     known = _main(first) if values else None
     if first.kind == "wrong_parameter":
         should = f": {quantity(known)} fits" if known else ""
