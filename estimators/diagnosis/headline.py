@@ -50,9 +50,11 @@ def headline(verdict: Verdict) -> str:
     Effects of one kind are said together; where all of it does not fit into two lines, values are
     left out first, and then what explains least.
     """
-    if verdict.verdict == "consistent":
-        return "Recording and simulation agree within tolerances and noise."
     n = len(verdict.fit.noise_floor)
+    if verdict.verdict == "consistent":
+        joints = sorted({item.joint for item in verdict.identified})
+        beside = f", beside the friction identified at {of_several(joints, n)}" if joints else ""
+        return f"Recording and simulation agree within tolerances and noise{beside}."
     groups = _groups(verdict)
     long = [_said(group, n, values=True) for group in groups]
     short = [_said(group, n, values=False) for group in groups]

@@ -10,13 +10,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.contact import contact_of
+from estimators.diagnosis.fitting.contribution import left_by_tolerances
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.lateness import made_late
 from estimators.diagnosis.fitting.linearised import polished
 from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
 from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
-from estimators.diagnosis.judgement.findings import left_by_tolerances
 from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
     abstained,
@@ -27,6 +27,7 @@ from estimators.diagnosis.judgement.judgement import (
     remarks,
     worse,
 )
+from estimators.diagnosis.judgement.ordinary import ordinary
 from estimators.diagnosis.judgement.questions import tests_of
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
@@ -36,6 +37,7 @@ from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
 from estimators.diagnosis.result import Diagnosis, Traces
 from estimators.diagnosis.settings.pushes import ROUNDS
 from estimators.diagnosis.stages import Attempts, Progress, forward, quiet
+from estimators.diagnosis.verdict import Finding, Identified
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay, spoken
@@ -45,7 +47,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.residuals.pushes import Push
-    from estimators.diagnosis.verdict import Finding
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -160,13 +161,18 @@ def _told(
         harmful=harmful,
         passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
     )
-    findings = attempts.at(
+    values = attempts.at(
         "values of parameters and their intervals",
-        lambda: with_parameters(verdict.findings, improved),
-        verdict.findings,
+        lambda: with_parameters((*verdict.findings, *verdict.identified), improved),
+        (*verdict.findings, *verdict.identified),
     )
     found = Diagnosis(
-        verdict=replace(verdict, findings=findings, notes=(*verdict.notes, *said)),
+        verdict=replace(
+            verdict,
+            findings=tuple(item for item in values if isinstance(item, Finding)),
+            identified=tuple(item for item in values if isinstance(item, Identified)),
+            notes=(*verdict.notes, *said),
+        ),
         before=simulation,
         after=_lasting(improved.simulation, simulation),
         recordings=observed.recordings,
@@ -291,8 +297,8 @@ class _Judged:
         proven = _proven(problem, solution)
         remaining = remaining_residual(problem.observed, proven)
         named, unknown = abstained(problem, solution, remaining)
-        if not gains(problem, proven, remaining):
-            named = ()
+        if not gains(problem, solution, proven, remaining):
+            named = ordinary(problem, named)
         return cls(problem, solution, proven, remaining, named, unknown)
 
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:

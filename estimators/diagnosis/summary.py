@@ -25,7 +25,25 @@ def lines_of(verdict: Verdict) -> list[str]:
     n = len(verdict.fit.noise_floor)
     findings = [line for item in verdict.findings for line in _said(item, n)]
     notes = (f"note: {note}" for note in verdict.notes)
-    return [headline(verdict), *findings, *_table(verdict), *notes]
+    return [headline(verdict), *findings, *_identified(verdict), *_table(verdict), *notes]
+
+
+def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:
+    """Return the joints whose ordinary friction was identified, and its values.
+
+    A heading is effect, parameter and unit. A value stands beside half of its 95 % interval; what a
+    joint has none of is empty.
+    """
+    joints = sorted({item.joint for item in verdict.identified})
+    columns = {("", "", "joint"): [str(joint) for joint in joints]}
+    for item in verdict.identified:
+        for name, known in item.parameters.items():
+            if isinstance(known.value, float) and known.ci95:
+                heading = (spoken(item.effect), name, f"[{known.unit}]")
+                column = columns.setdefault(heading, [""] * len(joints))
+                half = 0.5 * (known.ci95[1] - known.ci95[0])
+                column[joints.index(item.joint)] = f"{known.value:.3g} ± {half:.1g}"
+    return columns
 
 
 def columns_of(verdict: Verdict) -> dict[str, Sequence[float]]:
@@ -72,6 +90,21 @@ def _said(item: Finding, n: int) -> list[str]:
     ]
 
 
+def _identified(verdict: Verdict) -> list[str]:
+    """Return the table of ordinary friction as lines; none where all was stated."""
+    if not verdict.identified:
+        return []
+    cells = [[*heading, *values] for heading, values in identified_columns(verdict).items()]
+    return ["", "identified, with 95 % intervals", *_aligned(cells)]
+
+
+def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Return columns of cells as lines of one width."""
+    widths = [max(map(len, column)) for column in columns]
+    rows = zip(*columns, strict=True)
+    return ["  ".join(map(str.rjust, row, widths)).rstrip() for row in rows]
+
+
 def _table(verdict: Verdict) -> list[str]:
     """Return the errors as lines of one width, and what has to be known to read them."""
     joints = [str(j + 1) for j in range(len(verdict.fit.noise_floor))]
@@ -83,7 +116,5 @@ def _table(verdict: Verdict) -> list[str]:
             texts = [text + " *"[j in worse] for j, text in enumerate(texts, start=1)]
         first, _, second = heading.rpartition(" ")
         cells.append([first, second, *texts])
-    widths = [max(map(len, column)) for column in cells]
-    rows = ["  ".join(map(str.rjust, row, widths)).rstrip() for row in zip(*cells, strict=True)]
     said = (coverage(verdict), WORSE if worse else "")
-    return ["", "held-out RMSE [N m]", *rows, *filter(None, said)]
+    return ["", "held-out RMSE [N m]", *_aligned(cells), *filter(None, said)]

@@ -62,6 +62,20 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Identified:
+    """Ordinary physics of a joint of which the simulation states none: a value, and no finding."""
+
+    effect: str
+    joint: int  # 1-based
+    parameters: Mapping[str, Interval] = field(default_factory=dict)
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """The joint, as a finding has them."""
+        return (self.joint,)
+
+
+@dataclass(frozen=True)
 class BeforeAfter:
     """Held-out RMSE of each joint without and with a finding, (n,) [N m]."""
 
@@ -155,6 +169,7 @@ class Verdict:
     fit: Fit
     rows: RowCount
     notes: tuple[str, ...] = ()  # what a reader should know of data and priors, one sentence each
+    identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
 
     def as_values(self) -> dict[str, Any]:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""

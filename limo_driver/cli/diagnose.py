@@ -53,8 +53,9 @@ def command(
     status 0, whatever it finds; where one of its stages failed, the verdict says so, and the status
     is 1.
 
-    Without a sim.yaml, --robot will do: friction is identified first, and the inertias of the
-    description are trusted to --inertia-tolerance, so that a payload or a wrong link shows.
+    Without a sim.yaml, --robot will do: friction is identified beside everything else, and the
+    inertias of the description are trusted to --inertia-tolerance, so that a payload or a wrong
+    link shows.
 
     Examples:
         limo diagnose log.csv --robot model.xml --out diagnosis --export new.xml
@@ -67,6 +68,7 @@ def command(
     import sys
 
     from estimators.diagnosis.saving import FILES, save
+    from estimators.telemetry import telemetry_in
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_place
     from limo_driver.workflow.diagnosing import diagnose
@@ -91,6 +93,9 @@ def command(
         for recording in measured:
             for item in (*recording.warnings, *recording.left_out):
                 notes.print(f"{recording.source}: {item}")
+            if robot is not None:
+                for item in telemetry_in(found.simulation, recording):
+                    notes.print(f"{recording.source}: {item}")
         _show(found, written)
     if export is not None:
         _export(found, export, as_json=as_json)
@@ -113,7 +118,6 @@ def _start(
     Raises:
         ConfigError: Both or none of simulation and robot are given.
     """
-    from estimators.telemetry import telemetry_in
     from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
@@ -130,11 +134,7 @@ def _start(
     for note in model.notes:
         notes.print(f"{robot}: {note}")
     measured = [read(path, model, mapping) for path in recordings]
-    simulation = nominal(model, measured, tolerance)
-    for recording in measured:
-        for line in telemetry_in(simulation, recording):
-            notes.print(f"{recording.source}: {line}")
-    return simulation, measured
+    return nominal(model, inertia_tolerance=tolerance), measured
 
 
 def _export(found: Diagnosis, to: Path, *, as_json: bool) -> None:

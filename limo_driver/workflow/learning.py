@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import ConfigError
-from limo_driver.physics import Simulation
+from limo_driver.physics import Simulation, Tolerances
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.workflow.inputs import (
     expected,
@@ -83,31 +83,34 @@ def identify(
 
 def nominal(
     robot: RobotModel | Path | str,
-    recordings: Recording | Path | str | Iterable[Recording | Path | str],
+    recordings: Recording | Path | str | Iterable[Recording | Path | str] = (),
     inertia_tolerance: float = 0.05,
 ) -> Simulation:
     """Return what is believed of a robot of which only a description is at hand.
 
     Inertias are those of the description. Friction, armature and offsets, which it seldom knows,
     are identified beside inertias that are free, so that a payload or a wrong link changes
-    neither; a diagnosis can then name it.
+    neither. Without recordings there is no friction in it, which a diagnosis takes for friction
+    that is unknown, and identifies beside everything else: it needs no recordings here.
 
     Args:
         robot: A model, a built-in name, or the path of a URDF or MJCF.
-        recordings: Measured motions and torques of that arm: one or several, or their files.
+        recordings: Measured motions and torques of that arm: none, one or several, or their files.
         inertia_tolerance: How far the inertias of the description may be off, relative, 1 sigma.
 
     Returns:
-        A simulation to give to `diagnose`.
+        A simulation to go on with; to give to `diagnose`, one without friction.
 
     Raises:
         ConfigError: There is no such robot.
         RecordingError: As for `identify`.
 
     Example:
-        >>> sim = limo.nominal("iiwa14", "run.parquet")
+        >>> found = limo.diagnose(limo.nominal("iiwa14"), "run.parquet")
     """
     model, measured = model_of(robot), recordings_of(recordings)
+    if not measured:
+        return Simulation(model.name, tolerances=Tolerances(inertia=inertia_tolerance))
     found = identify(model, measured).simulation
     known = replace(found.tolerances, inertia=inertia_tolerance)
     return Simulation(model.name, found.effects, tolerances=known)

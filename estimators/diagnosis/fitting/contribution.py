@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
@@ -17,15 +18,25 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-def without(solution: Solution, member: int) -> Posterior:
+def without(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:
     """Fit the set without one of its members."""
-    rest = tuple(i for i in solution.members if i != member)
-    return solution.search.evidence.posterior(solution.search.prior(rest))
+    return solution.having(problem.less(solution.members, (member,))).fitted
+
+
+def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the residual (K, n) of values moved within their tolerances, and of no effect [N m].
+
+    Joints of which the simulation states no friction have Coulomb and viscous friction.
+    """
+    first = problem.first or problem  # columns around what was found say nothing of a set without
+    if first is not problem:
+        solution = fitted(first, (), solution.noise)
+    return first.left(solution.having(first.base).fitted)
 
 
 def contribution(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
     """Return the held-out mean square that a member removes at each joint, (n,) [N² m²]."""
-    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
     return taken_off(left, bare, problem.split.held_out)
 
 
@@ -40,7 +51,7 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
     Counted on rows held out. What fades within the first minute, or happens but now and then, may
     miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
     """
-    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
     moving, held_out = problem.observed.moving, problem.split.held_out
     gained, proven = taken_off(left, bare, moving), taken_off(left, bare, held_out)
     misses = rmse(bare - left, held_out) ** 2 < CONTRIBUTION.seen * rmse(bare - left, moving) ** 2

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from estimators.diagnosis.fitting.entries import entries_of, found_in, numbers_of
 from estimators.diagnosis.fitting.linearised import Linearised
 from estimators.diagnosis.hypotheses.revision import relative_inertia
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 
 if TYPE_CHECKING:
@@ -21,15 +21,17 @@ if TYPE_CHECKING:
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
+_Found = TypeVar("_Found", Finding, Identified, "Finding | Identified")
 _Z95 = 1.96
 _MOMENTS = [4, 5, 7, 6, 8, 9]  # xx, xy, xz, yy, yz, zz among the parameters of a link
 
 
-def with_parameters(findings: Sequence[Finding], observed: Observations) -> tuple[Finding, ...]:
-    """Return the findings with the parameters that the improved simulation gives them.
+def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple[_Found, ...]:
+    """Return what was found with the parameters that the improved simulation gives it.
 
     Args:
-        findings: What was found; those without an effect in the simulation stay as they are.
+        findings: Findings, or identified values; those without an effect in the simulation stay as
+            they are.
         observed: The recordings beside the improved simulation.
     """
     simulation = observed.simulation
@@ -55,14 +57,14 @@ def with_parameters(findings: Sequence[Finding], observed: Observations) -> tupl
     )
 
 
-def _is_body(finding: Finding) -> bool:
+def _is_body(finding: Finding | Identified) -> bool:
     return finding.effect == "link_inertia"
 
 
-def _effect(finding: Finding, simulation: Simulation) -> Effect | None:
+def _effect(finding: Finding | Identified, simulation: Simulation) -> Effect | None:
     if finding.effect in {CONTACT, UNKNOWN}:
         return None
-    missing = finding.kind == "missing"
+    missing = isinstance(finding, Identified) or finding.kind == "missing"
     return found_in(simulation, finding.effect, finding.joints, missing=missing)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
-from estimators.diagnosis.selection.base_friction import base_of, with_friction
+from estimators.diagnosis.selection.base_friction import base_of, rubs, with_friction
 from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
@@ -21,7 +21,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from numpy.typing import NDArray
 
@@ -147,6 +147,20 @@ class RegressionProblem:
             raise AssertionError("what was found acts on the torque")
         self.candidates.append(replace(own, variants=candidate.variants))
         return len(self.candidates) - 1
+
+    def less(self, members: tuple[int, ...], some: Collection[int]) -> tuple[int, ...]:
+        """Return a set without some of its members.
+
+        Where a joint of unknown friction loses another law of it, it has plain friction again: no
+        joint is without, and what a law is worth is what it does better than that.
+        """
+        kept = tuple(member for member in members if member not in some)
+        base = {self.candidates[i].place for i in self.base}
+        gone = [self.candidates[member] for member in some]
+        joints = {item.joints for item in gone if item.place not in base and rubs(item.effect)}
+        taken = {self.candidates[member].slot for member in kept}
+        plain = (i for i in self.base if self.candidates[i].joints in joints)
+        return (*kept, *(i for i in plain if self.candidates[i].slot not in taken))
 
     def beyond_base(self, members: tuple[int, ...]) -> int:
         """Count the members of a set that the search did not start with."""

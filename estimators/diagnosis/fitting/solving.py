@@ -126,15 +126,15 @@ def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
     First those that cannot be as they are fitted: a competitor out of range ends no diagnosis.
     """
     while refused := impossible(problem, solution):
-        solution = _less(solution, refused)
+        solution = _less(problem, solution, refused)
     while (runaway := _runaway(problem, solution)) is not None:
-        solution = _less(solution, (runaway,))
+        solution = _less(problem, solution, (runaway,))
     while solution.members:
         size = {member: material(problem, solution, member) for member in solution.members}
         least = min(size, key=lambda member: size[member])
         if size[least] >= CONTRIBUTION.material:
             break
-        solution = _less(solution, (least,))
+        solution = _less(problem, solution, (least,))
     return solution
 
 
@@ -147,7 +147,7 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
     """
     if not solution.members or (whole := _excess(problem, solution)) <= 0.0:
         return None
-    rest = {member: _less(solution, (member,)) for member in solution.members}
+    rest = {member: _less(problem, solution, (member,)) for member in solution.members}
     excess = {member: _excess(problem, less) for member, less in rest.items()}
     cures = [member for member in rest if excess[member] < (1.0 - SOLVING.blamed) * whole]
     if cures:
@@ -168,9 +168,9 @@ def _excess(problem: RegressionProblem, solution: Solution) -> float:
     return float(np.max((simulated - allowed) / given))
 
 
-def _less(solution: Solution, some: Collection[int]) -> Solution:
+def _less(problem: RegressionProblem, solution: Solution, some: Collection[int]) -> Solution:
     """Return a solution without some of its members, fitted again."""
-    return solution.having(tuple(member for member in solution.members if member not in some))
+    return solution.having(problem.less(solution.members, some))
 
 
 def refined(

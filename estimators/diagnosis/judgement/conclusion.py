@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.judgement.findings import findings_of, left_at, unknown_of
+from estimators.diagnosis.judgement.ordinary import ordinary
 from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.residuals.plausibility import notes_on
@@ -16,6 +17,7 @@ from estimators.diagnosis.settings.judgement import OBSERVABLE
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     Fit,
+    Identified,
     NotObservable,
     RowCount,
     Unexplained,
@@ -91,7 +93,8 @@ def conclude(
         problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         remaining: Residual that remains.
-        named: Members of the set that are findings; the others only stand in for the unknown.
+        named: Members of the set that are findings or ordinary; the others only stand in for the
+            unknown.
         unknown: Joints (0-based) on which something unknown acts.
         proven: Residual (K, n) of the improved simulation, not fitted to held-out rows [N m].
         tolerances: Residual (K, n) with values moved inside their tolerances and no effect [N m].
@@ -100,7 +103,9 @@ def conclude(
     alone = rmse(tolerances, problem.split.held_out)
     after = rmse(proven, problem.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
-    found = (*contact, *findings_of(problem, solution, named, remaining, alone, after))
+    plain = ordinary(problem, named)
+    unusual = [member for member in named if member not in plain]
+    found = (*contact, *findings_of(problem, solution, unusual, remaining, alone, after))
     findings = (*found, *unknown_of(problem, stand_ins, remaining, unknown, alone, after))
     if not findings:
         summary = "consistent"
@@ -124,7 +129,15 @@ def conclude(
             *repeats.notes(problem.observed, proven),
             *(f"An effect was not tried: {error}." for error in unusable()),
         ),
+        identified=identified_of(problem, plain),
     )
+
+
+def identified_of(problem: RegressionProblem, members: Sequence[int]) -> tuple[Identified, ...]:
+    """Return ordinary members of a set as values to identify, joint by joint."""
+    items = [problem.candidates[member] for member in members]
+    found = (Identified(item.effect, item.joints[0] + 1) for item in items)
+    return tuple(sorted(found, key=lambda item: (item.joint, item.effect)))
 
 
 def not_observable(

@@ -25,13 +25,13 @@ import numpy as np
 
 from estimators.diagnosis.fitting.contribution import contribution, material
 from estimators.diagnosis.fitting.laws import sentence_of
-from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.judgement.judgement import (
     acts_most,
     equivalents,
     identical,
     margin,
 )
+from estimators.diagnosis.judgement.ordinary import ordinary
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
@@ -253,14 +253,6 @@ def confidence_of(signs: Signs) -> float:
     return min(CONFIDENCE.highest, 1.0 / (1.0 + math.exp(-score)))
 
 
-def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
-    """Return the residual with values moved within their tolerances and no effect, (K, n)."""
-    if problem.first is not None:  # columns around what was found say nothing of a set without it
-        return left_by_tolerances(problem.first, fitted(problem.first, (), solution.noise))
-    search = solution.search
-    return problem.left(search.evidence.posterior(search.prior(())))
-
-
 def shares_of(
     problem: RegressionProblem,
     solution: Solution,
@@ -268,7 +260,7 @@ def shares_of(
     after: FloatArray,
     floor: FloatArray,
 ) -> dict[int, float]:
-    """Return the share that goes with each member of the set.
+    """Return the share that goes with each member of the set that is not ordinary.
 
     Args:
         problem: What was compared.
@@ -278,9 +270,11 @@ def shares_of(
         floor: Noise floor, (n,) [N m].
     """
     taken = max(reducible_removed(alone, after, floor), 0.0)
+    plain = ordinary(problem, solution.members)
     lost = {
         member: max(float(contribution(problem, solution, member).sum()), 0.0)
         for member in solution.members
+        if member not in plain
     }
     total = max(sum(lost.values()), 1e-12)
     return {member: taken * part / total for member, part in lost.items()}

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import contribution, taken_off, without
+from estimators.diagnosis.fitting.contribution import (
+    contribution,
+    left_by_tolerances,
+    taken_off,
+    without,
+)
+from estimators.diagnosis.judgement.ordinary import ordinary
 from estimators.diagnosis.judgement.surrogate import predictable_part
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.residuals.noise import roughness
@@ -137,23 +143,25 @@ def abstained(
     """Drop names that explain too little of a joint's error, and return the unknown joints.
 
     A wrong effect often explains part of an unknown one. The right one leaves nothing that a black
-    box can predict.
+    box can predict. Ordinary friction that was not stated is no name, and explains nothing of what
+    is beyond it.
 
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
     """
     search = solution.search
-    none = search.evidence.posterior(search.prior(()))
+    none = search.evidence.posterior(search.prior(problem.base))
     removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
     explained = removed / np.maximum(removed + remaining.predictable**2, 1e-12)
     unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
     small = remaining.predictable < JUDGEMENT.small * remaining.floor
     least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
     doubtful = {int(j) for j in unknown if explained[j] < least[j]}
+    plain = ordinary(problem, solution.members)
     stay = tuple(
         member
         for member in solution.members
-        if acts_most(problem, solution, member, remaining.floor) not in doubtful
+        if member in plain or acts_most(problem, solution, member, remaining.floor) not in doubtful
     )
     return stay, tuple(int(j) for j in unknown)
 
@@ -172,9 +180,18 @@ def acts_most(
     return own[int(np.argmax((gained / floor**2)[own]))]
 
 
-def gains(problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual) -> bool:
-    """Say whether held-out motion is surely predicted better than by the given simulation."""
-    given = problem.observed.residual
+def gains(
+    problem: RegressionProblem,
+    solution: Solution,
+    proven: FloatArray,
+    remaining: RemainingResidual,
+) -> bool:
+    """Say whether held-out motion is surely predicted better than by the given simulation.
+
+    Where that states no friction, ordinary friction is no gain: it has to be better than that.
+    """
+    bare = bool(problem.base)
+    given = left_by_tolerances(problem, solution) if bare else problem.observed.residual
     gained = (given**2 - proven**2) / np.maximum(remaining.floor, _TINY) ** 2
     return surely_positive(gained, problem.observed, problem.split.held_out)
 
@@ -189,7 +206,7 @@ def least_harmful(problem: RegressionProblem, solution: Solution) -> tuple[int, 
     rows, scale = problem.split.held_out, rmse(problem.observed.residual, problem.split.held_out)
 
     def left(member: int) -> float:
-        error = rmse(problem.left(without(solution, member)), rows)
+        error = rmse(problem.left(without(problem, solution, member)), rows)
         return float(np.sum((error / np.maximum(scale, _TINY)) ** 2))
 
     worst = min(solution.members, key=left)

@@ -48,6 +48,7 @@ def report(diagnosis: Diagnosis) -> Page:
     view, on_the_arm = arm(diagnosis, charts)
     body = (
         overview(diagnosis, charts, on_the_arm)
+        + sections.identified(diagnosis)
         + telemetry(diagnosis)
         + pushed(diagnosis, charts)
         + sections.where(diagnosis, charts)

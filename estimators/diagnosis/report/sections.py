@@ -13,7 +13,7 @@ from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.summary import coverage
+from estimators.diagnosis.summary import coverage, identified_columns
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
 from estimators.diagnosis.wording import likelier, names_of, of_joints
 from limo_driver.pages.markup import (
@@ -364,6 +364,21 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
 def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> str:
     names = names_of(diagnosis.recordings)
     return f"{start:.1f} to {stop:.1f} s" + f" of {names[recording]}" * (len(names) > 1)
+
+
+def identified(diagnosis: Diagnosis) -> str:
+    """Return the table of ordinary friction that the given simulation did not state."""
+    columns = identified_columns(diagnosis.verdict)
+    if not diagnosis.verdict.identified:
+        return ""
+    rows = [[escape(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
+    lead = (
+        "The given simulation states no friction of these joints, so it is unknown, and estimated "
+        "together with everything else; with 95\N{NO-BREAK SPACE}% intervals. What most of them "
+        "have is ordinary; what is unlike its siblings is a finding."
+    )
+    body = table([" ".join(heading).strip() for heading in columns], rows, numeric=1)
+    return section("Identified friction", body, "identified", lead)
 
 
 def data(diagnosis: Diagnosis) -> str:

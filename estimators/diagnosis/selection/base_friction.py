@@ -21,6 +21,7 @@ from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.selection import BASE_FRICTION
 from estimators.regression.evidence import Evidence, Posterior
 from limo_driver.physics import CoulombFriction, ViscousFriction
+from limo_driver.physics.catalogue import known_as
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +32,13 @@ if TYPE_CHECKING:
 SIGN_WIDTHS = tuple(  # [rad/s]
     np.geomspace(BASE_FRICTION.narrowest, BASE_FRICTION.widest, BASE_FRICTION.widths).tolist()
 )
-_BASE = (CoulombFriction.name, ViscousFriction.name)
+BASE = (CoulombFriction.name, ViscousFriction.name)
+
+
+def rubs(effect: str) -> bool:
+    """Say whether an effect is a law of a joint's friction."""
+    known = known_as(effect)
+    return known is not None and known.rubs
 
 
 def without_friction(simulation: Simulation) -> tuple[int, ...]:
@@ -46,7 +53,7 @@ def base_of(candidates: Sequence[Candidate], simulation: Simulation) -> tuple[in
     return tuple(
         i
         for i, candidate in enumerate(candidates)
-        if candidate.effect in _BASE and candidate.joints[0] in bare
+        if candidate.effect in BASE and candidate.joints[0] in bare
     )
 
 

@@ -45,6 +45,21 @@ JUDGEMENT = JudgementSettings()
 
 
 @dataclass(frozen=True)
+class OrdinarySettings:
+    """Friction that is ordinary where none is stated (judgement.ordinary)."""
+
+    part: float = setting(0.5, "of the joints of unknown friction",
+        "more than which have what is ordinary",
+        "higher names what an arm has all over; lower hides what half of its joints have")
+    siblings: int = setting(3, "joints", "that such an arm is taken to have at least",
+        "lower takes what one of two joints has for ordinary",
+        chosen="of fewer than three joints, none is unlike the others")
+
+
+ORDINARY = OrdinarySettings()
+
+
+@dataclass(frozen=True)
 class BlackBoxSettings:
     """The black box that looks for unknown physics (judgement.surrogate)."""
 

@@ -12,6 +12,7 @@ from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
     Fit,
+    Identified,
     Interval,
     RowCount,
     Unexplained,
@@ -48,6 +49,14 @@ def test_many_findings_are_grouped_with_values_and_what_is_unknown():
     assert headline(verdict(PAYLOAD, *friction, UNKNOWN_4, said="partly_explained")) == (
         "Payload of 0.97 kg [0.75, 1.18] at the flange; friction of all joints was not in the "
         "simulation; joint 4: something unknown, half of it above 0.4 rad/s."
+    )
+
+
+def test_ordinary_friction_that_was_not_stated_is_said_to_be_identified():
+    identified = tuple(Identified("coulomb_friction", joint) for joint in (1, 2))
+    assert headline(replace(verdict(said="consistent"), identified=identified)) == (
+        "Recording and simulation agree within tolerances and noise, beside the friction "
+        "identified at joints 1, 2."
     )
 
 

@@ -182,19 +182,41 @@ def test_what_is_off_within_tolerances_is_consistent_and_mended(given, seed):
     assert error(found.after, true) < 0.2 * error(given, true)
 
 
-def test_friction_that_no_joint_has_is_named_first_and_what_hides_behind_it_too(given):
+def test_ordinary_friction_is_identified_and_what_hides_behind_it_is_found(given):
     """A bare robot description is where most users start."""
     slip = PreslidingHysteresis(joint=2, stiffness=(30.0, 10.0), width=(0.01, 0.05))
     found = diagnose(replace(given, effects=()), [record(plus(given, slip), 3)])
-    base = [(type(effect).name, "missing", (effect.joint,)) for effect in given.effects]
-    assert names(found) == {*base, ("presliding_hysteresis", "missing", (2,))}
+    assert names(found) == {("presliding_hysteresis", "missing", (2,))}
+    assert found.verdict.findings[0].share > 0.9
     assert closure(found)[1] < CLOSED
+    identified = {(item.effect, item.joint): item for item in found.verdict.identified}
+    assert set(identified) == {(effect.name, effect.joint) for effect in given.effects}
+    for effect, name in zip(given.effects, ("tau_c", "tau_c", "f_v", "f_v"), strict=True):
+        known = identified[effect.name, effect.joint].parameters[name]
+        assert known.value == pytest.approx(getattr(effect, name), rel=0.1)
+        low, high = known.ci95
+        assert low < known.value < high
+
+
+def test_friction_that_is_all_that_is_missing_is_no_finding(given):
+    found = diagnose(replace(given, effects=()), [record(given, 1)])
+    assert found.verdict.verdict == "consistent"
+    assert found.verdict.findings == ()
+    listed = found.verdict.as_values()["identified"]
+    assert [(item["effect"], item["joint"]) for item in listed] == [
+        (name, joint) for joint in (1, 2) for name in ("coulomb_friction", "viscous_friction")
+    ]
+    assert all(len(item["parameters"][name]["ci95"]) == 2
+               for item, name in zip(listed, 2 * ("tau_c", "f_v"), strict=True))  # fmt: skip
+    assert error(found.after, given) < 0.02
 
 
 def test_no_friction_is_named_where_the_torque_has_none(given):
     """A torque that is measured on the link side."""
     link_side = replace(given, effects=())
-    assert diagnose(link_side, [record(link_side, 4)]).verdict.verdict == "consistent"
+    verdict = diagnose(link_side, [record(link_side, 4)]).verdict
+    assert verdict.verdict == "consistent"
+    assert verdict.identified == ()
 
 
 @pytest.fixture(scope="module")

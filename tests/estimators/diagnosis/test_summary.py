@@ -7,11 +7,12 @@ from dataclasses import replace
 import pytest
 
 from estimators.diagnosis.headline import headline
-from estimators.diagnosis.summary import columns_of, coverage, lines_of
+from estimators.diagnosis.summary import columns_of, coverage, identified_columns, lines_of
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
     Fit,
+    Identified,
     Interval,
     RowCount,
     Unexplained,
@@ -45,6 +46,32 @@ def test_it_has_findings_equivalents_table_and_notes():
     ]  # fmt: skip
     assert " ".join(table[4].split()) == "2 3.7000 3.0000 0.0078 0.0096 81 % 3.9000 0.2000"
     assert max(map(len, table[:5])) <= 80
+
+
+def test_ordinary_friction_is_a_table_by_joint():
+    identified = tuple(
+        Identified(effect, joint, {name: Interval(1.25 * joint, unit, (1.0 * joint, 1.5 * joint))})
+        for effect, name, unit, joints in (
+            ("coulomb_friction", "tau_c", "N m", (1, 3)),
+            ("viscous_friction", "f_v", "N m s/rad", (3,)),
+        )
+        for joint in joints
+    )
+    columns = identified_columns(replace(VERDICT, identified=identified))
+    assert columns == {
+        ("", "", "joint"): ["1", "3"],
+        ("coulomb friction", "tau_c", "[N m]"): ["1.25 ± 0.2", "3.75 ± 0.8"],
+        ("viscous friction", "f_v", "[N m s/rad]"): ["", "3.75 ± 0.8"],
+    }
+    lines = lines_of(replace(VERDICT, identified=identified))
+    start = lines.index("identified, with 95 % intervals")
+    assert [line.split() for line in lines[start + 1 : start + 6]] == [
+        ["coulomb", "friction", "viscous", "friction"],
+        ["tau_c", "f_v"],
+        ["joint", "[N", "m]", "[N", "m", "s/rad]"],
+        ["1", "1.25", "±", "0.2"],
+        ["3", "3.75", "±", "0.8", "3.75", "±", "0.8"],
+    ]
 
 
 def test_it_says_which_part_of_the_rows_the_errors_count():

@@ -24,9 +24,10 @@ FLOOR = np.full(2, 0.1)
 
 def problem_of(effect="viscous_friction", joints=(0,)):
     split = SimpleNamespace(held_out=np.ones((100, 2), dtype=bool))
-    observed = SimpleNamespace(n=2, residual=np.full((100, 2), 0.2))
+    simulation = SimpleNamespace(effects=(), model=SimpleNamespace(n=2))
+    observed = SimpleNamespace(n=2, residual=np.full((100, 2), 0.2), simulation=simulation)
     candidates = [SimpleNamespace(effect=effect, joints=joints)]
-    return SimpleNamespace(split=split, observed=observed, candidates=candidates)
+    return SimpleNamespace(split=split, observed=observed, candidates=candidates, base=())
 
 
 @pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])

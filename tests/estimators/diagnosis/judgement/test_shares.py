@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimators.diagnosis.fitting.contribution import left_by_tolerances
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
-from estimators.diagnosis.judgement.findings import left_at, left_by_tolerances, shares_of
+from estimators.diagnosis.judgement.findings import left_at, shares_of
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
