@@ -149,7 +149,14 @@ def _follow_gains(
         d = min(max(damping[j], d0 - damper), d0 + damper)
         if k != stiffness[j] or d != damping[j]:
             hit |= GAIN_RATE
-        within = min(max(torque[j], -most - carried[j]), most - carried[j])
+        low, high = -most - carried[j], most - carried[j]
+        spring, kept = k0 * e - d0 * v, min(max(t0, low), high)
+        if kept != t0:
+            # More than a drive can be told, as where a spring begins anew: the same torque comes
+            # from less stiffness and damping.
+            share = min(max((spring + t0 - kept) / spring, 0.0), 1.0) if spring != 0.0 else 0.0
+            k0, d0, t0 = share * k0, share * d0, kept
+        within = min(max(torque[j], low), high)
         if within != torque[j]:
             hit |= TORQUE
         t = min(max(within, t0 - step), t0 + step)

@@ -25,7 +25,7 @@ class Attacker:
     def __init__(self, rig, seed=0):
         self.rig, self.robot = rig, rig.robot
         self.random = np.random.default_rng(seed)
-        self.judge = Judge(rig.robot.spec, rig.quanta, one_mode=rig.one_mode)
+        self.judge = Judge(rig.robot.spec, rig.quanta, gains=rig.gains)
         self.limits, self.n = rig.robot.spec.limits, rig.robot.spec.n
         self.goal = np.zeros(self.n)
         self.state = self.robot.receive()

@@ -31,7 +31,7 @@ class Rig:
 
     kinds = (POSITION, IMPEDANCE, TORQUE)
     quanta = Quanta()
-    one_mode = False  # drives that do all by one law, so that positions are an impedance, too
+    gains = None  # stiffness and damping by which positions are kept, if all is done by one law
 
     def __init__(self, robot):
         self.robot = robot
@@ -252,10 +252,9 @@ class Cia402Rig(CanRig):
 
 
 class DamiaoRig(CanRig):
-    one_mode = True
-
     def __init__(self, robot, bus, config):
         super().__init__(robot, bus, config)
+        self.gains = robot._link.gains
         ranges = [motor.ranges for motor in robot._link._motors]
         self.quanta = Quanta(
             position=2 * max(item.position for item in ranges) / 65535,

@@ -41,11 +41,13 @@ class Judge:
     Args:
         spec: The robot and its limits.
         quanta: Of its wire.
-        one_mode: Whether positions are an impedance, too, that begins anew after others.
+        gains: Stiffness and damping by which drives keep positions, where they do all by one law.
+            Then a wire does not say when a spring begins anew where the arm is, or whether gravity
+            counts with a torque: what is right one way or the other is right, cycle after cycle.
     """
 
-    def __init__(self, spec, quanta=None, *, one_mode=False):
-        self.one_mode = one_mode
+    def __init__(self, spec, quanta=None, *, gains=None):
+        self.gains = gains
         self.limits, self.period = spec.limits, spec.period
         self.quanta = quanta or Quanta()
         self.step = spec.limits.torque_rate * spec.period  # [N m]
@@ -56,7 +58,7 @@ class Judge:
 
     def forget(self):
         """Begin anew: the robot was under its own command."""
-        self.before, self.path = None, []
+        self.before, self.paths = None, [[]]
         self.fade = self.fade * 0.0
 
     def judge(self, now, state):
@@ -64,46 +66,63 @@ class Judge:
         self.cycles += 1
         for name in ("position", "torque", "stiffness", "damping"):
             assert np.isfinite(getattr(now, name)).all(), f"{name} is not finite"
-        self.anew = self._begins_anew(now)
-        try:
-            self._compare(now, state)
-        except AssertionError:
-            if not self.one_mode or self.anew:
-                raise
-            self.anew = True  # a spring may be moved to where the arm is also by very little
-            self._compare(now, state)
-        self.before = now
+        if self._sprung(now) and state.stale:  # nobody measured what torque the spring had
+            self.sure = False
+        possible, problems = {}, []
+        for anew in self._begins_anew(now):
+            try:
+                fade = self._torques(now, state, anew)
+            except AssertionError as error:
+                problems.append(str(error))
+                continue
+            for path in self.paths:
+                try:
+                    longer = self._positions(now, state, path, anew)
+                except AssertionError as error:
+                    problems.append(str(error))
+                    continue
+                possible[b"".join(place.tobytes() for place in longer)] = longer
+        assert possible, "; or else ".join(dict.fromkeys(problems))
+        self.paths = list(possible.values())
+        self.sure = self.sure or now.mode != POSITION
+        self.fade, self.before = fade, now
 
-    def _compare(self, now, state):
-        self._torques(now, state)
-        if now.mode in {POSITION, IMPEDANCE}:
-            self._positions(now, state)
-        else:
-            self.path = []
+    def _sprung(self, now):
+        return IMPEDANCE in {now.mode, self.before and self.before.mode}
 
     def _begins_anew(self, now):
-        """Say whether a spring is moved to where the arm is."""
+        """Say whether set-points begin where the arm is; both, where that cannot be told."""
         before = self.before
         if before is None or before.mode != IMPEDANCE:
-            return before is not None and before.mode == TORQUE
+            return (before is not None and before.mode == TORQUE,)
         if now.mode == POSITION:
-            return True
-        far = self.limits.velocity * self.period * (1 + ROUNDING) + 2 * self.quanta.position
-        return self.one_mode and bool((np.abs(now.position - before.position) > far).any())
+            return (True,)
+        if self.gains is None or (self._keeps(before) and self._keeps(now)):
+            return (False,)
+        return False, True
 
-    def _positions(self, now, state):
+    def _keeps(self, item):
+        """Say whether drives that do all by one law keep a position."""
+        near = zip(self.gains, (item.stiffness, item.damping), strict=True)
+        steps = self.quanta.stiffness, self.quanta.damping
+        return all(
+            (np.abs(kept - told) <= step).all()
+            for (kept, told), step in zip(near, steps, strict=True)
+        )
+
+    def _positions(self, now, state, path, anew):
+        """Return the path of set-points with this one; of those before, the last two count."""
         limits, quantum = self.limits, self.quanta.position
-        before = self.before
-        if before is None:
-            self.path = [now.position]
-            return
-        if not self.path or self.anew:
+        if now.mode == TORQUE:
+            return []
+        if self.before is None:
+            return [now.position]
+        if not path or anew:
             # It gave way: set-points begin where it is, as fast as it moves at most.
             if state.stale:
-                self.path = [now.position]
-                return
-            self.path = [state.position]
-        path = [*self.path[-2:], now.position]
+                return [now.position]
+            path = [state.position]
+        path = [*path[-2:], now.position]
         velocity = np.abs(path[-1] - path[-2]) / self.period
         slack = 2 * quantum / self.period
         assert (velocity <= limits.velocity * (1 + ROUNDING) + slack).all(), "velocity"
@@ -116,9 +135,10 @@ class Judge:
         upper = np.maximum(limits.position_max, path[-2]) + quantum
         assert (path[-1] >= lower).all(), "range"
         assert (path[-1] <= upper).all(), "range"
-        self.path = path
+        return path[-2:]
 
-    def _torques(self, now, state):
+    def _torques(self, now, state, anew):
+        """Return what is left of the torque, or what it is."""
         q, v, before = state.position, state.velocity, self.before
         quantum, most = self.quanta.torque, self.limits.torque
 
@@ -132,27 +152,25 @@ class Judge:
             if now.mode == TORQUE:
                 last = last + before.carried - now.carried
         elif before is not None and before.mode == IMPEDANCE:
-            place = before.position if self.anew or now.mode != IMPEDANCE else now.position
+            place = before.position if anew or now.mode != IMPEDANCE else now.position
             last = effort(before, place)
-        sprung = IMPEDANCE in {now.mode, before and before.mode}
-        if sprung and state.stale:  # nobody measured what torque the spring had
-            self.sure = False
         if now.mode == POSITION:
-            self.fade = np.sign(last) * np.maximum(np.abs(last) - self.step, 0.0)
-            return
+            return np.sign(last) * np.maximum(np.abs(last) - self.step, 0.0)
         there = np.abs(now.torque + now.carried)
         assert (there <= most * (1 + ROUNDING) + quantum).all(), "torque"
         if self.sure:
             there = effort(now, now.position) if now.mode == IMPEDANCE else now.torque
             rate = np.abs(there - last) / self.step
             # Both sides of the comparison are rounded on the wire.
-            for item in (now, before) if sprung else ():
+            for item in (now, before) if self._sprung(now) else ():
                 if item is not None and item.mode == IMPEDANCE:
                     away, speed = np.abs(item.position - q), np.abs(item.velocity - v)
                     quantum = quantum + self.quanta.stiffness * away
                     quantum = quantum + self.quanta.damping * speed
                     quantum = quantum + item.stiffness * self.quanta.position
                     quantum = quantum + item.damping * self.quanta.velocity
+            if self.gains is not None and before is not None:
+                quantum = quantum + np.abs(now.carried - before.carried)
             slack = (quantum + self.quanta.torque) / self.step
             assert (rate <= 1 + ROUNDING + slack).all(), f"torque rate {rate.max():.4g}"
-        self.fade, self.sure = now.torque, True
+        return now.torque

@@ -195,6 +195,7 @@ class DamiaoLink(Link):
             self.port.send(motor.joint.node, damiao.encode_command(command, motor.ranges))
         patient = not any(motor.silent for motor in self._motors)
         self._hear_answers(until, self._all_heard, patient=patient)
+        self._gravity = None  # of where the arm was before
         for motor in self._motors:
             motor.silent = 0 if motor.heard else motor.silent + 1
 

@@ -116,6 +116,15 @@ class TestGains:
         assert met == ("torque", "torque_rate")
         assert gains[2] == pytest.approx(STEP)
 
+    @each_way
+    def test_are_less_where_the_feed_forward_would_be_more_than_a_drive_can_be_told(self, sign):
+        """A spring that begins anew, in motion: its damping is made up for by a torque."""
+        damping, velocity, torque = only(0, 10.0), only(0, sign * 2.0), only(0, sign * 115.0)
+        before = ZERO, damping, torque  # 95 N m in all
+        gains, _ = self.follow(before, before, velocity=velocity)
+        assert gains[2][0] == pytest.approx(sign * 100.0)
+        assert gains[2][0] - gains[1][0] * velocity[0] == pytest.approx(sign * 95.0, abs=STEP[0])
+
     @settings(max_examples=200)
     @given(st.lists(st.floats(-1.0, 1.0), min_size=24, max_size=24))
     def test_never_step(self, drawn):

@@ -122,6 +122,25 @@ def test_an_arm_that_was_moved_by_hand_is_held_where_it_is(config, bus):
         )
 
 
+def test_gravity_is_that_of_where_the_arm_is_also_while_nothing_is_commanded(config, bus):
+    places = set()
+    with opened(config, bus) as robot:
+        state = robot.receive()
+        for k in range(30):  # away, and it settles there
+            robot.send(PositionCommand(position=state.position + 2e-3 * min(k, 10)))
+            robot.receive()
+        robot.hold()
+        while not robot.standing:
+            robot.receive()
+        robot.resume()
+        for _ in range(30):
+            state = robot.receive()
+            places.add(state.position.tobytes())
+            carried = config.model.gravity_torque(state.position)[0]
+            assert robot._link.gravity() == pytest.approx(carried, abs=1e-12)
+    assert len(places) > 3
+
+
 def commands(bus, node):
     """Return the commands that a motor was sent since it was last enabled."""
     sent = [data for frame_id, data in bus.sent if frame_id == node]
