@@ -39,24 +39,14 @@ _ADVICE: Final = {
 
 def advice(message: Monitoring) -> list[str]:
     """Return what keeps a session from taking commands, the most likely first."""
-    said: list[str] = []
     robot, connection = message.robot, message.connection
-    if robot is not None:
-        if robot.safety_state not in {None, SafetyState.NORMAL}:
-            stop = SafetyState(robot.safety_state or 0).name.replace("_", " ")
-            said.append(f"a safety stop is in force ({stop}): acknowledge it on the smartPAD")
-        if robot.drive_states and set(robot.drive_states) != {DriveState.ACTIVE}:
-            off = [str(j) for j, d in enumerate(robot.drive_states, 1) if d != DriveState.ACTIVE]
-            said.append(
-                f"the drives of joints {', '.join(off)} are not active: hold the enabling switch "
-                "in T1 or T2, or start the program in AUT"
-            )
-        if robot.operation_mode in {OperationMode.T1, OperationMode.T2}:
-            mode = OperationMode(robot.operation_mode).name
-            said.append(
-                f"the cell is in {mode}: the motion stops when the enabling switch or the start "
-                "key is let go"
-            )
+    said = [text for text in (safety_stop(message), drives_off(message)) if text]
+    if robot is not None and robot.operation_mode in {OperationMode.T1, OperationMode.T2}:
+        mode = OperationMode(robot.operation_mode).name
+        said.append(
+            f"the cell is in {mode}: the motion stops when the enabling switch or the start "
+            "key is let go"
+        )
     if connection is None:
         return [*said, "the robot does not say how the session stands"]
     if connection.quality < Quality.GOOD:
@@ -64,7 +54,7 @@ def advice(message: Monitoring) -> list[str]:
             f"the connection is {connection.quality.name}; commanding needs GOOD: answer every "
             "packet within its period, on a cable of its own"
         )
-    said += _period(message)
+    said += [text] if (text := long_period(message)) else []
     if connection.session_state is not SessionState.COMMANDING_ACTIVE:
         said.append(_ADVICE[connection.session_state])
     return said
@@ -86,19 +76,40 @@ def why_not_ready(message: Monitoring | None, waited: float, malformed: str) -> 
     return f"the session is still in {state.name} after {waited:g} s: {reasons}"
 
 
-def _period(message: Monitoring) -> list[str]:
-    """Say whether the controller would let a session of this period be commanded."""
+def safety_stop(message: Monitoring) -> str:
+    """Say which safety stop is in force; empty for none."""
+    state = None if message.robot is None else message.robot.safety_state
+    if state in {None, SafetyState.NORMAL}:
+        return ""
+    stop = SafetyState(state or 0).name.replace("_", " ")
+    return f"a safety stop is in force ({stop}): acknowledge it on the smartPAD"
+
+
+def drives_off(message: Monitoring) -> str:
+    """Say which drives are not active; empty for none."""
+    states = () if message.robot is None else message.robot.drive_states
+    off = [str(j) for j, state in enumerate(states, 1) if state != DriveState.ACTIVE]
+    if not off:
+        return ""
+    return (
+        f"the drives of joints {', '.join(off)} are not active: hold the enabling switch in T1 or "
+        "T2, or start the program in AUT"
+    )
+
+
+def long_period(message: Monitoring) -> str:
+    """Say that a session of this period cannot be commanded; empty if it can."""
     connection, ipo = message.connection, message.ipo
     if connection is None or connection.send_period is None:
-        return []
+        return ""
     between = connection.send_period * max(connection.receive_multiplier or 1, 1)
     mode = None if ipo is None else ipo.command_mode
     most = LONGEST_COMMANDING
     if mode in {CommandMode.WRENCH, CommandMode.TORQUE}:
         most = LONGEST_FORCE_CONTROL
     if between <= most:
-        return []
-    return [
+        return ""
+    return (
         f"answers are {between} ms apart (send period x receive multiplier), and commanding needs "
         f"at most {most} ms: shorten the send period in the robot application"
-    ]
+    )

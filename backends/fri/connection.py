@@ -20,6 +20,19 @@ LONGEST_PERIOD: Final = 100  # [ms] between packets
 _UNTOLD: Final = 20  # messages without a telling field, after which it is 1.x
 
 
+class SilentRobotError(ConnectionLostError):
+    """No robot was heard on a port.
+
+    Args:
+        found: What was heard instead.
+        port: UDP port.
+    """
+
+    def __init__(self, found: str, port: int) -> None:
+        self.found = found
+        super().__init__(f"{found}; `limo doctor fri --port {port}` finds out why")
+
+
 @dataclass(frozen=True)
 class Connection:
     """A robot that speaks, and how."""
@@ -44,7 +57,7 @@ def connect(host: str | None, port: int, version: FriVersion | None, timeout: fl
 
     Raises:
         BackendError: The port is taken, or the robot speaks another version.
-        ConnectionLostError: No usable packet within `timeout` [s]; says what came instead.
+        SilentRobotError: No usable packet within `timeout` [s]; says what came instead.
     """
     endpoint = Endpoint(host, port)
     try:
@@ -77,7 +90,7 @@ def _first_packet(endpoint: Endpoint, version: FriVersion | None, timeout: float
             continue
         endpoint.settle(datagram.sender)
         return Connection(endpoint, generation, *pace(message))
-    raise ConnectionLostError(_nobody(endpoint, timeout, came, problem))
+    raise SilentRobotError(_nobody(endpoint, timeout, came, problem), endpoint.port)
 
 
 def _generation(data: bytes, version: FriVersion | None) -> Generation | None:
@@ -131,13 +144,12 @@ def pace(message: Monitoring) -> tuple[int, int]:
 
 
 def _nobody(endpoint: Endpoint, timeout: float, came: int, problem: str) -> str:
-    hint = f"`limo doctor fri --port {endpoint.port}` finds out why"
     where = f"UDP port {endpoint.port} within {timeout:g} s"
     if came:
-        return f"{came} datagrams came to {where}, but none could be used: {problem}; {hint}"
+        return f"{came} datagrams came to {where}, but none could be used: {problem}"
     if endpoint.foreign:
         return (
             f"nothing came from {endpoint.robot} to {where}, "
-            f"but {endpoint.foreign} datagrams from {endpoint.last_foreign}; {hint}"
+            f"but {endpoint.foreign} datagrams from {endpoint.last_foreign}"
         )
-    return f"nobody sent to {where}; {hint}"
+    return f"nobody sent to {where}"

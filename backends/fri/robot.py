@@ -94,7 +94,7 @@ class FriRobot(Robot):
     Raises:
         ConfigError: The arm has no seven joints, or host, port or version are none.
         BackendError: The port is taken.
-        ConnectionLostError: Nobody sent a usable packet in time; says what came instead.
+        SilentRobotError: Nobody sent a usable packet in time; says what came instead.
     """
 
     def __init__(
@@ -178,6 +178,11 @@ class FriRobot(Robot):
     def figures(self) -> LinkFigures:
         """Counts of the link."""
         return self._session.figures
+
+    @property
+    def unconfirmed(self) -> int:
+        """Answers in a row that the robot has not received, as far as it said, 1024 at most."""
+        return self._session.unconfirmed
 
     @property
     def foreign(self) -> int:

@@ -51,6 +51,14 @@ def command(
     late_ms: Annotated[
         float | None, typer.Option(min=0.0, help="Count answers slower than this [ms].")
     ] = None,
+    io: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME:TYPE:DIRECTION[:VALUE] that the application names; repeatable."),
+    ] = None,
+    transformation: Annotated[
+        list[str] | None,
+        typer.Option(help="Name of a frame that the client shall send; repeatable."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
     fifo: Annotated[
         bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
@@ -71,15 +79,20 @@ def command(
         limo controller --fri 2.7 --mode torque --period-ms 1 --duration 10 --json
         limo controller --client 192.168.1.5:30200 --sim sim.yaml \
             --scenario lossy.yaml
+        limo controller --io FRI.Clock:bool:input:1 --io FRI.Seconds:digital:output \
+            --transformation PickPos
     """
     from backends.fri.codec.version import FriVersion
     from backends.fri.simulator.controller import SimulatedController
     from backends.fri.simulator.port import Address
     from backends.fri.simulator.scenario import ControllerScenario
     from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
+    from backends.fri.simulator.signals import check_signal_name, parse_io
     from limo_driver.physics import Simulation
     from limo_driver.robot.interrupts import interrupts
 
+    for name in transformation or ():
+        check_signal_name(name)
     settings = ControllerSettings(
         client=Address.parse(client, "--client"),
         version=FriVersion.named(fri),
@@ -92,6 +105,8 @@ def command(
         position=_start(position, trajectory),
         seed=seed,
         fifo=fifo,
+        ios=tuple(parse_io(text) for text in io or ()),
+        transformations=tuple(transformation or ()),
     )
     simulation = None if sim is None else Simulation.load(sim)
     played = None if scenario is None else ControllerScenario.load(scenario)

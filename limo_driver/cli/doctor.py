@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-UNHEALTHY = 1
-
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
@@ -37,7 +35,9 @@ def fri(
     To the robot it is a client like any other: where a session waits for one, the robot's own
     program may begin to move. Keep a hand on the stop.
 
-    Exit status 0 if the link works, 1 if something is wrong with it.
+    Exit status 0 if the link works; 3 if nobody sends, 4 if the robot falls silent, 5 if it does
+    not hear the answers, 6 at a safety stop, 7 if drives are off, 8 if the send period is too long
+    to command, and 1 for anything else that is wrong.
 
     Examples:
         limo doctor fri
@@ -55,5 +55,4 @@ def fri(
             typer.echo(f"{'problem' if finding.problem else 'note'}: {finding.text}")
         if found.healthy:
             typer.echo("the link works")
-    if not found.healthy:
-        raise typer.Exit(UNHEALTHY)
+    raise typer.Exit(found.status)

@@ -1,7 +1,7 @@
 """Messages to bytes, as an unmodified peer of the generation writes them.
 
-Joint arrays are written unpacked, one tag before each number, and vectors packed; fields stand in
-the order of their numbers.
+Joint arrays are written unpacked, one tag before each number, and vectors and poses packed; fields
+stand in the order of their numbers.
 """
 
 from __future__ import annotations
@@ -82,12 +82,11 @@ def _field(value: Any, part: Part, path: Path) -> bytes:  # noqa: ANN401
 def _number(value: Any, part: Part, path: Path) -> bytes:  # noqa: ANN401
     """Return numbers or text with their tag."""
     if part.kind is Kind.JOINTS:
-        return delimited(part.number, _tagged(1, value, part, path))
+        return delimited(part.number, _tagged(value, part, path))
     if part.kind is Kind.VECTOR:
-        packed = b"".join(map(double, _counted(value, part, path)))
-        return delimited(part.number, delimited(1, packed))
+        return delimited(part.number, delimited(1, _packed(value, part, path)))
     if part.kind is Kind.DOUBLES:
-        return _tagged(part.number, value, part, path)
+        return delimited(part.number, _packed(value, part, path))
     if part.kind is Kind.DOUBLE:
         return tag(part.number, FIXED64) + double(value)
     if part.kind is Kind.TEXT:
@@ -99,9 +98,13 @@ def _number(value: Any, part: Part, path: Path) -> bytes:  # noqa: ANN401
     return tag(part.number, VARINT) + varint(int(value) & _MASK64)
 
 
-def _tagged(number: int, values: Sequence[float], part: Part, path: Path) -> bytes:
-    before = tag(number, FIXED64)
+def _tagged(values: Sequence[float], part: Part, path: Path) -> bytes:
+    before = tag(1, FIXED64)
     return b"".join(before + double(value) for value in _counted(values, part, path))
+
+
+def _packed(values: Sequence[float], part: Part, path: Path) -> bytes:
+    return b"".join(map(double, _counted(values, part, path)))
 
 
 def _counted(values: Sequence[float], part: Part, path: Path) -> Sequence[float]:

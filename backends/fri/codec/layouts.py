@@ -31,7 +31,7 @@ class Kind(Enum):
     UINT64 = "uint64"
     ENUM = "enum"
     DOUBLE = "double"
-    DOUBLES = "doubles, each with its tag"
+    DOUBLES = "packed doubles"
     TEXT = "text"
     MESSAGE = "message"
     JOINTS = "message of seven doubles, each with its tag"

@@ -14,12 +14,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from backends.fri.advice import advice
+from backends.fri.advice import advice, drives_off, long_period, safety_stop
 from backends.fri.codec.messages import PORTS, Quality, SessionState
+from backends.fri.connection import SilentRobotError
 from backends.fri.doctor.listening import Heard, listen
 from backends.fri.doctor.network import near, networks, own_address
 from backends.fri.endpoint import resolve
 from backends.fri.robot import FriRobot
+from backends.fri.session import MOST_UNCONFIRMED
 from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError
 
 if TYPE_CHECKING:
@@ -28,6 +30,18 @@ if TYPE_CHECKING:
 MOST_LOST: Final = 0.001  # of the packets
 MOST_LATE: Final = 0.01  # of the answers
 MOST_POOR: Final = 0.1  # of the packets below GOOD, once one was better
+SILENCE: Final = 0.5  # [s] of no packets at the end, or ten periods, after which a robot is silent
+FEWEST_ANSWERS: Final = 10  # of which the robot has to have received some
+OTHER_PROBLEM: Final = 1
+# Exit statuses, the gravest first; 2 says that an option is wrong.
+STATUSES: Final = {
+    "nobody": 3,
+    "silent": 4,
+    "one-way": 5,
+    "safety-stop": 6,
+    "drives-off": 7,
+    "period": 8,
+}
 
 
 @dataclass(frozen=True)
@@ -51,6 +65,14 @@ class Examination:
         """Whether no problem was found."""
         return not any(finding.problem for finding in self.findings)
 
+    @property
+    def status(self) -> int:
+        """Exit status: that of the gravest problem, 0 if there is none."""
+        if self.healthy:
+            return 0
+        codes = {finding.code for finding in self.findings if finding.problem}
+        return next((status for code, status in STATUSES.items() if code in codes), OTHER_PROBLEM)
+
     def add(self, code: str, text: str, *, problem: bool = True) -> None:
         """Add a finding."""
         self.findings.append(CheckResult(code, text, problem))
@@ -59,6 +81,7 @@ class Examination:
         """Return plain values."""
         return {
             "healthy": self.healthy,
+            "status": self.status,
             "findings": [vars(finding) for finding in self.findings],
             "figures": self.figures,
         }
@@ -153,12 +176,15 @@ def _answer(
     qualities: Counter[Quality] = Counter()
     try:
         with FriRobot(sender, port, connect_timeout=max(seconds, 1.0)) as robot:
-            deadline = time.monotonic() + seconds
-            while time.monotonic() < deadline:
+            began = heard = time.monotonic()
+            while time.monotonic() < began + seconds:
                 with suppress(CycleTimeoutError):  # nothing yet since it was opened
                     if not robot.receive().stale and (quality := robot.quality) is not None:
                         _count(qualities, quality)
-            _judge(found, robot, qualities)
+                        heard = time.monotonic()
+            _judge(found, robot, qualities, time.monotonic() - heard)
+    except SilentRobotError as error:
+        found.add("silent", f"the robot was heard, and then no more: {error.found}")
     except ConnectionLostError as error:
         found.add("lost", str(error))
 
@@ -170,7 +196,7 @@ def _count(qualities: Counter[Quality], quality: Quality) -> None:
     qualities[quality] += 1
 
 
-def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality]) -> None:
+def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality], silent: float) -> None:
     figures = robot.figures
     found.figures |= {
         "link": figures.as_json(),
@@ -180,8 +206,22 @@ def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality]) -> 
         "answer_latency": robot.latency.as_json(),
         "foreign": robot.foreign,
     }
-    if not qualities:
-        found.add("silent", "the robot stopped sending while it was answered")
+    if not qualities or silent > max(SILENCE, 10 * robot.spec.period):
+        found.add(
+            "silent",
+            f"the robot stopped sending while it was answered, {silent:.1f} s ago, after "
+            f"{figures.received} packets: its application ended the session or was stopped, or the "
+            "cable was pulled",
+        )
+        return
+    # One that has received nothing reflects 0, which is the number of the first answer.
+    if robot.unconfirmed >= max(min(figures.answered - 1, MOST_UNCONFIRMED), FEWEST_ANSWERS):
+        found.add(
+            "one-way",
+            f"the robot has received none of {figures.answered} answers, while its packets come: "
+            "the link works one way only. Let UDP from this machine to the robot through every "
+            "firewall on the way, and check the robot's own address and gateway",
+        )
         return
     if figures.lost > MOST_LOST * figures.received:
         found.add(
@@ -197,6 +237,13 @@ def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality]) -> 
             "else computes here, or lengthen the send period",
         )
     _judge_quality(found, qualities)
+    for code, problem in (
+        ("safety-stop", safety_stop(robot.monitoring)),
+        ("drives-off", drives_off(robot.monitoring)),
+        ("period", long_period(robot.monitoring)),
+    ):
+        if problem:
+            found.add(code, problem)
     state, reasons = robot.session_state, "; ".join(advice(robot.monitoring))
     if state is SessionState.COMMANDING_ACTIVE:
         found.add("commanding", "the session takes commands", problem=False)

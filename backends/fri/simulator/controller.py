@@ -63,6 +63,7 @@ class SimulatedController(Closing):
             settings.period_ms,
             settings.multiplier,
             self._motion.arm.nominal,
+            self._listener.signals.requested(settings.version.generation),
         )
         self._clock = ScenarioClock(scenario)
         self._now = Now()
@@ -123,16 +124,19 @@ class SimulatedController(Closing):
         self._cycles = 1 + self._pace.skipped - skipped
 
     def _cycle(self) -> None:
+        heard_ns = time.monotonic_ns()
         self._now = self._clock.at(self._time)
         self._listener.listen(self._port, self._time, self._now.to_robot, self._session)
-        if (answered := self._listener.close_interval()) is not None:
+        for answered in self._listener.close_interval(heard_ns):
             self._quality.count(answered=answered)
         self._update_session()
         steps = self._cycles * self.settings.period_ms
         self._motion.move(
             self._now, self._clock.since(self._time), steps, active=self._session.active
         )
-        if not self._now.silent:
+        if self._now.silent:
+            self._listener.disturb()
+        else:
             self._speak()
         if self._time >= self._ends and self._session.state is SessionState.IDLE:
             self._farewells += 1
@@ -178,11 +182,17 @@ class SimulatedController(Closing):
         return self._listener.stop
 
     def _speak(self) -> None:
-        packet, now = self._packet(), time.monotonic_ns()
+        packet, state = self._packet(), self._session.state
         self.findings.rate(self._level)
-        self._ledger.send(now, expects_answer=self._session.state is not SessionState.IDLE)
-        self._network.put(packet, now, self._now.to_client)
+        now = time.monotonic_ns()
+        disturbed = self._network.put(packet, now, self._now.to_client)
         self._send_due(now)
+        self._ledger.send(
+            time.monotonic_ns(), expects_answer=state is not SessionState.IDLE, state=state
+        )
+        if disturbed:
+            self._ledger.disturb()
+            self._listener.disturb()
 
     def _packet(self) -> bytes:
         session, motion = self._session, self._motion
@@ -202,17 +212,20 @@ class SimulatedController(Closing):
                 ipo=motion.ipo,
                 commanded_torque=motion.commanded_torque,
                 tracking=motion.tracking if session.active else 0.0,
+                ios=self._listener.signals.ios,
             ),
         )
 
     def _send_due(self, now_ns: int) -> None:
-        for packet, _ in self._network.take(now_ns):
-            self._port.send(packet, self.client)
+        for packet in self._network.take(now_ns):
+            self._port.send(packet.data, self.client)
 
     def _linger(self) -> None:
         """Count answers that are still under way."""
         self._sleep(time.monotonic_ns() + round(1e9 * GRACE))
+        heard_ns = time.monotonic_ns()
         self._listener.listen(self._port, self._time, Now().to_robot, self._session)
+        self._listener.close_interval(heard_ns)
 
     def _report(self, refused: tuple[str, ...]) -> ControllerReport:
         settings, pace = self.settings, self._pace
@@ -232,6 +245,7 @@ class SimulatedController(Closing):
             visits=self.visits,
             quality=self._level,
             findings=self.findings,
+            signals=self._listener.signals,
             fates={"to_client": self._network.fates, "to_robot": self._listener.network.fates},
             loop=loop,
             loop_text=pace.summary(),

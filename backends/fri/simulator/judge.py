@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from backends.fri.codec.messages import CommandData
     from limo_driver.types import FloatArray, JointLimits
 
-_MOST_INTERVALS: Final = 10  # that a step may have had time for, after answers were lost
+MOST_INTERVALS: Final = 10  # that a step may have had time for, after answers were lost
 
 
 def _limit(unit: str, description: str, default: float):  # noqa: ANN202  # a dataclass field
@@ -135,7 +135,7 @@ class CommandJudge:
         return ""
 
     def _most_step(self, intervals: int) -> FloatArray:
-        return self._step * min(max(intervals, 1), _MOST_INTERVALS)
+        return self._step * min(max(intervals, 1), MOST_INTERVALS)
 
     def _missing(self, wanted: Wanted) -> str:
         """Say which part a command lacks for the mode, or has without any use."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import random
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 _NANO: Final = 1e9
 
@@ -39,6 +39,14 @@ class Fates:
     duplicated: int = 0
 
 
+class Delivered(NamedTuple):
+    """A datagram that the network delivers."""
+
+    data: bytes
+    at_ns: int  # when it was due
+    disturbed: bool  # it came later than it would have, overtaken or twice
+
+
 class Channel:
     """One direction of the network.
 
@@ -50,7 +58,7 @@ class Channel:
     def __init__(self, name: str, seed: int) -> None:
         self.fates = Fates()
         self._random = random.Random(f"{seed}/{name}")  # noqa: S311  # no secret
-        self._waiting: list[tuple[int, int, bytes]] = []  # due [ns], number, datagram
+        self._waiting: list[tuple[int, int, Delivered]] = []  # due [ns], number
         self._overtaken: list[bytes] = []
         self._number = 0
 
@@ -63,35 +71,37 @@ class Channel:
         """Return when the next datagram is due; None if there is none."""
         return self._waiting[0][0] if self._waiting else None
 
-    def put(self, datagram: bytes, now_ns: int, disturbance: Disturbance) -> None:
-        """Let a datagram go on its way."""
+    def put(self, datagram: bytes, now_ns: int, disturbance: Disturbance) -> bool:
+        """Let a datagram go on its way; say whether anything happens to it."""
         lost, more, overtaken, twice = (self._random.random() for _ in range(4))
         if lost < disturbance.loss:
             self.fates.lost += 1
-            return
+            return True
         delay = disturbance.delay + more * disturbance.jitter
         self.fates.delayed += delay > 0
         if overtaken < disturbance.reorder and not self._overtaken:
             self.fates.reordered += 1
             self._overtaken.append(datagram)
-            return
+            return True
         due = now_ns + round(delay * _NANO)
-        self._enqueue(due, datagram)
-        if twice < disturbance.duplicate:
+        copied = twice < disturbance.duplicate
+        disturbed = delay > 0 or copied
+        self._enqueue(Delivered(datagram, due, disturbed))
+        if copied:
             self.fates.duplicated += 1
-            self._enqueue(due, datagram)
+            self._enqueue(Delivered(datagram, due, disturbed=True))
         if self._overtaken:
-            self._enqueue(due, self._overtaken.pop())
+            self._enqueue(Delivered(self._overtaken.pop(), due, disturbed=True))
+        return disturbed
 
-    def take(self, now_ns: int) -> list[tuple[bytes, int]]:
-        """Return the datagrams that are due by now, in order, and when each was due [ns]."""
-        due: list[tuple[bytes, int]] = []
+    def take(self, now_ns: int) -> list[Delivered]:
+        """Return the datagrams that are due by now, in order."""
+        due: list[Delivered] = []
         while self._waiting and self._waiting[0][0] <= now_ns:
-            at, _, datagram = heapq.heappop(self._waiting)
-            due.append((datagram, at))
+            due.append(heapq.heappop(self._waiting)[2])
         self.fates.passed += len(due)
         return due
 
-    def _enqueue(self, due_ns: int, datagram: bytes) -> None:
-        heapq.heappush(self._waiting, (due_ns, self._number, datagram))
+    def _enqueue(self, datagram: Delivered) -> None:
+        heapq.heappush(self._waiting, (datagram.at_ns, self._number, datagram))
         self._number += 1

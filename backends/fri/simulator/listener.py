@@ -1,20 +1,27 @@
-"""The controller's ear: what comes is counted, read, judged, and passed on if it may."""
+"""The controller's ear: what comes is counted, read, judged, and passed on if it may.
+
+A complaint that the scenario's network may have caused is marked as such: one more answer to a
+packet that was doubled, or a jump within ten intervals of a datagram that was lost or late.
+"""
 
 from __future__ import annotations
 
 import time
 from typing import TYPE_CHECKING, Final
 
+from backends.fri.codec.messages import SessionState
 from backends.fri.codec.template import CommandTemplate
-from backends.fri.simulator.judge import CommandJudge
+from backends.fri.simulator.judge import MOST_INTERVALS, CommandJudge
 from backends.fri.simulator.ledger import Arrival, Ledger
 from backends.fri.simulator.link import Channel
+from backends.fri.simulator.signals import Signals
+from backends.fri.simulator.spoken import monitored_as_of, spoken
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
     from backends.fri.codec.messages import Command
     from backends.fri.simulator.judge import Wanted
-    from backends.fri.simulator.link import Disturbance
+    from backends.fri.simulator.link import Delivered, Disturbance
     from backends.fri.simulator.motion import CommandedArm
     from backends.fri.simulator.port import Address, UdpPort
     from backends.fri.simulator.report import ClientObservations
@@ -22,6 +29,7 @@ if TYPE_CHECKING:
     from backends.fri.simulator.settings import ControllerSettings
 
 _COUNTERS: Final = 1 << 32
+_MONITORED: Final = {SessionState.MONITORING_WAIT, SessionState.MONITORING_READY}
 _WRONG: Final = {
     Arrival.REPEATED: "an answer reflects a packet that was answered before",
     Arrival.UNKNOWN: "an answer reflects a packet that was never sent, or long ago",
@@ -50,12 +58,18 @@ class Listener:
         self._settings, self._client = settings, client
         self._findings, self._motion = findings, motion
         late = settings.late_after
-        self.ledger = Ledger(settings.multiplier, None if late is None else round(1e9 * late))
+        self.ledger = Ledger(
+            settings.multiplier,
+            None if late is None else round(1e9 * late),
+            period_ns=1_000_000 * settings.period_ms,
+        )
         self.network = Channel("to_robot", seed)
         self.reflected = 0  # the client's last counter
         self.confirmed = 0  # answers in a row that confirm the set-point
         self.stop = ""  # why a command stopped the arm; empty if none did lately
         self._stop_until = 0.0  # [s]
+        self.signals = Signals(settings.ios, settings.transformations)
+        self._calm = MOST_INTERVALS + 1  # intervals since the network last disturbed a datagram
         self._asked_from = 0  # counter of the first packet that asked for commands
         self.begin()
         self._commands = CommandTemplate(settings.version)
@@ -88,20 +102,34 @@ class Listener:
                     now,
                 )
                 continue
-            self.network.put(datagram.data, datagram.at_ns, network)
-        for data, at_ns in self.network.take(time.monotonic_ns()):
-            self._receive(data, at_ns, now, session)
+            if self.network.put(datagram.data, datagram.at_ns, network):
+                self.disturb()
+        for datagram in self.network.take(time.monotonic_ns()):
+            self._receive(datagram, now, session)
 
-    def close_interval(self) -> bool | None:
-        """End the receive interval if it is over; return whether it was answered in time."""
-        answered = self.ledger.close_interval()
-        if self._followed and answered is not None:
-            self.begin()
-        else:
-            self._intervals += answered is not None
-        if answered is False:
+    def disturb(self) -> None:
+        """Note that the scenario's network does something to a datagram."""
+        self._calm = 0
+
+    def close_interval(self, now_ns: int) -> list[bool]:
+        """End the receive interval if it is over.
+
+        Args:
+            now_ns: When answers were last listened to [ns].
+
+        Returns:
+            Whether it was answered in time, of each interval whose time is over.
+        """
+        if self.ledger.close_interval():
+            self._calm += 1
+            if self._followed:
+                self.begin()
+            else:
+                self._intervals += 1
+        outcomes = self.ledger.judge(now_ns)
+        if not all(outcomes):
             self.confirmed = 0
-        return answered
+        return outcomes
 
     def begin(self) -> None:
         """Measure the steps of commands from where the arm is told to be by now."""
@@ -109,21 +137,35 @@ class Listener:
         self._intervals = 1  # that a command has had since
         self._followed = False  # one, in this interval
 
-    def _receive(self, data: bytes, at_ns: int, now: float, session: ControllerSession) -> None:
+    def _receive(self, datagram: Delivered, now: float, session: ControllerSession) -> None:
+        version = self._settings.version
         try:
-            command = self._commands.decode(data)
+            command = self._commands.decode(datagram.data)
         except WireFormatError as error:
             self._findings.malformed += 1
-            version = self._settings.version.value
-            self._findings.complain(f"no command of FRI {version}: {error}", now)
+            said = spoken(datagram.data, version) or f"no command of FRI {version.value}: {error}"
+            self._findings.complain(said, now)
             return
         header = command.header
         self.reflected = header.sequence
-        arrival = self.ledger.receive(header.sequence, header.reflected, at_ns)
+        arrival = self.ledger.receive(header.sequence, header.reflected, datagram.at_ns)
         if not arrival.usable:
-            self._findings.complain(_WRONG[arrival], now)
-        elif session.commanding and self._was_asked(header.reflected):
+            touched = datagram.disturbed or self.ledger.disturbed(header.reflected)
+            self._findings.complain(_WRONG[arrival], now, by_scenario=touched)
+            return
+        for complaint in self.signals.take(command.data):
+            self._findings.complain(complaint, now)
+        if self.ledger.state_of(header.reflected) in _MONITORED and (
+            said := monitored_as_of(command, version)
+        ):
+            self._findings.complain(said, now)
+        if session.commanding and self._was_asked(header.reflected):
             self._take(command, now, active=session.active)
+
+    @property
+    def _disturbed(self) -> bool:
+        """Whether the scenario's network disturbed a datagram lately."""
+        return self._calm <= MOST_INTERVALS or not self.network.empty
 
     def _was_asked(self, reflected: int) -> bool:
         """Say whether a packet asked for commands; the answers to earlier ones do not count."""
@@ -137,7 +179,8 @@ class Listener:
                 complaint = self._judge.confirms(wanted, self._motion.ipo)
         if complaint:
             self.confirmed = 0
-            self._findings.complain(complaint, now)
+            mirrors = wanted.position is not None  # but not this set-point, which moves
+            self._findings.complain(complaint, now, by_scenario=mirrors and self._disturbed)
             return
         if not active:
             self.confirmed += 1
@@ -150,10 +193,11 @@ class Listener:
         Several in one interval have no more time than one: answers that pile up are a jump.
         """
         since = (self._before, self._intervals)
-        self._findings.step(self._judge.share_of_step(wanted, *since))
+        share = self._judge.share_of_step(wanted, *since)
+        self._findings.step(share)
         if stop := self._judge.stops(wanted, *since):
             self.stop, self._stop_until = stop, now + self._settings.times.stop
-            self._findings.stop(stop, now)
+            self._findings.stop(stop, now, by_scenario=share > 1.0 and self._disturbed)
             return
         self._motion.take(wanted)
         self._followed = True

@@ -14,6 +14,7 @@ from backends.fri.codec.messages import (
     ConnectionInfo,
     DriveState,
     Header,
+    IoValue,
     IpoData,
     MonitorData,
     Monitoring,
@@ -58,6 +59,7 @@ class Standing:
     ipo: FloatArray  # (7,) [rad], of the robot's own program
     commanded_torque: FloatArray  # (7,) [N m]
     tracking: float  # 0 to 1
+    ios: tuple[IoValue, ...] = ()
 
 
 class MonitoringWriter:
@@ -69,6 +71,7 @@ class MonitoringWriter:
         period_ms: Send period [ms].
         multiplier: Receive multiplier.
         model: The robot's own model, for Cartesian poses.
+        requested: Transformations that the client shall send.
     """
 
     def __init__(
@@ -78,11 +81,12 @@ class MonitoringWriter:
         period_ms: int,
         multiplier: int,
         model: RobotModel,
+        requested: tuple[Transformation, ...] = (),
     ) -> None:
         self._template = MonitoringTemplate(version)
         self._generation = version.generation
         self._mode, self._period, self._multiplier = mode, period_ms, multiplier
-        self._model = model
+        self._model, self._requested = model, requested
         wrench = mode is CommandMode.WRENCH
         self._overlay = OverlayType.CARTESIAN if wrench else OverlayType.JOINT
 
@@ -107,6 +111,7 @@ class MonitoringWriter:
                 data=self._data(at),
                 connection=ConnectionInfo(at.session, at.quality, self._period, self._multiplier),
                 ipo=self._ipo(at),
+                requested_transformations=self._requested,
             )
         )
 
@@ -120,6 +125,7 @@ class MonitoringWriter:
             commanded_torque=tuple(at.commanded_torque.tolist()),
             external_torque=tuple(external.tolist()),
             external_force=self._force(arm) if self._generation is Generation.TWO_SEVEN else None,
+            io=at.ios,
             measured_pose=None if one else self._pose(arm.position),
             measured_redundancy=None if one else _redundancy(arm.position),
             timestamp=Timestamp(*divmod(time.time_ns(), _NANO)),

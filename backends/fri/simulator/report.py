@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from backends.fri.simulator.ledger import Ledger
     from backends.fri.simulator.link import Fates
     from backends.fri.simulator.session import ControllerVisit
+    from backends.fri.simulator.signals import Signals
     from limo_driver.types import FloatArray
 
 MOST_COMPLAINTS: Final = 50  # kinds that are told apart
@@ -29,6 +30,7 @@ class Complaint:
 
     first: float  # [s] since the start
     count: int = 0
+    by_scenario: int = 0  # of them, cases that the scenario's network may have caused
 
 
 @dataclass
@@ -45,17 +47,19 @@ class ClientObservations:
     largest_step: float = 0.0  # share of what a joint may go from one command to the next
     _last_quality: Quality | None = None
 
-    def complain(self, text: str, now: float) -> None:
-        """Note what is wrong."""
+    def complain(self, text: str, now: float, *, by_scenario: bool = False) -> None:
+        """Note what is wrong, and whether the scenario's network may have caused it."""
         if text not in self.complaints and len(self.complaints) >= MOST_COMPLAINTS:
             text = _OTHERS
-        self.complaints.setdefault(text, Complaint(now)).count += 1
+        complaint = self.complaints.setdefault(text, Complaint(now))
+        complaint.count += 1
+        complaint.by_scenario += by_scenario
 
-    def stop(self, text: str, now: float) -> None:
+    def stop(self, text: str, now: float, *, by_scenario: bool = False) -> None:
         """Note that the arm was stopped."""
         if len(self.stops) < MOST_COMPLAINTS:
             self.stops.append((now, text))
-        self.complain(text, now)
+        self.complain(text, now, by_scenario=by_scenario)
 
     def rate(self, quality: Quality) -> None:
         """Note the quality of a packet."""
@@ -91,6 +95,7 @@ class ControllerReport:
     visits: tuple[ControllerVisit, ...]
     quality: Quality  # at the end of the session
     findings: ClientObservations
+    signals: Signals
     fates: dict[str, Fates]  # of datagrams in each direction
     loop: dict[str, Any]  # lateness of the controller's own loop
     loop_text: str
@@ -126,9 +131,15 @@ class ControllerReport:
             "largest_step": found.largest_step,
             "stops": [{"at": at, "reason": text} for at, text in found.stops],
             "complaints": [
-                {"what": text, "count": one.count, "first": one.first}
+                {
+                    "what": text,
+                    "count": one.count,
+                    "by_scenario": one.by_scenario,
+                    "first": one.first,
+                }
                 for text, one in found.complaints.items()
             ],
+            **self.signals.as_json(),
             "scenario": {name: vars(fates) for name, fates in self.fates.items()},
             "loop_lateness": self.loop,
             "notes": list(self.notes),
@@ -154,7 +165,7 @@ class ControllerReport:
         if books.unheard and not books.answered:
             lines.append("nobody answered: is a client bound to the port that --client names?")
         lines += [
-            f"in {one.count} cases, first after {one.first:.3f} s: {text}"
+            f"in {one.count} cases{_excused(one)}, first after {one.first:.3f} s: {text}"
             for text, one in self.findings.complaints.items()
         ]
         return "\n".join([*lines, *self.notes])
@@ -171,3 +182,10 @@ class ControllerReport:
             + f" {_UNITS[name]}"
             for name, (lower, upper) in self.findings.ranges.items()
         ]
+
+
+def _excused(complaint: Complaint) -> str:
+    if not complaint.by_scenario:
+        return ""
+    number = "all" if complaint.by_scenario == complaint.count else str(complaint.by_scenario)
+    return f" ({number} of them where the scenario disturbed datagrams)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final
 
-from backends.fri.codec.messages import CommandMode, ControlMode
+from backends.fri.codec.messages import CommandMode, ControlMode, IoValue
 from backends.fri.codec.version import FriVersion
 from backends.fri.simulator.arm import Compliance
 from backends.fri.simulator.judge import CommandLimits
@@ -57,6 +57,8 @@ class ControllerSettings(Declared):
     position: tuple[float, ...] = POSE  # [rad]
     seed: int = 0  # of the sensors' noise
     fifo: bool = False  # ask for SCHED_FIFO
+    ios: tuple[IoValue, ...] = ()  # that the application names
+    transformations: tuple[str, ...] = ()  # that it requests
     quality: QualityModel = field(default_factory=QualityModel)
     times: SessionTimes = field(default_factory=SessionTimes)
     limits: CommandLimits = field(default_factory=CommandLimits)

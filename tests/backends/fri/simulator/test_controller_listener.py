@@ -10,7 +10,7 @@ import pytest
 from backends.fri.codec.codec import encode_command
 from backends.fri.codec.messages import Command, CommandData, CommandMode, Header, SessionState
 from backends.fri.simulator.judge import Wanted
-from backends.fri.simulator.link import UNDISTURBED
+from backends.fri.simulator.link import UNDISTURBED, Disturbance
 from backends.fri.simulator.listener import Listener
 from backends.fri.simulator.motion import CommandedArm
 from backends.fri.simulator.port import Address, ClientDatagram
@@ -51,12 +51,12 @@ class Bench:
         self.listener.begin()
         self.intervals = 0
 
-    def interval(self, *answers: bytes) -> None:
+    def interval(self, *answers: bytes, network: Disturbance = UNDISTURBED) -> None:
         """Send a packet, and take what has come before the next one."""
         self.listener.ledger.send(self.intervals * PERIOD, expects_answer=True)
         self.intervals += 1
-        self.listener.listen(Mailbox(*answers), 1e-3 * self.intervals, UNDISTURBED, self.session)  # type: ignore[arg-type]  # all that it reads of a port
-        self.listener.close_interval()
+        self.listener.listen(Mailbox(*answers), 1e-3 * self.intervals, network, self.session)  # type: ignore[arg-type]  # all that it reads of a port
+        self.listener.close_interval(self.intervals * PERIOD)
 
     def answer(self, packet: int, steps: float) -> bytes:
         """Answer a packet with a position some cycles of full speed away."""
@@ -91,6 +91,47 @@ def test_two_answers_in_one_interval_have_the_time_of_one(bench: Bench) -> None:
     bench.interval(bench.answer(1, 0.9))
     bench.interval(bench.answer(0, 1.5), bench.answer(2, 2.4))
     assert "illegal axis delta" in bench.listener.stop
+
+
+def cases(bench: Bench, text: str) -> tuple[int, int]:
+    """Return how often a complaint was made, and how often the scenario may have caused it."""
+    return next(
+        (one.count, one.by_scenario)
+        for said, one in bench.findings.complaints.items()
+        if text in said
+    )
+
+
+def test_what_the_scenarios_network_doubles_is_not_the_clients_fault(bench: Bench) -> None:
+    bench.interval(bench.answer(0, 0.0), network=Disturbance(duplicate=1.0))
+    assert cases(bench, "answered before") == (1, 1)
+    bench.interval(bench.answer(1, 0.0), bench.answer(1, 0.0))  # and now the client does
+    assert cases(bench, "answered before") == (2, 1)
+
+
+def test_packets_that_come_twice_may_be_answered_twice(bench: Bench) -> None:
+    bench.interval()
+    bench.listener.ledger.disturb()
+    bench.interval(bench.answer(0, 0.0), bench.answer(0, 0.0))
+    assert cases(bench, "answered before") == (1, 1)
+
+
+@pytest.mark.parametrize(("later", "by_scenario"), [(1, 1), (12, 0)])
+def test_jumps_after_losses_of_the_scenario_are_marked(
+    bench: Bench, later: int, by_scenario: int
+) -> None:
+    bench.interval(bench.answer(0, 0.0), network=Disturbance(loss=1.0))
+    for k in range(1, later):
+        bench.interval(bench.answer(k, 0.0))
+    bench.interval(bench.answer(later, 50.0))
+    assert cases(bench, "illegal axis delta") == (1, by_scenario)
+
+
+def test_what_no_network_does_is_the_clients_fault_in_a_scenario_too(bench: Bench) -> None:
+    bench.interval(network=Disturbance(loss=1.0))
+    empty = encode_command(Command(Header(1, 1), CommandData()), bench.settings.version)
+    bench.interval(empty)
+    assert cases(bench, "without position") == (1, 0)
 
 
 def test_waiting_again_ends_the_commands_and_tells_where_the_arm_brakes() -> None:

@@ -32,41 +32,84 @@ def answered(ledger: Ledger, reflected: int, sequence: int = 0) -> Arrival:
     return ledger.receive(sequence, reflected, 10**12)
 
 
+def one_each_period(period: int = 2 * MS) -> Ledger:
+    return Ledger(multiplier=1, late_ns=MS, period_ns=period)
+
+
+def counts(ledger: Ledger) -> tuple[int, int, int, int]:
+    assert ledger.expected == ledger.in_time + ledger.late + ledger.lost
+    return ledger.expected, ledger.in_time, ledger.late, ledger.lost
+
+
 def test_answers_are_in_time_late_repeated_or_unknown() -> None:
-    ledger = Ledger(multiplier=1, late_ns=MS)
+    ledger = one_each_period()
     ledger.send(0, expects_answer=True)
     assert ledger.receive(0, 0, MS // 2) is Arrival.IN_TIME
     assert ledger.receive(1, 0, MS) is Arrival.REPEATED
     assert ledger.receive(2, 1, MS) is Arrival.UNKNOWN
-    assert ledger.close_interval() is True
-    for _ in range(2):
-        ledger.send(2 * MS, expects_answer=True)
-        assert ledger.close_interval() is False
-    ledger.send(4 * MS, expects_answer=True)
-    assert ledger.receive(3, 1, 5 * MS) is Arrival.LATE
-    assert ledger.receive(4, 3, 5 * MS) is Arrival.IN_TIME
-    assert ledger.close_interval() is True
-    assert (ledger.expected, ledger.answered, ledger.lost) == (4, 3, 1)
-    assert (ledger.late, ledger.slow, ledger.repeated, ledger.unknown) == (1, 1, 1, 1)
+    assert ledger.judge(MS) == [True]
+    for k in (1, 2):
+        ledger.send(2 * k * MS, expects_answer=True)
+        assert ledger.judge(2 * (k + 1) * MS) == [False]
+    ledger.send(6 * MS, expects_answer=True)
+    assert ledger.receive(3, 1, 7 * MS) is Arrival.LATE
+    assert ledger.receive(4, 3, 7 * MS) is Arrival.IN_TIME
+    assert ledger.judge(8 * MS) == [True]
+    assert counts(ledger) == (4, 2, 1, 1)
+    assert (ledger.slow, ledger.repeated, ledger.unknown) == (1, 1, 1)
+
+
+def test_a_controller_that_wakes_up_late_gives_the_client_no_less_time() -> None:
+    """Sent 1.5 ms late: the next wake is half a millisecond later, and says nothing yet."""
+    ledger = one_each_period()
+    ledger.send(3 * MS // 2, expects_answer=True)
+    assert ledger.close_interval()
+    assert ledger.judge(2 * MS) == []
+    ledger.send(2 * MS, expects_answer=True)
+    assert ledger.receive(0, 0, 3 * MS) is Arrival.IN_TIME
+    assert ledger.judge(4 * MS) == [True, False]
+    assert counts(ledger) == (2, 1, 0, 1)
+
+
+def test_a_controller_that_reads_late_does_not_make_late_answers_come_in_time() -> None:
+    ledger = one_each_period()
+    ledger.send(0, expects_answer=True)
+    assert ledger.receive(0, 0, 2 * MS + 1) is Arrival.LATE
+    assert ledger.judge(10 * MS) == [False]
+    assert counts(ledger) == (1, 0, 1, 0)
+
+
+def test_what_is_lost_does_not_hide_behind_what_comes_late_or_twice() -> None:
+    ledger = one_each_period()
+    for k in range(6):
+        ledger.send(2 * k * MS, expects_answer=True)
+        if k != 3:
+            ledger.receive(k, k, 2 * k * MS + MS)
+        ledger.judge(2 * (k + 1) * MS)
+        ledger.receive(k, 0, 2 * k * MS + MS)  # again and again
+    assert counts(ledger) == (6, 5, 0, 1)
 
 
 def test_one_answer_is_expected_in_each_receive_interval() -> None:
-    ledger = Ledger(multiplier=3)
+    ledger = Ledger(multiplier=3, period_ns=MS)
     for number in range(9):
-        assert ledger.close_interval() == {0: None, 3: True, 6: True}.get(number)
-        ledger.send(0, expects_answer=True)
+        assert ledger.close_interval() == (number in {3, 6})
+        assert ledger.judge(number * MS) == ([True] if number in {3, 6} else [])
+        ledger.send(number * MS, expects_answer=True)
         if number % 3 == 1:  # a client may count from any packet
-            assert answered(ledger, number, number // 3) is Arrival.IN_TIME
-    assert ledger.close_interval() is True
-    assert (ledger.expected, ledger.answered, ledger.lost, ledger.gaps) == (3, 3, 0, 0)
+            answer = ledger.receive(number // 3, number, number * MS + 1)
+            assert answer is Arrival.IN_TIME
+    assert ledger.judge(9 * MS) == [True]
+    assert counts(ledger) == (3, 3, 0, 0)
+    assert ledger.gaps == 0
 
 
 def test_packets_before_the_first_answer_are_not_lost_but_unheard() -> None:
-    ledger = Ledger(multiplier=1)
-    for _ in range(5):
-        ledger.send(0, expects_answer=True)
-        ledger.close_interval()
-    assert (ledger.unheard, ledger.expected, ledger.lost) == (5, 0, 0)
+    ledger = one_each_period()
+    for k in range(5):
+        ledger.send(2 * k * MS, expects_answer=True)
+    ledger.judge(10 * MS)
+    assert (ledger.unheard, *counts(ledger)) == (5, 0, 0, 0, 0)
 
 
 def test_the_clients_own_counter_tells_gaps_and_restarts() -> None:
@@ -91,8 +134,8 @@ def test_counters_wrap() -> None:
     for reflected, sequence in (((1 << 32) - 1, (1 << 32) - 1), (0, 0)):
         assert ledger.next_sequence == reflected
         ledger.send(0, expects_answer=True)
-        assert answered(ledger, reflected, sequence) is Arrival.IN_TIME
-        assert ledger.close_interval() is True
+        assert ledger.receive(sequence, reflected, 0) is Arrival.IN_TIME
+        assert ledger.judge(0) == [True]
     assert (ledger.restarts, ledger.gaps) == (0, 0)
 
 

@@ -98,8 +98,8 @@ def fate(seed: int, disturbance: Disturbance, count: int = 1000) -> list[int]:
     came: list[int] = []
     for number in range(count):
         channel.put(number.to_bytes(2, "little"), number * 1000, disturbance)
-        came += [int.from_bytes(d, "little") for d, _ in channel.take(number * 1000)]
-    return came + [int.from_bytes(d, "little") for d, _ in channel.take(10**12)]
+        came += [int.from_bytes(d.data, "little") for d in channel.take(number * 1000)]
+    return came + [int.from_bytes(d.data, "little") for d in channel.take(10**12)]
 
 
 def test_an_undisturbed_link_passes_everything_in_order() -> None:
@@ -130,7 +130,7 @@ def test_a_delayed_datagram_comes_when_it_is_due() -> None:
     channel.put(b"late", 1000, Disturbance(delay=1e-6))
     assert channel.next_ns() == 2000
     assert channel.take(1999) == []
-    assert channel.take(2000) == [(b"late", 2000)]
+    assert channel.take(2000) == [(b"late", 2000, True)]
     assert channel.empty
 
 
