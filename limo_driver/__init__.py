@@ -10,8 +10,8 @@ found.save("diagnosis/")
 ```
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
-and commands. What to do with them: inspect, read, plan, excite, run, identify, predict, train,
-evaluate, diagnose, export, serve. Requests and settings say how: PlanRequest, Rows, ...
+and commands. What to do with them: inspect, read, plan, excite, run, identify, predict,
+predict_forward, train, evaluate, diagnose, export, serve. Requests and settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         load_model,
         nominal,
         predict,
+        predict_forward,
         train,
     )
     from limo_driver.workflow.planning import excite, plan
@@ -102,6 +103,7 @@ _HOME = {
     "open_robot": "limo_driver.robot.registry",
     "plan": "limo_driver.workflow.planning",
     "predict": "limo_driver.workflow.learning",
+    "predict_forward": "limo_driver.workflow.learning",
     "read": "limo_driver.workflow.reading",
     "run": "limo_driver.workflow.running",
     "serve": "limo_driver.workflow.serving",
@@ -147,6 +149,7 @@ __all__ = [
     "open_robot",
     "plan",
     "predict",
+    "predict_forward",
     "read",
     "run",
     "serve",

@@ -1,4 +1,4 @@
-"""`limo predict`: predict the torque of a recorded motion with a simulation or a model."""
+"""`limo predict`: predict torque, or position from commands, of a recorded motion."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_UNITS = {"torque": " [N m]", "std": " [N m]"}
+_UNITS = {"torque": " [N m]", "std": " [N m]", "position": " [rad]"}
 
 
 def command(
@@ -38,12 +38,19 @@ def command(
             help="Predict what a live stream would have said this late, s; from the past alone."
         ),
     ] = None,
+    free_running: Annotated[
+        bool,
+        typer.Option(
+            "--free-running",
+            help="Predict positions instead: simulated forward from the commands alone.",
+        ),
+    ] = False,
     mapping: MappingOption = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the rows used and left out as JSON.")
     ] = False,
 ) -> None:
-    """Predict the noise-free torque of a recorded motion, and write it as Parquet.
+    """Predict the noise-free torque, or the positions, of a recorded motion, as Parquet.
 
     --out has one row for each row of the recording: time [s] and torque_1 … torque_n [N m], one
     column for each joint. Rows that cannot be used are empty and named.
@@ -52,23 +59,32 @@ def command(
     outside_n, true where the motion is unlike what it learned from. With --delay, time is that of
     the torque, which is that much before the position that came with it.
 
+    With --free-running, the closed loop of arm and drives is simulated forward from command_j
+    alone, from the first recorded position on: time [s] and position_1 … position_n [rad].
+
     Examples:
         limo predict run.parquet --sim sim.yaml --out torque.parquet
         limo predict run.parquet --model model/ --delay 0.1 --out torque.parquet
+        limo predict run.parquet --sim sim.yaml --free-running --out position.parquet
     """
     import json
 
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_file, require_parquet
-    from limo_driver.workflow.learning import predict
+    from limo_driver.workflow.learning import predict, predict_forward
     from limo_driver.workflow.reading import read
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     require_parquet(out)
+    if free_running:
+        _check_free_running(model, bandwidth, delay)
     physics, learned = _load(sim, model, bandwidth)
     measured = read(recording, physics.model, mapping)
-    estimate = predict(learned or physics, measured, bandwidth=bandwidth, delay=delay)
-    time, columns = getattr(estimate, "time", measured.time), _columns(estimate)
+    if free_running:
+        time, columns = measured.time, {"position": predict_forward(physics, measured)}
+    else:
+        estimate = predict(learned or physics, measured, bandwidth=bandwidth, delay=delay)
+        time, columns = getattr(estimate, "time", measured.time), _columns(estimate)
     write(measured, time, columns, out)
     if as_json:
         left_out = {item.reason: item.rows for item in measured.left_out}
@@ -81,6 +97,22 @@ def command(
     for item in (*measured.warnings, *measured.left_out):
         notes.print(f"{recording}: {item}")
     terminal(soft_wrap=True).print(_written(out, measured, columns))
+
+
+def _check_free_running(model: Path | None, bandwidth: float | None, delay: float | None) -> None:
+    """Refuse what is of torques alone.
+
+    Raises:
+        ConfigError: One of them is given.
+    """
+    from limo_driver.errors import ConfigError
+
+    given = {"--model": model, "--bandwidth": bandwidth, "--delay": delay}
+    if named := [name for name, value in given.items() if value is not None]:
+        raise ConfigError(
+            f"{', '.join(named)} given with --free-running, expected --sim alone: positions are "
+            "simulated, nothing is filtered, and delays are the drives' own"
+        )
 
 
 def _written(out: Path, recording: Recording, columns: Mapping[str, NDArray[Any]]) -> str:

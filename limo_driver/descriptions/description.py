@@ -30,6 +30,16 @@ class JointDynamics:
 
 
 @dataclass(frozen=True)
+class StatedServo:
+    """What a description states of the position servo of one joint."""
+
+    kp: float  # [N m/rad]
+    kd: float  # [N m s/rad]
+    limit: float | None  # [N m]
+    delay: float = 0.0  # [s]
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """A robot as its file states it.
 
@@ -40,6 +50,7 @@ class RobotDescription:
         dynamics: Of joints, by name.
         gravity: In the frame of the base [m/s²].
         shifts: From the frame of each body of the file to that of the link here, by name [m].
+        servos: Position servos, by the joint that they move.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
     """
 
@@ -50,6 +61,7 @@ class RobotDescription:
     gravity: tuple[float, float, float] = DOWN
     shifts: dict[str, FloatArray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    servos: dict[str, StatedServo] = field(default_factory=dict)
 
     @property
     def text(self) -> str:

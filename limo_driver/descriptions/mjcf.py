@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import mujoco
 import numpy as np
 
-from limo_driver.descriptions.description import JointDynamics, RobotDescription
+from limo_driver.descriptions.description import JointDynamics, RobotDescription, StatedServo
 from limo_driver.descriptions.geometry import numbers, rpy_of, turned
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.errors import ConfigError
@@ -48,6 +48,7 @@ def read_mjcf(path: Path) -> RobotDescription:
         tuple(np.array(model.opt.gravity).tolist()),  # type: ignore[arg-type]  # three
         writer.shifts,
         tuple(_left_aside(model, root) + writer.notes),
+        _servos(model),
     )
 
 
@@ -313,6 +314,34 @@ def _effort(model: Any, joint: int) -> float:  # noqa: ANN401
             most = float(np.abs(model.actuator_ctrlrange[u]).max())
             total += gear * abs(float(model.actuator_gainprm[u][0])) * most
     return total
+
+
+def _servos(model: Any) -> dict[str, StatedServo]:  # noqa: ANN401
+    """Return the position actuators that move a joint alone, by the name of that joint."""
+    found: dict[str, StatedServo] = {}
+    for u in range(model.nu):
+        gain, bias = np.array(model.actuator_gainprm[u]), np.array(model.actuator_biasprm[u])
+        is_servo = (
+            int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+            and int(model.actuator_gaintype[u]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+            and int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+            and int(model.actuator_dyntype[u]) == int(mujoco.mjtDyn.mjDYN_NONE)
+            and gain[0] > 0
+            and bias[1] == -gain[0]
+        )
+        if not is_servo:
+            continue
+        gear, joint = float(model.actuator_gear[u][0]), int(model.actuator_trnid[u][0])
+        limit = None
+        if model.actuator_forcelimited[u]:
+            limit = abs(gear) * float(np.abs(model.actuator_forcerange[u]).max())
+        elif model.jnt_actfrclimited[joint]:
+            limit = float(np.abs(model.jnt_actfrcrange[joint]).max())
+        if gear == 1.0:  # else the command is not an angle of the joint
+            delay = float(np.ravel(model.actuator_delay[u])[0])
+            servo = StatedServo(float(gain[0]), -float(bias[2]), limit, delay)
+            found[_joint_name(model, joint)] = servo
+    return found
 
 
 def _dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401

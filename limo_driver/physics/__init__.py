@@ -11,6 +11,7 @@ from limo_driver.physics.changing_friction import (
 from limo_driver.physics.coupling import JointCoupling
 from limo_driver.physics.delay import TimeDelay
 from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.drives import DcMotor, Drive, PositionServo
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
@@ -55,7 +56,9 @@ __all__ = [
     "BodyEffect",
     "Confusion",
     "CoulombFriction",
+    "DcMotor",
     "Description",
+    "Drive",
     "Effect",
     "EncoderOffset",
     "ExternalContact",
@@ -70,6 +73,7 @@ __all__ = [
     "Parameter",
     "Payload",
     "PositionDependentFriction",
+    "PositionServo",
     "PreslidingHysteresis",
     "QuadraticDrag",
     "Recorded",

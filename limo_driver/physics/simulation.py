@@ -16,6 +16,7 @@ from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
 from limo_driver.parameters import JOINT
 from limo_driver.physics.described import described_effects
+from limo_driver.physics.drives import described_drives
 from limo_driver.physics.effect import (
     ArmEffect,
     ArmMotion,
@@ -38,6 +39,7 @@ from limo_driver.recordings.recording import Recording
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from limo_driver.physics.drives import Drive
     from limo_driver.recordings.differentiation import Derivatives
     from limo_driver.types import FloatArray, JointSample, Motion
 
@@ -60,6 +62,7 @@ class Simulation(Displayed):
         inertials: Inertias that replace the URDF's, by link.
         tolerances: How well inertia and friction are known.
         sensors: What the simulated robot's sensors do.
+        drives: What turns commands into torque, for those who have no measured torque.
 
     Raises:
         ConfigError: The robot, a link or a joint does not exist.
@@ -75,8 +78,10 @@ class Simulation(Displayed):
     inertials: Mapping[str, Inertial] = field(default_factory=dict)
     tolerances: Tolerances = field(default_factory=Tolerances)
     sensors: Sensors = field(default_factory=Sensors)
+    drives: tuple[Drive, ...] = ()
 
     def __post_init__(self) -> None:
+        self._check_drives()
         for effect in self.effects:
             for joint in _joints_of(effect):
                 if not 1 <= joint <= self.model.n:
@@ -86,6 +91,17 @@ class Simulation(Displayed):
                     )
         for item in fields(self.sensors):
             self.sensors.for_joints(item.name, self.model.n)
+
+    def _check_drives(self) -> None:
+        places = [drive.place for drive in self.drives]
+        for drive in self.drives:
+            if drive.joint > self.model.n:
+                raise ConfigError(
+                    f"{drive.name}: joint {drive.joint} does not exist; "
+                    f"{self.robot} has joints 1 to {self.model.n}"
+                )
+            if places.count(drive.place) > 1:
+                raise ConfigError(f"drives: {drive.place} is given more than once")
 
     @cached_property
     def model(self) -> RobotModel:
@@ -113,9 +129,12 @@ class Simulation(Displayed):
             ConfigError: Names the line, what was given and what exists.
         """
         if split_reference(str(path))[0].lower().endswith(_DESCRIPTIONS):
-            return cls(str(path), described_effects(RobotModel.load(path)))
+            model = RobotModel.load(path)
+            return cls(str(path), described_effects(model), drives=described_drives(model))
         read = load(Path(path))
-        return Simulation(read.robot, read.effects, read.inertials, read.tolerances, read.sensors)
+        return Simulation(
+            read.robot, read.effects, read.inertials, read.tolerances, read.sensors, read.drives
+        )
 
     def save(self, path: Path | str) -> None:
         """Write a `sim.yaml` that `load` reads back to an equal simulation.
@@ -127,7 +146,9 @@ class Simulation(Displayed):
             ConfigError: It cannot be written.
         """
         robot = self.model.reference(Path(path).parent)  # relative to the file, if it is one
-        content = SimulationFile(robot, self.effects, self.inertials, self.tolerances, self.sensors)
+        content = SimulationFile(
+            robot, self.effects, self.inertials, self.tolerances, self.sensors, self.drives
+        )
         save(content, Path(path))
 
     def changes_from(self, other: Simulation) -> str:

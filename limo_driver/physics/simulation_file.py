@@ -14,6 +14,7 @@ from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
+from limo_driver.physics.drives import DRIVES, described_drives
 from limo_driver.physics.sensing import Sensors
 
 if TYPE_CHECKING:
@@ -21,10 +22,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.declarations import Given
+    from limo_driver.physics.drives import Drive
     from limo_driver.physics.effect import Effect
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
-_SECTIONS = ("robot", "inertials", "tolerances", "sensors", "effects")
+_SECTIONS = ("robot", "inertials", "tolerances", "sensors", "drives", "effects")
 _INERTIAL = ("mass", "com", "inertia")
 
 
@@ -34,6 +36,7 @@ class Tolerances(Declared):
 
     inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
     friction: float = parameter("1", "of the parameters of friction", lower=0, default=0.15)
+    drive: float = parameter("1", "of the parameters of drives", lower=0, default=0.3)
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class SimulationFile:
     inertials: Mapping[str, Inertial]  # by link
     tolerances: Tolerances
     sensors: Sensors
+    drives: tuple[Drive, ...] = ()
 
 
 def load(path: Path) -> SimulationFile:
@@ -73,6 +77,7 @@ def load(path: Path) -> SimulationFile:
         inertials={link: _inertial(inertials[link], model.inertials[link]) for link in inertials},
         tolerances=given.optional("tolerances").make(Tolerances),
         sensors=_sensors(given.optional("sensors"), model.n),
+        drives=_drives(given, model),
         effects=stated or tuple(_effect(entry, model.n) for entry in effects),
     )
 
@@ -83,8 +88,12 @@ def save(simulation: SimulationFile, path: Path) -> None:
     if simulation.inertials:
         content["inertials"] = _inertial_entries(simulation.inertials)
     content["tolerances"] = _values(simulation.tolerances)
+    if not simulation.drives:
+        del content["tolerances"]["drive"]
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
+    if simulation.drives:
+        content["drives"] = [_drive_entry(drive) for drive in simulation.drives]
     content["effects"] = [_effect_entry(effect) for effect in simulation.effects]
     with whole(path) as draft:
         draft.write_text(_text(content), encoding="utf-8")
@@ -122,6 +131,23 @@ def _shortened(value: Any) -> Any:  # noqa: ANN401  # values of YAML
     if isinstance(value, list):
         return [_shortened(item) for item in cast("list[Any]", value)]
     return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+def _drives(given: Given, model: RobotModel) -> tuple[Drive, ...]:
+    if "drives" not in given:
+        return described_drives(model)
+    entries = given["drives"].sections()
+    return tuple(entry.make_one_of("drive", DRIVES, model.n) for entry in entries)
+
+
+def _drive_entry(drive: Drive) -> dict[str, Any]:
+    """Return what differs from the defaults; a drive has a default where it may do without."""
+    values = {
+        item.name: getattr(drive, item.name)
+        for item in fields(drive)
+        if getattr(drive, item.name) != item.default
+    }
+    return {"drive": drive.name, **values}
 
 
 class _Dumper(yaml.SafeDumper):

@@ -32,12 +32,13 @@ SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
 _BACKWARDS = 0.5  # share of steps back in time above which the rows are in reverse order
 # rad (a hundred turns are 628), rad/s, N m: what no arm does. What this arm cannot do is seen once
 # the arm is known, by `Recording.check_robot`.
-_IMPOSSIBLE = {"position": 1e3, "velocity": 1e3, "torque": 1e6}
+_IMPOSSIBLE = {"position": 1e3, "command": 1e3, "velocity": 1e3, "torque": 1e6}
 _IMPOSSIBLE_TORQUE = (1e3, 1e3)  # times a joint's median torque, and at least so many N m
 _IMPOSSIBLE_TIME = 10.0  # of the recording's length, from its middle
 _IMPOSSIBLE_EXTRA = 1e6  # of any other quantity
 _UNIT_HINT = {
     "position": "rad; is it in degrees or encoder counts?",
+    "command": "rad; is it in degrees or encoder counts?",
     "velocity": "rad/s; is it in degrees or counts?",
     "torque": "N m; is it in N mm or mA?",
 }
@@ -87,6 +88,7 @@ class Columns:
     warnings: tuple[str, ...] = ()
     robot: str = ""  # as the file names it, if it does
     torque_resolution: FloatArray | None = None  # (n,) [N m], where the file tells it
+    command: FloatArray | None = None  # (T, n) [rad], set-point in force at each row
 
 
 @dataclass(frozen=True)
@@ -211,8 +213,9 @@ class _Gate:
     def not_finite(self) -> Mask:
         """Only what a fit needs counts; a hole in the temperature costs no row."""
         finite = np.isfinite(self.columns.time)
-        for values in (self.columns.position, self.columns.torque):
-            finite &= np.isfinite(values).all(axis=1)
+        for values in (self.columns.position, self.columns.torque, self.columns.command):
+            if values is not None:
+                finite &= np.isfinite(values).all(axis=1)
         return ~finite[self.rows]
 
     def impossible(self) -> Mask:
@@ -240,6 +243,8 @@ class _Gate:
     def _quantities(self) -> dict[str, FloatArray]:
         columns = self.columns
         measured = {"position": columns.position, "torque": columns.torque, **columns.extras}
+        if columns.command is not None:
+            measured["command"] = columns.command
         return measured if columns.velocity is None else measured | {"velocity": columns.velocity}
 
     def check_direction(self) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _REQUIRED = ("position", "torque")
+_INSTEAD = "command"  # [rad], of a log without torque: the set-points of its drives
 _JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d*)")
 _LOG_SUFFIX = ".partial"
 _LONGEST_HEADER = 65536  # bytes
@@ -61,8 +62,9 @@ def read_columns(path: Path) -> Columns:
     return Columns(
         time=time,
         position=arrays.pop("position"),
-        torque=arrays.pop("torque"),
+        torque=arrays.pop("torque", np.full((table.num_rows, n), np.nan)),
         velocity=arrays.pop("velocity", None),
+        command=arrays.pop(_INSTEAD, None),
         extras=arrays,
         warnings=warnings + taken + unread,
         robot=str(header.get("robot") or ""),
@@ -74,7 +76,7 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
     """Write Parquet: time, position_j, torque_j and what else there is; 1-based joints.
 
     Args:
-        columns: What to write.
+        columns: What to write; torques that are NaN throughout are not.
         path: To be written.
         about: More for the header, which names the robot, where that is known.
 
@@ -85,9 +87,14 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
 
     from limo_driver.recordings.recorder import METADATA_KEY
 
-    quantities = {"position": columns.position, "torque": columns.torque, **columns.extras}
-    if columns.velocity is not None:
-        quantities["velocity"] = columns.velocity
+    known = {
+        "position": columns.position,
+        "torque": None if np.isnan(columns.torque).all() else columns.torque,
+        _INSTEAD: columns.command,
+        **columns.extras,
+        "velocity": columns.velocity,
+    }
+    quantities = {name: values for name, values in known.items() if values is not None}
     table: dict[str, FloatArray] = {"time": columns.time}
     for quantity, values in quantities.items():
         table |= {f"{quantity}_{j + 1}": values[:, j] for j in range(values.shape[1])}
@@ -168,12 +175,16 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
     for name in table.column_names:
         if match := _JOINT_COLUMN.fullmatch(name):
             joints.setdefault(match["quantity"], set()).add(int(match["joint"]))
-    n = max((max(joints[quantity]) for quantity in _REQUIRED if quantity in joints), default=1)
-    expected = ["time", *(f"{q}_{j}" for q in _REQUIRED for j in range(1, n + 1))]
+    needed = _REQUIRED
+    if "torque" not in joints and _INSTEAD in joints:
+        needed = ("position", _INSTEAD)
+    n = max((max(joints[quantity]) for quantity in needed if quantity in joints), default=1)
+    expected = ["time", *(f"{q}_{j}" for q in needed for j in range(1, n + 1))]
     if missing := [name for name in expected if name not in table.column_names]:
         raise RecordingError(
             f"lacks {_shorten(missing)}; a recording has time, position_1 … position_n and "
-            f"torque_1 … torque_n; this file has {_shorten(table.column_names)}",
+            "torque_1 … torque_n, or command_1 … command_n of drives that tell no torque; this "
+            f"file has {_shorten(table.column_names)}",
             path=path,
         )
     return {

@@ -59,7 +59,8 @@ class Recording(Displayed):
         robot: Name of the robot that was recorded; empty where the file does not say it.
         torque_resolution: Step of each joint's measured torque, (n,) [N m]; None if not known.
         unmeasured: (T, n) true where a torque is no measurement; None where all are. Only
-            `by_joint` returns such recordings.
+            `by_joint` returns such recordings, and logs that hold commands and no torque.
+        command: Set-point in force at each sample, (T, n) [rad]; None where it was not recorded.
 
     Raises:
         ShapeError: The shapes do not fit together, or there is no joint.
@@ -87,13 +88,14 @@ class Recording(Displayed):
     robot: str = ""  # name of the robot that was recorded, where the file says it
     torque_resolution: FloatArray | None = None  # (n,) [N m], step of each joint's torque; or None
     unmeasured: NDArray[np.bool_] | None = None  # (T, n), torques that are no measurement
+    command: FloatArray | None = None  # (T, n) [rad], set-point in force
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
-        by_name = {"torque": self.torque, "velocity": self.velocity, **self.extras}
-        check_shapes(self.time, self.position, by_name)
+        by_name = {"torque": self.torque, "velocity": self.velocity, "command": self.command}
+        check_shapes(self.time, self.position, by_name | dict(self.extras))
         check_seconds(self.time, self.source)
-        for name in ("time", "position", "torque", "velocity"):
+        for name in ("time", "position", "torque", "velocity", "command"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, readonly(getattr(self, name)))
         object.__setattr__(self, "extras", {k: readonly(v) for k, v in self.extras.items()})
@@ -131,33 +133,39 @@ class Recording(Displayed):
         cls,
         time: ArrayLike,
         position: ArrayLike,
-        torque: ArrayLike,
+        torque: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
         extras: Mapping[str, ArrayLike] | None = None,
         source: str = "",
+        command: ArrayLike | None = None,
     ) -> Recording:
         """Check arrays as `load` checks a file.
 
         Args:
             time: (T,) [s]; also dates, or whole micro- or nanoseconds, of which `warnings` tells.
             position: (T, n) [rad].
-            torque: Measured, (T, n) [N m].
+            torque: Measured, (T, n) [N m]; not needed beside commands.
             velocity: (T, n) [rad/s], where it was recorded.
             extras: What else was measured of each joint, by name, (T, n) each.
             source: Where it is from, for messages.
+            command: Set-point in force at each sample, (T, n) [rad].
 
         Raises:
-            RecordingError: The data cannot be used.
+            RecordingError: The data cannot be used, or hold neither torques nor commands.
             ShapeError: An array has another shape than the positions.
         """
         counted, taken = _seconds(time)
+        measured = numbers("position", position)
+        if torque is None and command is None:
+            raise RecordingError("holds neither torques nor commands, expected either or both")
         columns = Columns(
             counted,
-            numbers("position", position),
-            numbers("torque", torque),
+            measured,
+            np.full_like(measured, np.nan) if torque is None else numbers("torque", torque),
             None if velocity is None else numbers("velocity", velocity),
             {name: numbers(name, values) for name, values in (extras or {}).items()},
             warnings=(taken,) if taken else (),
+            command=None if command is None else numbers("command", command),
         )
         return cls.from_columns(columns, source)
 
@@ -173,13 +181,21 @@ class Recording(Displayed):
             RecordingError: The data cannot be used.
             ShapeError: An array has another shape than the positions.
         """
-        by_name = {"torque": columns.torque, "velocity": columns.velocity, **columns.extras}
+        by_name = {
+            "torque": columns.torque,
+            "velocity": columns.velocity,
+            "command": columns.command,
+            **columns.extras,
+        }
         check_shapes(columns.time, columns.position, by_name)
         return cls._checked(columns, source)
 
     @classmethod
     def _checked(cls, columns: Columns, source: str) -> Recording:
-        columns = _without_empty_torques(_without_wraps(columns))
+        columns = _without_wraps(columns)
+        if columns.command is not None and np.isnan(columns.torque).all():
+            return cls._without_torque(columns, source)
+        columns = _without_empty_torques(columns)
         recording = cls._of(columns, inspect(columns), source)
         if not np.isfinite(columns.torque).all() or any(
             item.reason.startswith("torque_") for item in recording.left_out
@@ -191,6 +207,15 @@ class Recording(Displayed):
                 # no field: a recording that is made of this one shares it no longer
                 object.__setattr__(recording, "_more_rows", more)
         return recording
+
+    @classmethod
+    def _without_torque(cls, columns: Columns, source: str) -> Recording:
+        """Return what commands and positions alone say; its torques are 0 and marked."""
+        columns = replace(columns, torque=np.zeros_like(columns.position))
+        recording = cls._of(columns, inspect(columns), source)
+        none = np.ones(recording.position.shape, dtype=bool)
+        told = tuple(text for text in recording.warnings if not text.startswith("torque_"))
+        return replace(recording, unmeasured=none, warnings=told)
 
     @classmethod
     def _of(cls, columns: Columns, findings: UsableRows, source: str) -> Recording:
@@ -208,7 +233,26 @@ class Recording(Displayed):
             warnings=(*columns.warnings, *findings.warnings),
             robot=columns.robot,
             torque_resolution=columns.torque_resolution,
+            command=None if columns.command is None else columns.command[rows],
         )
+
+    @property
+    def has_torque(self) -> bool:
+        """Whether any torque was measured."""
+        return self.unmeasured is None or not bool(self.unmeasured.all())
+
+    def check_torque(self) -> None:
+        """Check that torques were measured.
+
+        Raises:
+            RecordingError: None was.
+        """
+        if not self.has_torque:
+            raise RecordingError(
+                "lacks torque_1: it holds commands and positions alone, which only identify, "
+                "diagnose and predict --free-running can use",
+                path=self.source or None,
+            )
 
     def by_joint(self) -> Recording:
         """Return also the rows on which the torque of some joint alone is no measurement.
@@ -233,11 +277,12 @@ class Recording(Displayed):
         columns = Columns(
             self.time,
             self.position,
-            self.torque,
+            self.torque if self.has_torque else np.full_like(self.torque, np.nan),
             self.velocity,
             dict(self.extras),
             robot=self.robot,
             torque_resolution=self.torque_resolution,
+            command=self.command,
         )
         write_columns(columns, Path(path))
 
@@ -306,6 +351,7 @@ class Recording(Displayed):
             extras={name: values[rows] for name, values in self.extras.items()},
             rows=self.rows[rows],
             unmeasured=None if self.unmeasured is None else self.unmeasured[rows],
+            command=None if self.command is None else self.command[rows],
         )
 
     def motion(self, bandwidth: float) -> Motion:
@@ -385,6 +431,7 @@ class Recording(Displayed):
         Raises:
             RecordingError: The bandwidth is too high for the sampling rate.
         """
+        self.check_torque()
         return self.filtered(self.torque, bandwidth)
 
     def filtered(self, values: FloatArray, bandwidth: float) -> FloatArray:

@@ -105,7 +105,8 @@ def model_is_enough(log: object) -> bool:
         return False
     if not path.is_file() or path.suffix.lower() not in {*PARQUET, ".csv"}:
         return True  # as `Recording.load` knows it, or says what is wrong
-    return {"time", "position_1", "torque_1"} <= set(_column_names(path))
+    found = set(_column_names(path))
+    return {"time", "position_1"} <= found and not found.isdisjoint({"torque_1", "command_1"})
 
 
 def _column_names(path: Path) -> list[str]:

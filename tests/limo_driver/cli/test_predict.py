@@ -14,10 +14,11 @@ from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.stream import Stream
 from limo_driver.cli import main
-from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
+from limo_driver.physics import CoulombFriction, PositionServo, PreslidingHysteresis, Simulation
 from limo_driver.recordings.data_gate import Columns
 from limo_driver.recordings.file import write_columns
 from limo_driver.recordings.recording import Recording
+from limo_driver.workflow.learning import predict_forward
 
 RATE = 100.0
 SIMULATION = Simulation(
@@ -202,3 +203,30 @@ def test_bad_input_is_one_line_and_status_2(tmp_path, predict, columns, message)
     assert message in notes
     assert notes.count("\n") == 1
     assert not (tmp_path / "torque.parquet").exists()
+
+
+def test_positions_are_simulated_forward_from_commands(tmp_path, predict):
+    t = np.arange(100) / RATE
+    command = motion_of(t)
+    drives = tuple(PositionServo(joint=j, kp=800.0, kd=60.0) for j in range(1, 8))
+    simulation = Simulation("iiwa14", (CoulombFriction(joint=2, tau_c=1.5),), drives=drives)
+    simulation.save(tmp_path / "driven.yaml")
+    recording = Recording.from_arrays(t, 0.9 * command, command=command)
+    recording.save(tmp_path / "commands.parquet")
+    by = ("--sim", tmp_path / "driven.yaml")
+
+    status, said, _ = predict(tmp_path / "commands.parquet", "--free-running", by=by)
+
+    assert status == 0
+    assert "position_1 … position_7 [rad]" in said
+    table = pq.read_table(tmp_path / "torque.parquet")
+    assert table.column_names == ["time", *(f"position_{j}" for j in range(1, 8))]
+    found = np.stack([table[f"position_{j}"].to_numpy() for j in range(1, 8)], axis=1)
+    assert found == pytest.approx(predict_forward(simulation, recording))
+
+
+def test_free_running_takes_no_bandwidth(predict, recording):
+    status, _, said = predict(recording, "--free-running", "--bandwidth", "8")
+
+    assert status == 2
+    assert "--bandwidth given with --free-running" in said

@@ -1,0 +1,164 @@
+"""Closed loops simulated forward from commands alone, compiled.
+
+    M(q) ddq + c(q, dq) + friction + offset = torque of the drives(command, q, dq)
+
+Each step solves for the velocities of all joints by sweeps of Gauss and Seidel over them, each
+joint by `next_velocity`: the mass matrix is positive definite, so the sweeps converge.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.drives.columns import DELAY, ZERO
+from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity
+from estimators.drives.plant import DrivenArm
+from estimators.rigid_body.newton_euler import inverse_dynamics
+from limo_driver.compiled import compiled
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+LONGEST_STEP: Final = 0.005  # [s]
+_SWEEPS: Final = 20
+_CONVERGED: Final = 1e-7  # [rad/s]
+ROUNDING: Final = 1e-9  # [s], of sums of steps
+
+
+def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
+    """Simulate a recorded motion forward from its commands alone.
+
+    It starts at rest at the first recorded position, and after each gap at the first one behind it.
+
+    Args:
+        simulation: With a position servo for each joint.
+        recording: T samples of n joints, with commands; of its positions only the first is used.
+
+    Returns:
+        Positions as the encoders would read them, (T, n) [rad].
+
+    Raises:
+        ConfigError: The simulation lacks a drive, or has an effect that cannot be run forward.
+        RecordingError: The recording is of another robot, or has no commands.
+    """
+    recording.check_robot(simulation.model)
+    return run_forward(DrivenArm.of(simulation), recording)
+
+
+def run_forward(arm: DrivenArm, recording: Recording) -> FloatArray:
+    """Do as `free_run` does, with an arm that is taken apart already."""
+    command = commands_of(recording)
+    position = np.empty_like(recording.position)
+    chain = arm.chain
+    for rows in recording.segments:
+        position[rows] = _advance(
+            chain.rotation,
+            chain.translation,
+            chain.axis,
+            chain.gravity,
+            arm.links,
+            arm.rows,
+            recording.time[rows],
+            np.ascontiguousarray(command[rows]),
+            np.array(recording.position[rows][0]),
+        )
+    return position
+
+
+def commands_of(recording: Recording) -> FloatArray:
+    """Return the commands of a recording, (T, n) [rad].
+
+    Raises:
+        RecordingError: It has none.
+    """
+    if recording.command is None:
+        raise RecordingError(
+            "lacks command_1: without the set-points of its drives, a motion cannot be simulated "
+            "forward",
+            path=recording.source or None,
+        )
+    return recording.command
+
+
+@compiled(
+    reads=(
+        "rotation",
+        "translation",
+        "axis",
+        "gravity",
+        "links",
+        "rows",
+        "time",
+        "command",
+        "start",
+    ),
+    nogil=True,
+)
+def _advance(
+    rotation: FloatArray,
+    translation: FloatArray,
+    axis: FloatArray,
+    gravity: FloatArray,
+    links: FloatArray,
+    rows: FloatArray,
+    time: FloatArray,
+    command: FloatArray,
+    start: FloatArray,
+) -> FloatArray:
+    """Return the positions (T, n) [rad] of one stretch without a gap."""
+    T, n = command.shape
+    result = np.empty((T, n))
+    zero = rows[:, ZERO]
+    q, v = start - zero, np.zeros(n)
+    target, pace, integral = command[0].copy(), np.zeros(n), np.zeros(n)
+    at = np.zeros(n, dtype=np.int64)
+    bias, error, after, mean = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
+    still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
+    M, fresh = np.empty((n, n)), -math.inf
+    result[0] = start
+    for i in range(T - 1):
+        steps = max(1, math.ceil((time[i + 1] - time[i]) / LONGEST_STEP - ROUNDING))
+        h = (time[i + 1] - time[i]) / steps
+        for s in range(steps):
+            now = time[i] + h * s
+            if now - fresh >= LONGEST_STEP - ROUNDING:
+                fresh = now
+                for j in range(n):
+                    unit[j] = 1.0
+                    inverse_dynamics(
+                        rotation, translation, axis, weightless, links, q, still, unit, column
+                    )
+                    M[:, j] = column
+                    unit[j] = 0.0
+            inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
+            for j in range(n):
+                begin = now - rows[j, DELAY]
+                wanted, at[j] = commanded(time, command[:, j], at[j], begin, begin + h)
+                target[j], pace[j] = led(rows[j], wanted, target[j], pace[j], h)
+                error[j] = error_of(rows[j], target[j], q[j] + zero[j])
+                integral[j] = integrated(rows[j], integral[j], error[j], h)
+            for _ in range(_SWEEPS):
+                moved = 0.0
+                for j in range(n):
+                    load = bias[j]
+                    for k in range(n):
+                        if k != j:
+                            load += M[j, k] * (after[k] - v[k]) / h
+                    new, mean[j] = next_velocity(
+                        rows[j], q[j] + zero[j], v[j], error[j], integral[j], M[j, j], load, h
+                    )
+                    moved = max(moved, abs(new - after[j]))
+                    after[j] = new
+                if moved < _CONVERGED:
+                    break
+            for j in range(n):
+                v[j] = after[j]
+                q[j] += h * mean[j]
+        result[i + 1] = q + zero
+    return result

@@ -1,0 +1,173 @@
+"""One step of one joint behind its drive, compiled.
+
+Implicit in all that is linear in velocity (gains, damping, inertia), and exact in dry
+friction, which holds the joint still as long as it can: a joint at rest does not creep.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from estimators.drives.columns import (
+    ACCELERATION,
+    BY_LOAD,
+    CUBIC,
+    DEAD_BAND,
+    DELTA,
+    DRAG,
+    FADING,
+    INERTIA,
+    INTEGRAL_LIMIT,
+    KD,
+    KI,
+    KP,
+    MINUS,
+    OFFSET,
+    PLUS,
+    PUNCH,
+    RESOLUTION,
+    REST,
+    SPEED,
+    SPRING,
+    STALL,
+    STRIBECK,
+    TORQUE_LIMIT,
+    V_S,
+    VISCOUS_MINUS,
+    VISCOUS_PLUS,
+)
+from limo_driver.compiled import compiled
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
+
+
+@compiled(nogil=True)
+def commanded(
+    time: FloatArray, command: FloatArray, at: int, begin: float, end: float
+) -> tuple[float, int]:
+    """Return the mean command [rad] from `begin` to `end` [s], and the row in force then.
+
+    The mean, so that what is simulated is smooth in a delay.
+
+    Args:
+        time: (T,) [s].
+        command: (T,) [rad], each in force until the next one.
+        at: Row in force at `begin`.
+        begin: [s].
+        end: [s].
+    """
+    total, since = 0.0, begin
+    while at + 1 < time.size and time[at + 1] < end:
+        until = max(time[at + 1], since)
+        total += command[at] * (until - since)
+        since = until
+        at += 1
+    return (total + command[at] * (end - since)) / (end - begin), at
+
+
+@compiled(nogil=True)
+def led(row: FloatArray, target: float, at: float, speed: float, h: float) -> tuple[float, float]:
+    """Return set-point [rad] and speed [rad/s] of the profile, a step `h` [s] later."""
+    away = target - at
+    most, rate = row[SPEED], row[ACCELERATION]
+    if most == math.inf and rate == math.inf:
+        return target, 0.0
+    wanted = min(most, abs(away) / h)
+    if rate < math.inf:
+        wanted = min(wanted, math.sqrt(2.0 * rate * abs(away)))
+        change = math.copysign(wanted, away) - speed
+        speed += min(max(change, -rate * h), rate * h)
+    else:
+        speed = math.copysign(wanted, away)
+    return at + speed * h, speed
+
+
+@compiled(nogil=True)
+def error_of(row: FloatArray, target: float, position: float) -> float:
+    """Return the error that the servo acts on [rad]."""
+    step, band = row[RESOLUTION], row[DEAD_BAND]
+    if step > 0.0:
+        position = step * math.floor(position / step + 0.5)
+    error = target - position
+    if error > band:
+        return error - band
+    return error + band if error < -band else 0.0
+
+
+@compiled(nogil=True)
+def integrated(row: FloatArray, integral: float, error: float, h: float) -> float:
+    """Return the torque of the integral [N m] a step later."""
+    most = row[INTEGRAL_LIMIT]
+    return min(max(integral + row[KI] * error * h, -most), most)
+
+
+@compiled(nogil=True)
+def next_velocity(
+    row: FloatArray,
+    position: float,
+    velocity: float,
+    error: float,
+    integral: float,
+    inertia: float,
+    load: float,
+    h: float,
+) -> tuple[float, float]:
+    """Return the velocity of a joint after a step, and its mean within the step [rad/s].
+
+    Args:
+        row: The constants of the joint.
+        position: [rad].
+        velocity: [rad/s].
+        error: That the servo acts on [rad].
+        integral: Torque of the servo's integral [N m].
+        inertia: Of the rigid body about the joint [kg m²].
+        load: Torque that the rigid body needs at no acceleration of this joint [N m].
+        h: Step [s].
+    """
+    heavy = (inertia + row[INERTIA]) / h
+    away = position - row[REST]
+    spring = row[SPRING] + row[CUBIC] * away * away
+    slope = row[VISCOUS_PLUS] if velocity > 0.0 else row[VISCOUS_MINUS]
+    soft = slope + row[DRAG] * abs(velocity) + 0.5 * spring * h
+    passive = heavy * velocity - load - row[OFFSET] - spring * away
+    push, stiff = integral, row[KD]
+    if error != 0.0:
+        push += row[KP] * error + math.copysign(row[PUNCH], error)
+        stiff += 0.5 * row[KP] * h
+    after, mean = _moved(row, velocity, load, heavy, passive + push, soft + stiff)
+    torque = push - stiff * mean
+    if abs(torque) > row[TORQUE_LIMIT]:
+        torque = math.copysign(row[TORQUE_LIMIT], torque)
+        after, mean = _moved(row, velocity, load, heavy, passive + torque, soft)
+    if abs(torque + row[FADING] * mean) > row[STALL]:
+        torque = math.copysign(row[STALL], torque)
+        after, mean = _moved(row, velocity, load, heavy, passive + torque, soft + row[FADING])
+    return after, mean
+
+
+@compiled(nogil=True)
+def _moved(
+    row: FloatArray, velocity: float, load: float, heavy: float, torque: float, damping: float
+) -> tuple[float, float]:
+    """Return the velocity after a step and its mean [rad/s]: by trapezia, which are exact to h³.
+
+    What is damped too fast for the step would ring so, and is taken as it is at the end.
+    """
+    late = 0.5 if damping < 2.0 * heavy else 1.0
+    early = 1.0 - late
+    after = _sliding(row, torque - early * damping * velocity, velocity, load)
+    after /= heavy + late * damping
+    return after, early * velocity + late * after
+
+
+@compiled(nogil=True)
+def _sliding(row: FloatArray, torque: float, velocity: float, load: float) -> float:
+    """Return what dry friction leaves of the torque that would move a joint [N m]."""
+    friction = (row[PLUS] if torque > 0.0 else row[MINUS]) + row[BY_LOAD] * abs(load)
+    if row[STRIBECK] > 0.0:
+        friction += row[STRIBECK] * math.exp(-((abs(velocity) / row[V_S]) ** row[DELTA]))
+    if abs(torque) <= friction:
+        return 0.0
+    return torque - math.copysign(friction, torque)

@@ -1,0 +1,133 @@
+"""What of a simulation moves an arm: its rigid body, and a row of constants for each joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from estimators.drives.columns import NAMES, UNLIMITED
+from estimators.rigid_body.newton_euler import link_parameters
+from estimators.rigid_body.regressor import RegressorChain
+from limo_driver.errors import ConfigError
+from limo_driver.physics import (
+    Armature,
+    AsymmetricFriction,
+    BodyEffect,
+    CoulombFriction,
+    DcMotor,
+    EncoderOffset,
+    LoadDependentFriction,
+    PositionServo,
+    QuadraticDrag,
+    SensorEffect,
+    SpringLoad,
+    StribeckFriction,
+    TorqueDrift,
+    TorqueOffset,
+    ViscousFriction,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from limo_driver.model import RobotModel
+    from limo_driver.physics import Drive, Effect, Simulation
+    from limo_driver.types import FloatArray
+
+_Values = dict[str, float]  # by column
+
+
+@dataclass(frozen=True)
+class DrivenArm:
+    """An arm of n joints, each behind a drive, as compiled code takes it."""
+
+    chain: RegressorChain
+    links: FloatArray  # (n, 10), inertial parameters
+    rows: FloatArray  # (n, columns)
+
+    @classmethod
+    def of(cls, simulation: Simulation) -> DrivenArm:
+        """Take a simulation apart.
+
+        Raises:
+            ConfigError: A joint has no position servo, or an effect cannot be run forward.
+        """
+        return cls.with_rows(simulation.body, rows_of(simulation))
+
+    @classmethod
+    def with_rows(cls, body: RobotModel, rows: FloatArray) -> DrivenArm:
+        """Return an arm of known constants."""
+        return cls(RegressorChain.of(body), link_parameters(body), rows)
+
+
+def rows_of(simulation: Simulation) -> FloatArray:
+    """Return the constants of each joint, (n, columns).
+
+    Raises:
+        ConfigError: A joint has no position servo, or an effect cannot be run forward.
+    """
+    n = simulation.model.n
+    served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
+    if missing := [j for j in range(1, n + 1) if j not in served]:
+        raise ConfigError(
+            f"`drives:` has no position_servo for joint{'s' * (len(missing) > 1)} "
+            f"{', '.join(map(str, missing))} of {simulation.model.name}; without one, nothing says "
+            "what a command does there"
+        )
+    rows = np.zeros((n, len(NAMES)))
+    for name, value in {**dict.fromkeys(UNLIMITED, np.inf), "v_s": 1.0, "delta": 1.0}.items():
+        rows[:, NAMES.index(name)] = value
+    for drive in simulation.drives:
+        _enter(rows[drive.joint - 1], _of_drive(drive))
+    for effect in simulation.effects:
+        if isinstance(effect, (BodyEffect, SensorEffect, TorqueDrift)):
+            continue  # in the rigid body already, or nothing that moves an arm
+        _add(rows, effect)
+    return rows
+
+
+def _enter(row: FloatArray, values: _Values) -> None:
+    for name, value in values.items():
+        row[NAMES.index(name)] = value
+
+
+def _of_drive(drive: Drive) -> _Values:
+    if isinstance(drive, DcMotor):
+        return {"stall": drive.stall, "fading": drive.fading}
+    given = {name: getattr(drive, name, None) for name in NAMES}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _add(rows: FloatArray, effect: Effect) -> None:
+    """Add an effect to the constants of its joint."""
+    values = _FORWARD.get(type(effect))
+    varies = isinstance(effect, LoadDependentFriction) and effect.variant != "absolute"
+    if values is None or varies:
+        law = f" of variant {effect.variant}" if isinstance(effect, LoadDependentFriction) else ""
+        raise ConfigError(
+            f"{effect.place}: {effect.name}{law} cannot be run forward from commands; what can be: "
+            + ", ".join(sorted(kind.name for kind in _FORWARD))
+        )
+    row = rows[effect.joints[0] - 1]
+    shapes = {"v_s", "delta", "rest"}
+    for name, value in values(effect).items():
+        at = NAMES.index(name)
+        row[at] = value if name in shapes else row[at] + value
+
+
+_FORWARD: Final[dict[type[Effect], Callable[[Any], _Values]]] = {
+    CoulombFriction: lambda x: {"plus": x.tau_c, "minus": x.tau_c},
+    AsymmetricFriction: lambda x: {"plus": x.tau_plus, "minus": x.tau_minus},
+    ViscousFriction: lambda x: dict(
+        zip(("viscous_plus", "viscous_minus"), x.coefficients, strict=True)
+    ),
+    QuadraticDrag: lambda x: {"drag": x.coefficient},
+    StribeckFriction: lambda x: {"stribeck": x.tau_s, "v_s": x.v_s, "delta": x.delta},
+    LoadDependentFriction: lambda x: {"by_load": x.coefficient},
+    Armature: lambda x: {"inertia": x.inertia},
+    TorqueOffset: lambda x: {"offset": x.offset},
+    SpringLoad: lambda x: {"spring": x.stiffness, "rest": x.rest, "cubic": x.cubic},
+    EncoderOffset: lambda x: {"zero": x.offset},
+}

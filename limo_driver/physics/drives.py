@@ -1,0 +1,119 @@
+"""Drives: what turns a command into torque at a joint.
+
+A simulation with drives can be run forward from commands alone, and identified from recordings that
+hold no torque: the torque of its drives takes the place of the measured one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from limo_driver.parameters import JOINT, Declared, parameter
+from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
+
+if TYPE_CHECKING:
+    from limo_driver.model import RobotModel
+
+LONGEST_DELAY: Final = 1.0  # [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive(Declared):
+    """What a drive declares: its kind, and the joint that it moves."""
+
+    name: ClassVar[str]  # the identifier in sim.yaml
+    joint: int = parameter(JOINT, "the joint, 1-based")
+
+    @property
+    def place(self) -> str:
+        """Kind and joint, as they stand in messages."""
+        return f"{self.name}, joint {self.joint}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionServo(Drive):
+    """A position controller with the gear behind it.
+
+    tau = kp e + ki ∫e dt + punch sign(e) - kd dq, within the torque limit, where e is the set-point
+    in force `delay` ago, led by a profile of limited speed and acceleration, minus the position as
+    the servo's encoder reads it; 0 inside the dead band, which is taken off outside of it.
+
+    Gains are those seen at the joint: kd has the motor's back-EMF in it.
+    """
+
+    name: ClassVar[str] = "position_servo"
+    kp: float = parameter("N m/rad", "proportional gain", lower=0.0, upper=MOST_STIFFNESS)
+    kd: float = parameter("N m s/rad", "derivative gain", lower=0, upper=MOST_SLOPE, default=0.0)
+    ki: float = parameter(
+        "N m/(rad s)", "integral gain", lower=0.0, upper=MOST_STIFFNESS, default=0.0
+    )
+    integral_limit: float | None = parameter(
+        "N m", "most torque of the integral", lower=0.0, upper=MOST_TORQUE, default=None
+    )
+    dead_band: float = parameter("rad", "error that is taken for none", lower=0, default=0.0)
+    punch: float = parameter(
+        "N m", "least torque outside the dead band", lower=0.0, upper=MOST_TORQUE, default=0.0
+    )
+    speed: float | None = parameter(
+        "rad/s", "most speed of the profile", lower=0.0, above=True, default=None
+    )
+    acceleration: float | None = parameter(
+        "rad/s^2", "most acceleration of the profile", lower=0.0, above=True, default=None
+    )
+    torque_limit: float | None = parameter(
+        "N m", "most torque", lower=0.0, upper=MOST_TORQUE, default=None
+    )
+    delay: float = parameter(
+        "s", "from a command to its effect", lower=0.0, upper=LONGEST_DELAY, default=0.0
+    )
+    resolution: float = parameter(
+        "rad", "step of the servo's own encoder", lower=0, upper=FARTHEST, default=0.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DcMotor(Drive):
+    """The motor behind a servo: its torque fades with the speed, as its voltage is limited.
+
+    |tau + (kt gear)² dq / resistance| ≤ kt gear supply / resistance
+    """
+
+    name: ClassVar[str] = "dc_motor"
+    kt: float = parameter("N m/A", "torque constant of the motor", lower=0.0, above=True)
+    resistance: float = parameter("ohm", "of the winding", lower=0.0, above=True)
+    supply: float = parameter("V", "voltage of the supply", lower=0.0, above=True)
+    gear: float = parameter("1", "turns of the motor in one of the joint", lower=0.0, above=True)
+
+    @property
+    def stall(self) -> float:
+        """Torque at rest [N m]."""
+        return self.kt * self.gear * self.supply / self.resistance
+
+    @property
+    def fading(self) -> float:
+        """Torque lost with speed [N m s/rad]."""
+        return (self.kt * self.gear) ** 2 / self.resistance
+
+
+DRIVES: Final[dict[str, type[Drive]]] = {kind.name: kind for kind in (PositionServo, DcMotor)}
+
+
+def described_drives(model: RobotModel) -> tuple[Drive, ...]:
+    """Return the position servos that a robot's description states.
+
+    Args:
+        model: The robot.
+    """
+    stated = model.description.servos
+    return tuple(
+        PositionServo(
+            joint=joint,
+            kp=stated[name].kp,
+            kd=stated[name].kd,
+            torque_limit=stated[name].limit,
+            delay=stated[name].delay,
+        )
+        for joint, name in enumerate(model.joint_names, start=1)
+        if name in stated
+    )

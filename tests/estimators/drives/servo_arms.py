@@ -1,0 +1,46 @@
+"""A small arm behind servos, which MuJoCo simulates as well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from limo_driver.recordings.recording import Recording
+
+KP, KD, DAMPING, ARMATURE = (40.0, 25.0), (1.5, 0.8), 0.2, 0.02
+ARM = """<mujoco>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <default><joint damping="{damping}" armature="{armature}" frictionloss="{friction}"/></default>
+  <worldbody>
+    <body><joint name="shoulder" axis="0 1 0"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 .3 0 0" mass=".4" contype="0" conaffinity="0"/>
+      <body pos=".3 0 0"><joint name="elbow" axis="0 1 0"/>
+        <geom type="capsule" size=".02" fromto="0 0 0 .25 0 0" mass=".3" contype="0"
+          conaffinity="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="shoulder" kp="{kp[0]}" kv="{kd[0]}" forcerange="-{limit} {limit}"/>
+    <position joint="elbow" kp="{kp[1]}" kv="{kd[1]}" forcerange="-{limit} {limit}"/>
+  </actuator>
+</mujoco>"""
+
+
+def write_arm(path, *, friction=0.0, limit=50.0):
+    """Write the arm as MJCF and return the path."""
+    values = {"kp": KP, "kd": KD, "damping": DAMPING, "armature": ARMATURE}
+    path.write_text(ARM.format(friction=friction, limit=limit, **values))
+    return path
+
+
+def commands(duration, rate):
+    """Return times (T,) [s] and a wide motion of both joints, (T, 2) [rad]."""
+    time = np.arange(round(duration * rate)) / rate
+    shoulder = -0.6 + 0.5 * np.sin(2.1 * time) + 0.2 * np.sin(5.3 * time)
+    elbow = 0.8 * np.sin(1.3 * time + 0.4)
+    return time, np.stack([shoulder, elbow], axis=1)
+
+
+def recorded(time, command, position):
+    """Return a recording without torque."""
+    return Recording.from_arrays(time, position, command=command)

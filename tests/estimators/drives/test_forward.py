@@ -1,0 +1,144 @@
+"""Arms behind drives, simulated forward from commands: against MuJoCo, and what must hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from servo_arms import commands, recorded, write_arm
+
+from estimators.drives import free_run
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.physics import (
+    CoulombFriction,
+    DcMotor,
+    PositionServo,
+    PreslidingHysteresis,
+    Simulation,
+)
+
+
+def simulated_by_mujoco(path, time, command):
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = command[0]
+    position = np.empty_like(command)
+    steps = round(float(time[1] - time[0]) / model.opt.timestep)
+    for k, wanted in enumerate(command):
+        position[k] = data.qpos
+        data.ctrl[:] = wanted
+        mujoco.mj_step(model, data, steps)
+    return position
+
+
+@pytest.fixture
+def arm(tmp_path):
+    return Simulation.load(write_arm(tmp_path / "arm.xml"))
+
+
+def held(simulation, command, duration=4.0, start=(0.0, 0.0)):
+    """Return positions of an arm that is commanded from where it starts to one place."""
+    time = np.arange(round(duration * 100)) / 100.0
+    command = np.tile(np.array(command, dtype=float), (time.size, 1))
+    command[0] = start
+    position = np.tile(np.array(start, dtype=float), (time.size, 1))
+    return free_run(simulation, recorded(time, command, position))
+
+
+@pytest.mark.parametrize("limit", [50.0, 2.0])
+def test_it_moves_as_in_mujoco(tmp_path, limit):
+    path = write_arm(tmp_path / "arm.xml", limit=limit)
+    time, command = commands(6.0, 200.0)
+    theirs = simulated_by_mujoco(path, time, command)
+
+    ours = free_run(Simulation.load(path), recorded(time, command, theirs))
+
+    assert np.abs(command - theirs).max() > 0.05  # there is something to get wrong
+    assert np.abs(ours - theirs).max() < 0.02 * np.abs(command - theirs).max()
+
+
+def test_of_the_positions_only_the_first_is_used(arm):
+    time, command = commands(2.0, 100.0)
+    start = recorded(time, command, np.tile(command[0], (time.size, 1)))
+
+    assert free_run(arm, start) == pytest.approx(free_run(arm, recorded(time, command, command)))
+
+
+def test_it_sags_by_load_over_gain(arm):
+    target = np.array([-0.4, 0.3])
+
+    at_rest = held(arm, target, start=target)[-1]
+
+    load = arm.body.gravity_torque(at_rest[None])[0]
+    assert target - at_rest == pytest.approx(load / np.array([40.0, 25.0]), abs=1e-5)
+
+
+def test_dry_friction_holds_without_creeping(arm):
+    stuck = replace(
+        arm, effects=(*arm.effects, *(CoulombFriction(joint=j, tau_c=6.0) for j in (1, 2)))
+    )
+
+    assert (held(stuck, [0.02, -0.02]) == 0.0).all()
+
+
+def test_an_integral_takes_the_sag_away(arm):
+    servos = tuple(replace(drive, ki=40.0) for drive in arm.drives)
+
+    assert held(replace(arm, drives=servos), [-0.4, 0.3], 20.0)[-1] == pytest.approx(
+        [-0.4, 0.3], abs=1e-4
+    )
+
+
+def test_a_dead_band_is_an_error_that_stays(arm):
+    servos = tuple(replace(drive, dead_band=0.05) for drive in arm.drives)
+
+    sagging, more = held(arm, [-0.4, 0.3])[-1], held(replace(arm, drives=servos), [-0.4, 0.3])[-1]
+
+    assert more - sagging == pytest.approx([0.05, 0.05], abs=2e-3)
+
+
+def test_a_delay_shifts_the_motion(arm):
+    time, command = commands(6.0, 100.0)
+    command[300:] = command[:300]
+    command[:300] = command[0]  # until it has settled
+    recording = recorded(time, command, command)
+    late = replace(arm, drives=tuple(replace(drive, delay=0.1) for drive in arm.drives))
+
+    shifted, prompt = free_run(late, recording)[300:], free_run(arm, recording)[290:-10]
+
+    assert np.ptp(prompt, axis=0).min() > 0.3
+    assert shifted == pytest.approx(prompt, abs=1e-6)
+
+
+def test_a_profile_limits_the_speed(arm):
+    slow = tuple(replace(x, speed=0.5, acceleration=4.0, kp=900.0, kd=20.0) for x in arm.drives)
+
+    moved = held(replace(arm, drives=slow), [1.0, 0.0], 3.0)[:, 0]
+
+    assert np.diff(moved).max() * 100.0 == pytest.approx(0.5, rel=0.02)
+    assert moved[-1] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_motor_at_its_voltage_gets_no_faster(arm):
+    motor = DcMotor(joint=2, kt=0.01, resistance=2.0, supply=6.0, gear=345.0)
+    fast = held(replace(arm, drives=(*arm.drives, motor)), [0.0, 2.5])[:, 1]
+
+    assert motor.stall / motor.fading == pytest.approx(6.0 / 3.45)
+    falls_into_it = 1.02  # its own weight helps
+    assert np.diff(held(arm, [0.0, 2.5])[:, 1]).max() * 100.0 > 2 * motor.stall / motor.fading
+    assert np.diff(fast).max() * 100.0 < falls_into_it * motor.stall / motor.fading
+
+
+def test_what_cannot_be_run_forward_is_refused_by_name(arm):
+    time, command = commands(1.0, 100.0)
+    recording = recorded(time, command, command)
+    presliding = PreslidingHysteresis(joint=1, stiffness=(5.0,), width=(0.01,))
+
+    with pytest.raises(ConfigError, match=r"presliding_hysteresis, joint 1: .* forward"):
+        free_run(replace(arm, effects=(presliding,)), recording)
+    with pytest.raises(ConfigError, match="no position_servo for joint 2"):
+        free_run(replace(arm, drives=(PositionServo(joint=1, kp=1.0),)), recording)
+    with pytest.raises(RecordingError, match="lacks command_1"):
+        free_run(arm, type(recording).from_arrays(time, command, 0.1 + command))

@@ -1,0 +1,69 @@
+"""Recordings of drives that tell commands and positions, and no torque."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.recordings.recording import Recording
+
+TIME = np.arange(200) / 50.0
+POSITION = 0.3 * np.sin(TIME)[:, None] * np.ones(2)
+COMMAND = 0.3 * np.sin(TIME + 0.1)[:, None] * np.ones(2)
+
+
+def test_commands_stand_in_for_torques():
+    recording = Recording.from_arrays(TIME, POSITION, command=COMMAND)
+
+    assert not recording.has_torque
+    assert recording.command == pytest.approx(COMMAND)
+    assert not recording.warnings
+    with pytest.raises(RecordingError, match="lacks torque_1"):
+        recording.filtered_torque(10.0)
+
+
+def test_commands_stand_beside_torques():
+    recording = Recording.from_arrays(TIME, POSITION, 0.1 + COMMAND, command=COMMAND)
+
+    assert recording.has_torque
+    assert recording[50:].command == pytest.approx(COMMAND[50:])
+
+
+@pytest.mark.parametrize("torque", [None, 0.1 + COMMAND])
+def test_commands_come_back_from_a_file(tmp_path, torque):
+    Recording.from_arrays(TIME, POSITION, torque, command=COMMAND).save(tmp_path / "run.parquet")
+
+    back = Recording.load(tmp_path / "run.parquet")
+
+    assert back.command == pytest.approx(COMMAND)
+    assert back.has_torque == (torque is not None)
+
+
+def test_rows_without_command_are_left_out():
+    command = COMMAND.copy()
+    command[7, 1] = np.nan
+
+    recording = Recording.from_arrays(TIME, POSITION, command=command)
+
+    assert [item.rows for item in recording.left_out] == [(7,)]
+    assert len(recording) == TIME.size - 1
+
+
+def test_what_has_neither_is_refused():
+    with pytest.raises(RecordingError, match="neither torques nor commands"):
+        Recording.from_arrays(TIME, POSITION)
+
+
+def test_a_command_of_fewer_joints_is_refused(tmp_path):
+    with pytest.raises(ShapeError, match="command"):
+        Recording.from_arrays(TIME, POSITION, command=COMMAND[:, :1])
+    path = tmp_path / "run.csv"
+    path.write_text("time,position_1,position_2,command_1\n0.0,0.1,0.1,0.2\n")
+    with pytest.raises(RecordingError, match="lacks command_2"):
+        Recording.load(path)
+
+
+def test_commands_in_degrees_are_refused():
+    with pytest.raises(RecordingError, match=r"command_1 .* rad; is it in degrees"):
+        Recording.from_arrays(TIME, POSITION, command=1e4 * (1.1 + COMMAND))
