@@ -11,7 +11,8 @@ found.save("diagnosis/")
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
 and commands. What to do with them: inspect, read, plan, excite, run, identify, predict,
-predict_forward, train, evaluate, diagnose, export, serve. Requests and settings say how: PlanRequest, Rows, ...
+predict_forward, train, evaluate, diagnose, export, serve. Requests and settings say how:
+PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
