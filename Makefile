@@ -7,7 +7,7 @@ WORKERS ?= 2
 # More threads of BLAS than idle cores wait for each other, and take three times as long.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
 
-.PHONY: help demo test test-slow test-all lint format clean
+.PHONY: help demo docs test test-slow test-all lint format clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -33,6 +33,16 @@ $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
 
 demo: $(VENV)/.installed ## see the whole way of the data once: out/demo/index.html
 	$(BIN)/python examples/demo.py --out out/demo
+
+# Imports limo for its reference; the examples that it shows are run once, until they change.
+$(VENV)/.installed-docs: pyproject.toml constraints.txt | $(VENV)/.made
+	$(INSTALL) '.[docs]'
+	touch $@ $(VENV)/.installed
+
+docs: $(VENV)/.installed-docs ## build the documentation as a site: out/site/index.html
+	$(BIN)/python docs/site/gallery.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo open out/site/index.html
 
 test: $(VENV)/.installed-dev ## run the tests that a change needs: a few minutes
 	$(PYTEST) -m "not slow"

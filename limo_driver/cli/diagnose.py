@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +11,7 @@ from limo_driver.console.options import MappingOption  # noqa: TC001  # typer re
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
+    from collections.abc import Sequence
 
     from rich.console import Console
 
@@ -69,6 +68,7 @@ def command(
 
     from estimators.diagnosis.saving import FILES, save
     from estimators.telemetry import telemetry_in
+    from limo_driver.console.progress import progress_bar
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_place
     from limo_driver.workflow.diagnosing import diagnose
@@ -77,7 +77,7 @@ def command(
     given = [sim] if sim is not None else []
     require_place(out, "the diagnosis", FILES, [*given, *recordings])
     simulation, measured = _start(recordings, sim, robot, inertia_tolerance, mapping, notes)
-    with _progress(notes) as progress:
+    with progress_bar(notes) as progress:
         found = diagnose(
             simulation,
             measured,
@@ -146,18 +146,6 @@ def _export(found: Diagnosis, to: Path, *, as_json: bool) -> None:
     written = export(found.simulation, kind, to)
     if not as_json:
         show(written)
-
-
-@contextmanager
-def _progress(console: Console) -> Generator[Callable[[str, float], None]]:
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-
-    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
-    # where nobody watches, the bar would leave an empty line before the message of an error
-    disable = not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=disable) as bar:
-        task = bar.add_task("reading motion", total=1.0)
-        yield lambda stage, part: bar.update(task, completed=part, description=stage)
 
 
 def _show(found: Diagnosis, written: Sequence[Path]) -> None:

@@ -152,7 +152,11 @@ class Simulation(Displayed):
         save(content, Path(path))
 
     def changes_from(self, other: Simulation) -> str:
-        """Return which inertials and effects of this are not in another, as in a `sim.yaml`."""
+        """Return which inertials and effects of this are not in another, as in a `sim.yaml`.
+
+        Args:
+            other: What they are compared with.
+        """
         inertials = {
             link: body for link, body in self.inertials.items() if other.inertials.get(link) != body
         }

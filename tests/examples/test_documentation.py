@@ -43,14 +43,13 @@ LATE = re.compile(  # why an arm holds that a busy machine makes hold
 LONGEST = 1200  # [s] that a block may take before something hangs
 NOT_RUN = {
     "CONTRIBUTING.md": ["runs what runs this"],
-    "README.md": [
-        "it is what brings these files, and runs what runs this",
-        "needs a real arm",
-    ],
+    "README.md": ["installs limo, and runs what runs this"],
     "diagnosis.md": ["takes hours"],
     "fri.md": ["needs a real arm"],
     "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
+    "start.md": ["installs limo, and runs what runs this"],
     "streaming.md": ["needs two other machines"],
+    "workflow.md": ["needs a real arm"],
 }
 # A machine with one network, on which an address of the documents is this machine's.
 NETWORK = """
@@ -179,13 +178,14 @@ def having(tmp_path_factory):
 
 
 HAS = {  # a reader of each document; the rest comes from its own blocks
-    "README.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf believed.yaml",
+    "README.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf",
     "can.md": "arm.yaml sim.yaml motion.traj.parquet",
     "diagnosis.md": "monday.parquet tuesday.parquet sim.yaml run.parquet",
     "estimators.md": "run.parquet other.parquet sim.yaml",
     "fri_controller.md": "sim.yaml lossy.yaml",
     "models.md": "model newer run.parquet test.parquet",
     "streaming.md": "limo.traj.parquet model",
+    "workflow.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf believed.yaml",
 }
 
 
