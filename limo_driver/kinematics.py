@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class KinematicChain:
-    """Geometry of n revolute joints: j turns about `axis[j]` in a frame fixed to its parent."""
+    """Geometry of n joints: j moves along or turns about an axis in a frame fixed to its parent."""
 
     parent: NDArray[np.int64]  # (n,), 0-based joint; -1 is the fixed base
     rotation: FloatArray  # (n, 3, 3), of the joint in its parent's frame at q = 0
     translation: FloatArray  # (n, 3) [m]
-    axis: FloatArray  # (n, 3), unit vector
+    axis: (
+        FloatArray  # (n, 6), unit vector that it moves along, then one that it turns about; 0 else
+    )
     flange: FloatArray  # (3,) [m], in the frame of the last joint
 
     @classmethod
@@ -33,10 +35,13 @@ class KinematicChain:
         flange = np.linalg.solve(home[-1], model.flange_pose(np.zeros(model.n)))[:3, 3]
         parent = np.array([int(model.pin_model.parents[j + 1]) - 1 for j in range(model.n)])
         fixed = _relative(home, parent)
-        turned = _relative(model.joint_poses(np.ones(model.n)), parent)
-        turn = np.einsum("jki,jkl->jil", fixed[:, :3, :3], turned[:, :3, :3])  # exp(axis 1 rad)
+        moved = _relative(model.joint_poses(np.ones(model.n)), parent)
+        turn = np.einsum("jki,jkl->jil", fixed[:, :3, :3], moved[:, :3, :3])  # exp(axis 1 rad)
         after, before = turn[:, [2, 0, 1], [1, 2, 0]], turn[:, [1, 2, 0], [2, 0, 1]]
-        axis = after - before  # what is skew in a rotation, 2 sin(1 rad) axis
+        angular = after - before  # what is skew in a rotation, 2 sin(1 rad) axis
+        linear = np.einsum("jki,jk->ji", fixed[:, :3, :3], moved[:, :3, 3] - fixed[:, :3, 3])
+        slides = np.array(model.sliding)[:, None]
+        axis = np.where(np.repeat([True, False], 3) == slides, np.hstack([linear, angular]), 0.0)
         return cls(
             parent=parent,
             rotation=readonly(np.ascontiguousarray(fixed[:, :3, :3])),
@@ -45,8 +50,18 @@ class KinematicChain:
             flange=readonly(np.ascontiguousarray(flange)),
         )
 
+    @property
+    def direction(self) -> FloatArray:
+        """The axis of each joint, whether it turns or slides, unit vectors (n, 3)."""
+        return self.axis[:, :3] + self.axis[:, 3:]  # one of both is zero
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """Whether each joint slides, (n,)."""
+        return np.asarray((self.axis[:, :3] != 0).any(axis=1))
+
     def joint_poses(self, position: FloatArray) -> FloatArray:
-        """Return the pose of every joint frame, (T, n, 4, 4), for joint positions (T, n) [rad]."""
+        """Return the pose of every joint frame, (T, n, 4, 4), for joint positions (T, n)."""
         return _poses(
             np.ascontiguousarray(position), self.parent, self.rotation, self.translation, self.axis
         )
@@ -75,14 +90,16 @@ def forward(
 ) -> None:
     """Fill R, (n, 3, 3), and p, (n, 3) [m], with the joint frames in the base frame.
 
-    Each joint adds its fixed placement and the turn exp(axis q), written out by Rodrigues:
-    exp(axis q) = I + sin(q) K + (1 - cos(q)) K², with K v = axis x v.
+    Each joint adds its fixed placement, a slide by axis q, and the turn exp(axis q), written out by
+    Rodrigues: exp(axis q) = I + sin(q) K + (1 - cos(q)) K², with K v = axis x v. One of both is 0.
     """
     local = np.empty((3, 3))
     turn = np.empty((3, 3))
+    place = np.empty(3)
     for j in range(q.shape[0]):
-        s, c = np.sin(q[j]), np.cos(q[j])
-        x, y, z = axis[j]
+        x, y, z = axis[j, 3], axis[j, 4], axis[j, 5]
+        turns = x != 0.0 or y != 0.0 or z != 0.0
+        s, c = (np.sin(q[j]), np.cos(q[j])) if turns else (0.0, 1.0)
         d = 1.0 - c
         turn[0, 0], turn[0, 1], turn[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
         turn[1, 0], turn[1, 1], turn[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
@@ -93,16 +110,20 @@ def forward(
                 for k in range(3):
                     total += rotation[j, row, k] * turn[k, col]
                 local[row, col] = total
+        for row in range(3):
+            place[row] = translation[j, row]
+            for k in range(3):
+                place[row] += rotation[j, row, k] * axis[j, k] * q[j]
         above = parent[j]
         for row in range(3):
             if above < 0:
-                p[j, row] = translation[j, row]
+                p[j, row] = place[row]
                 for col in range(3):
                     R[j, row, col] = local[row, col]
                 continue
             shift = p[above, row]
             for k in range(3):
-                shift += R[above, row, k] * translation[j, k]
+                shift += R[above, row, k] * place[k]
             p[j, row] = shift
             for col in range(3):
                 total = 0.0

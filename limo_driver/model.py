@@ -17,18 +17,18 @@ import pinocchio as pin
 
 from limo_driver.descriptions.chain import last_frame, link_of_joint, read_chain
 from limo_driver.descriptions.description import joined_reference, split_reference
-from limo_driver.descriptions.enclosing import box_corners, enclosing_capsule
 from limo_driver.descriptions.reading import read_description
+from limo_driver.descriptions.shapes import ArmShapes, Capsule, read_shapes
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
-from limo_driver.types import FloatArray, JointLimits, as_numbers, readonly
+from limo_driver.types import FloatArray, JointLimits, as_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 BUILT_IN = ("iiwa14",)
 ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
-SLOW = 1.0  # [rad/s], in formats that have no limits of velocity
+SLOW, SLOW_SLIDE = 1.0, 0.25  # [rad/s], [m/s], in formats that have no limits of velocity
 JERK_PER_VELOCITY = 50.0  # [1/s^2]
 TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
 _ROUNDING = 1e-9  # of the largest second moment
@@ -94,23 +94,14 @@ class Inertial:
         return self.tensor() + self.mass * (d @ d * np.eye(3) - np.outer(d, d))
 
 
-@dataclass(frozen=True)
-class Capsule:
-    """A collision capsule fixed to a link: all points within `radius` of a segment."""
-
-    link: str
-    joint: int  # 0-based joint that moves it; -1 is the fixed base
-    start: FloatArray  # (3,) [m], in the frame of that joint
-    end: FloatArray  # (3,) [m]
-    radius: float  # [m]
-
-
 class RobotModel(Displayed):
-    """Rigid-body model of an arm with n revolute joints in series.
+    """Rigid-body model of an arm with n joints that turn or slide.
 
-    Joints that are not revolute (a gripper's) are locked at their neutral position and their
-    bodies added to the link that carries them. A continuous joint has limits of half a turn to
-    either side, within which motion is planned; recordings may count any number of turns.
+    Of a joint that slides, positions are in m and torques are forces in N, wherever limo says rad
+    and N m. Joints that are not chosen, those that follow others and, if none is chosen, those that
+    slide at the end of the arm (a gripper's) are locked, and their bodies added to the link that
+    carries them. A continuous joint has limits of half a turn to either side, within which motion
+    is planned; recordings may count any number of turns.
 
     Of an MJCF file the arm is the tree of bodies with the most hinges. What a file states beside
     the rigid body (friction, damping, armature, springs) is in `description`; a `Simulation` that
@@ -125,9 +116,9 @@ class RobotModel(Displayed):
             elsewhere than at zero; all that can move if none is given.
 
     Raises:
-        ConfigError: The file is missing, is neither, has no revolute joint or none of these names,
-            a moving link has no mass, an inertial names no moving link or no possible body; or
-            gravity is not finite.
+        ConfigError: The file is missing, is neither, has no joint that moves or none of these
+            names, a moving link has no mass, an inertial names no moving link or no possible body;
+            or gravity is not finite.
         ShapeError: The gravity is not (3,).
 
     Example:
@@ -163,12 +154,21 @@ class RobotModel(Displayed):
         given = self.description.gravity if gravity is None else gravity
         self.pin_model.gravity.linear = _gravity(given)
         assumed = self.description.kind == "MJCF"
-        self.limits = _limits(self.pin_model, assumed=assumed)
+        # joints that slide along their axis, in m and N
+        self.sliding: tuple[bool, ...] = chain.sliding
+        self.limits = _limits(self.pin_model, self.sliding, assumed=assumed)
         self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_model, self.n)
-        locked = (f"joint {x} does not turn, and is locked at 0" for x in self.locked_joints)
+        locked = (
+            f"joint {x} neither turns nor slides, and is locked at 0" for x in self.locked_joints
+        )
         unstated = _unstated(self.pin_model, self.joint_names, assumed=assumed)
-        self.notes: tuple[str, ...] = (*self.description.notes, *locked, *unstated)
+        slides = (
+            f"joint {x} slides: its positions are in m, its torques are forces in N"
+            for x, each in zip(self.joint_names, self.sliding, strict=True)
+            if each
+        )
+        self.notes: tuple[str, ...] = (*self.description.notes, *locked, *slides, *unstated)
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
 
@@ -443,24 +443,22 @@ class RobotModel(Displayed):
             if np.shape(value) != shape or np.ndim(value) != 2 or shape[1] != self.n:  # noqa: PLR2004
                 raise ShapeError(name, np.shape(value), f"(T, {self.n})")
 
-    def capsules(self) -> tuple[Capsule, ...]:
-        """Return the collision capsules of the URDF; other shapes get one around them.
+    @cached_property
+    def shapes(self) -> ArmShapes:
+        """The collision shapes: of a mesh its convex hull, and a capsule around each.
 
         Raises:
-            ConfigError: A collision mesh that the URDF names is not there.
+            ConfigError: A collision mesh that the description names is not there.
         """
-        try:
-            geometry = pin.buildGeomFromUrdfString(
-                self.pin_model,
-                self.description.text,
-                pin.GeometryType.COLLISION,
-                package_dirs=_package_dirs(self.urdf),
-            )
-        except ValueError as error:
-            raise ConfigError(
-                f"its collision shapes cannot be read: {error}", path=self.urdf
-            ) from None
-        return tuple(_capsule(self.pin_model, item) for item in geometry.geometryObjects)
+        return read_shapes(self.description, self.pin_model)
+
+    def capsules(self) -> tuple[Capsule, ...]:
+        """Return the collision capsules; other shapes get one around them.
+
+        Raises:
+            ConfigError: A collision mesh that the description names is not there.
+        """
+        return self.shapes.capsules
 
     def reference(self, folder: Path) -> str:
         """Return how a file refers to this robot: built-in name or relative path.
@@ -522,7 +520,11 @@ def _unstated(model: pin.Model, names: Sequence[str], *, assumed: bool) -> tuple
     """Say which limits the description leaves out, and what stands for them."""
     told: list[str] = []
     for values, what, instead in (
-        (model.upperVelocityLimit, "velocity", f"{SLOW:g} rad/s is taken"),
+        (
+            model.upperVelocityLimit,
+            "velocity",
+            f"{SLOW:g} rad/s is taken, {SLOW_SLIDE:g} m/s of slides",
+        ),
         (model.upperEffortLimit, "effort", "none is kept"),
     ):
         lacking = [name for name, value in zip(names, np.array(values), strict=True) if value <= 0]
@@ -532,7 +534,7 @@ def _unstated(model: pin.Model, names: Sequence[str], *, assumed: bool) -> tuple
     return tuple(told)
 
 
-def _limits(model: pin.Model, *, assumed: bool) -> JointLimits:
+def _limits(model: pin.Model, sliding: Sequence[bool], *, assumed: bool) -> JointLimits:
     """Return the limits of the joints; a 0 stays unless values are assumed for what is not stated.
 
     MJCF has no limits of velocity, so that nothing would move. A URDF that states a 0 leaves out
@@ -541,7 +543,7 @@ def _limits(model: pin.Model, *, assumed: bool) -> JointLimits:
     velocity = np.array(model.upperVelocityLimit)
     torque = np.array(model.upperEffortLimit)
     if assumed:
-        velocity = np.where(velocity > 0, velocity, SLOW)
+        velocity = np.where(velocity > 0, velocity, np.where(sliding, SLOW_SLIDE, SLOW))
         torque = np.where(torque > 0, torque, np.inf)
     return JointLimits(
         position_min=np.array(model.lowerPositionLimit),
@@ -561,35 +563,3 @@ def _from_pin(inertia: pin.Inertia) -> Inertial:
         com=tuple(np.array(inertia.lever).tolist()),
         inertia=tuple(tensor[np.triu_indices(3)].tolist()),
     )
-
-
-def _package_dirs(urdf: Path) -> list[str]:
-    """Return the folders in which `package://` may start: every folder above the file."""
-    return [str(folder) for folder in urdf.resolve().parents]
-
-
-def _capsule(model: pin.Model, item: pin.GeometryObject) -> Capsule:
-    shape, placement = item.geometry, item.placement
-    if hasattr(shape, "halfLength"):
-        axis = np.array([0.0, 0.0, float(shape.halfLength)])
-        start, end, radius = -axis, axis, float(shape.radius)
-    elif hasattr(shape, "radius"):
-        start, end, radius = np.zeros(3), np.zeros(3), float(shape.radius)
-    else:
-        start, end, radius = enclosing_capsule(_corners(shape))
-    return Capsule(
-        link=str(model.frames[item.parentFrame].name),
-        joint=int(item.parentJoint) - 1,
-        start=readonly(placement.act(start)),
-        end=readonly(placement.act(end)),
-        radius=radius,
-    )
-
-
-def _corners(shape: Any) -> FloatArray:  # noqa: ANN401  # pinocchio has no types
-    """Return the corners of a mesh or of the box around any other shape, (K, 3) [m]."""
-    if hasattr(shape, "vertices"):
-        return np.unique(np.array(shape.vertices()), axis=0)
-    shape.computeLocalAABB()
-    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
-    return box_corners(high - low) + (low + high) / 2

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.descriptions.shapes import Capsule, ShapeDistances
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.kinematics import KinematicChain
-from limo_driver.model import Capsule
 from limopa.capsules import clearances
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 ALWAYS = 0.95  # of random configurations; a pair that is near in more is so by construction
 NEAR = 0.02  # [m], as near as capsules around neighbouring shapes come
 ROUNDING = 1e-9  # [rad]
+_SLIDE_MARGIN = 0.1  # of the range of a joint that slides, kept at most from either end
 _WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 PROBES = 1000  # random configurations that show which pairs do
 
@@ -61,7 +62,8 @@ class Violations:
 class Feasibility:
     """Check configurations and paths of one robot in given surroundings.
 
-    Links are capsules. Neighbours in the chain are not checked against each other, nor are pairs
+    Links are convex shapes: capsules, and where those come too near, what they are around, the
+    hulls of meshes. Neighbours in the chain are not checked against each other, nor are pairs
     that touch in nearly every configuration, since their shapes overlap by construction
     (`overlapping_pairs`). The base and the first link stand on the table and are not checked
     against it. Without self-collision the joint frames and the flange are kept off the table.
@@ -75,8 +77,13 @@ class Feasibility:
         self.surroundings, self.workspace = surroundings, workspace
         self.chain = KinematicChain.of(model)
         _require_velocity(model)
-        self.lower = model.limits.position_min + surroundings.joint_margin
-        self.upper = model.limits.position_max - surroundings.joint_margin
+        self._slides = np.array(model.sliding)
+        room = _SLIDE_MARGIN * (model.limits.position_max - model.limits.position_min)
+        margin = np.where(
+            self._slides, np.minimum(surroundings.clearance, room), surroundings.joint_margin
+        )
+        self.lower = model.limits.position_min + margin
+        self.upper = model.limits.position_max - margin
         self._require_range()
         self.capsules = self._bodies(model)
         self._joint = np.array([body.joint for body in self.capsules])
@@ -85,8 +92,9 @@ class Feasibility:
         self._above_table = self._joint > 0
         self.overlapping_pairs: tuple[tuple[str, str], ...] = ()
         self._pairs = np.zeros((0, 2), dtype=np.int64)
+        self._exact: ShapeDistances | None = None
         if surroundings.self_collision:
-            self._choose_pairs()
+            self._choose_pairs(model)
         self._reach = self._reaches()
 
     def check(self, position: FloatArray) -> Violations:
@@ -146,7 +154,7 @@ class Feasibility:
 
     def _clearances(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         chain = self.chain
-        return clearances(
+        gap, lowest = clearances(
             np.ascontiguousarray(position),
             chain.parent,
             chain.rotation,
@@ -157,6 +165,10 @@ class Feasibility:
             self._radius,
             self._pairs,
         )
+        if self._exact is not None:
+            need, table = self.surroundings.clearance, self.surroundings.table_height
+            self._exact.sharpen(position, gap, lowest, need, table + need)
+        return gap, lowest
 
     def _require_range(self) -> None:
         empty = np.flatnonzero(self.lower >= self.upper)
@@ -186,7 +198,7 @@ class Feasibility:
             )
         return bodies
 
-    def _choose_pairs(self) -> None:
+    def _choose_pairs(self, model: RobotModel) -> None:
         joint = self._joint
         candidates = [
             (i, k) if joint[i] < joint[k] else (k, i)
@@ -196,6 +208,7 @@ class Feasibility:
         ]
         apart = [(i, k) for i, k in candidates if self.chain.parent[joint[k]] != joint[i]]
         self._pairs = np.array(sorted(apart), dtype=np.int64).reshape(-1, 2)
+        self._exact = ShapeDistances(model.shapes, self._pairs)
         probes = np.random.default_rng(0).uniform(self.lower, self.upper, (PROBES, len(self.lower)))
         near = min(self.surroundings.clearance, NEAR)
         touching = (self._clearances(probes)[0] < near).mean(axis=0)
@@ -203,9 +216,13 @@ class Feasibility:
         links = [(self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[always]]
         self.overlapping_pairs = tuple(dict.fromkeys(links))  # a link may have several capsules
         self._pairs = np.ascontiguousarray(self._pairs[~always])
+        self._exact = ShapeDistances(model.shapes, self._pairs)
 
     def _reaches(self) -> FloatArray:
-        """Return a bound of how far from each joint's axis anything it moves can be, (n,) [m]."""
+        """Return a bound of how far anything moves with each joint, (n,) [m/rad, m/m].
+
+        Of a joint that turns, that is how far from its axis anything it moves can be.
+        """
         n = len(self.lower)
         reach = np.zeros(n)
         for body, ends, radius in zip(self.capsules, self._ends, self._radius, strict=True):
@@ -216,8 +233,10 @@ class Feasibility:
             above = self.chain.parent[j]
             if above >= 0:
                 offset = float(np.linalg.norm(self.chain.translation[j]))
+                if self._slides[j]:
+                    offset += float(max(abs(self.lower[j]), abs(self.upper[j])))
                 reach[above] = max(reach[above], offset + reach[j])
-        return reach
+        return np.where(self._slides, 1.0, reach)
 
 
 def _require_velocity(model: RobotModel) -> None:

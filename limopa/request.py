@@ -62,7 +62,8 @@ class Surroundings(Declared):
 
     Args:
         joint_margin: Kept from either end of a joint's range [rad].
-        clearance: Kept between links, and between links and the table [m].
+        clearance: Kept between links, between links and the table, and from either end of a joint
+            that slides, unless that is more than a tenth of its range [m].
         table_height: Of the table plane in the base frame [m].
         self_collision: Whether links are checked against each other.
 

@@ -17,6 +17,8 @@ from estimators.rigid_body.regressor import (
     add,
     cross,
     dot,
+    origin,
+    slide,
     store,
     times,
     to_child,
@@ -59,26 +61,30 @@ def inverse_dynamics(
     """
     n = axis.shape[0]
     R = np.empty((n, 3, 3))
-    f, m = np.empty((n, 3)), np.empty((n, 3))
+    p, f, m = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     w, dw = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     a = (-gravity[0], -gravity[1], -gravity[2])
     for i in range(n):
-        p, u, v = vector(translation[i]), vector(axis[i]), velocity[i]
+        u, along, v = vector(axis[i, 3:]), vector(axis[i, :3]), velocity[i]
         write_rotation(rotation[i], u, position[i], R[i])
-        a = to_child(R[i], add(a, add(cross(dw, p), cross(w, cross(w, p)))))
+        store(p[i], origin(rotation[i], translation[i], along, position[i]))
+        swung = cross(w, cross(w, vector(p[i])))
+        a = to_child(R[i], add(a, add(cross(dw, vector(p[i])), swung)))
         w, dw = to_child(R[i], w), to_child(R[i], dw)
+        a = add(a, slide(along, w, v, acceleration[i]))
         dw = add(dw, add(times(u, acceleration[i]), times(cross(w, u), v)))
         w = add(w, times(u, v))
         first = vector(parameters[i, 1:4])  # mass times centre
         swing = add(cross(dw, first), cross(w, cross(w, first)))
         store(f[i], add(times(a, parameters[i, 0]), swing))
-        turning = add(_inertia(parameters[i], dw), cross(w, _inertia(parameters[i], w)))
-        store(m[i], add(turning, cross(first, a)))
+        spin = add(_inertia(parameters[i], dw), cross(w, _inertia(parameters[i], w)))
+        store(m[i], add(spin, cross(first, a)))
     for i in range(n - 1, -1, -1):
-        torque[i] = dot(vector(axis[i]), vector(m[i]))
+        turning = dot(vector(axis[i, 3:]), vector(m[i]))
+        torque[i] = turning + dot(vector(axis[i, :3]), vector(f[i]))
         if i > 0:
             force, moment = _to_parent(R[i], vector(f[i])), _to_parent(R[i], vector(m[i]))
-            lever = cross(vector(translation[i]), force)
+            lever = cross(vector(p[i]), force)
             store(f[i - 1], add(vector(f[i - 1]), force))
             store(m[i - 1], add(vector(m[i - 1]), add(moment, lever)))
 

@@ -27,11 +27,11 @@ PER_LINK = 10
 
 @dataclass(frozen=True)
 class RegressorChain:
-    """Kinematics of an arm with n revolute joints in series, as the regressor needs it."""
+    """Kinematics of an arm with n joints in series, as the regressor needs it."""
 
     rotation: FloatArray  # (n, 3, 3), of each joint frame in the frame before, at zero
     translation: FloatArray  # (n, 3) [m]
-    axis: FloatArray  # (n, 3), unit vectors in the joint's own frame
+    axis: FloatArray  # (n, 6), in the joint's own frame: unit vector of a slide, then of a turn
     gravity: FloatArray  # (3,) [m/s²]
 
     @classmethod
@@ -50,7 +50,7 @@ class RegressorChain:
             joint = pin_model.joints[j + 1]
             data = joint.createData()
             joint.calc(data, np.zeros(1))
-            axes.append(np.array(data.S).ravel()[3:])
+            axes.append(np.array(data.S).ravel())
         return cls(
             np.array([placement.rotation for placement in placements]),
             np.array([placement.translation for placement in placements]),
@@ -107,31 +107,35 @@ def fill_regressor(
     Forward over the links, with everything in the frame of link i: its angular velocity w and
     acceleration dw, the acceleration a of its origin against free fall, and for each joint j up
     to i its axis z_j and the vector r_j from its origin. The link's force f and moment m then give
-    joint j the torque z_j · m + (z_j × r_j) · f, both linear in the parameters of link i.
+    joint j the torque z_j · m + (z_j × r_j) · f, both linear in the parameters of link i. A joint
+    that slides along y_j has no z_j, and needs the force y_j · f.
     """
     n = axis.shape[0]
-    z, r = np.zeros((n, 3)), np.zeros((n, 3))
+    z, r, y = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
     R = np.zeros((3, 3))
     for t in range(position.shape[0]):
         w, dw = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         a = (-gravity[0], -gravity[1], -gravity[2])
         for i in range(n):
-            p = vector(translation[i])
-            u = vector(axis[i])
+            u, along, v = vector(axis[i, 3:]), vector(axis[i, :3]), velocity[t, i]
             write_rotation(rotation[i], u, position[t, i], R)
+            p = origin(rotation[i], translation[i], along, position[t, i])
             a = to_child(R, add(a, add(cross(dw, p), cross(w, cross(w, p)))))
             w, dw = to_child(R, w), to_child(R, dw)
-            v = velocity[t, i]
+            a = add(a, slide(along, w, v, acceleration[t, i]))
             dw = add(dw, add(times(u, acceleration[t, i]), times(cross(w, u), v)))
             w = add(w, times(u, v))
             for j in range(i):
                 store(r[j], to_child(R, add(vector(r[j]), p)))
                 store(z[j], to_child(R, vector(z[j])))
+                store(y[j], to_child(R, vector(y[j])))
             store(z[i], u)
+            store(y[i], along)
             store(r[i], (0.0, 0.0, 0.0))  # r[i] = ... would compile the message of its error
             for j in range(i + 1):
                 row = Y[j, t, PER_LINK * i : PER_LINK * (i + 1)]
-                _fill_row(vector(z[j]), vector(r[j]), w, dw, a, row)
+                arm = add(cross(vector(z[j]), vector(r[j])), vector(y[j]))
+                _fill_row(vector(z[j]), arm, w, dw, a, row)
 
 
 _Vector: TypeAlias = tuple[float, float, float]
@@ -184,10 +188,28 @@ def to_child(R: FloatArray, x: _Vector) -> _Vector:
 
 
 @compiled(nogil=True, fastmath={"contract", "nsz"})
+def origin(fixed: FloatArray, translation: FloatArray, along: _Vector, position: float) -> _Vector:
+    """Return where the frame of a joint is in that of the one before; `along` it slides."""
+    x, y, z = times(along, position)
+    return (
+        translation[0] + (fixed[0, 0] * x + fixed[0, 1] * y + fixed[0, 2] * z),
+        translation[1] + (fixed[1, 0] * x + fixed[1, 1] * y + fixed[1, 2] * z),
+        translation[2] + (fixed[2, 0] * x + fixed[2, 1] * y + fixed[2, 2] * z),
+    )
+
+
+@compiled(nogil=True, fastmath={"contract", "nsz"})
+def slide(along: _Vector, w: _Vector, velocity: float, acceleration: float) -> _Vector:
+    """Return the acceleration of a frame that slides in one which turns at w, Coriolis' with it."""
+    return add(times(along, acceleration), times(cross(w, along), 2.0 * velocity))
+
+
+@compiled(nogil=True, fastmath={"contract", "nsz"})
 def write_rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray) -> None:
-    """Write fixed · Rot(axis, angle), child to parent, into R."""
-    c, s = np.cos(angle), np.sin(angle)
+    """Write fixed · Rot(axis, angle), child to parent, into R; fixed alone where the axis is 0."""
     x, y, z = axis
+    turns = x != 0.0 or y != 0.0 or z != 0.0
+    c, s = (np.cos(angle), np.sin(angle)) if turns else (1.0, 0.0)
     k = 1.0 - c
     for row in range(3):
         f0, f1, f2 = fixed[row, 0], fixed[row, 1], fixed[row, 2]
@@ -197,13 +219,13 @@ def write_rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray
 
 
 @compiled(nogil=True, fastmath={"contract", "nsz"})
-def _fill_row(z: _Vector, r: _Vector, w: _Vector, dw: _Vector, a: _Vector, y: FloatArray) -> None:
+def _fill_row(z: _Vector, arm: _Vector, w: _Vector, dw: _Vector, a: _Vector, y: FloatArray) -> None:
     """Write what the ten parameters of a link add to the torque about axis z at distance r.
 
     Its mass at c accelerates by a + dw × c + w × (w × c); in z · (c × a) + (z × r) · (…) every
-    factor of c is a triple product, and the inertia's moment is I dw + w × I w.
+    factor of c is a triple product, and the inertia's moment is I dw + w × I w. The arm is z × r,
+    or the direction in which a force counts.
     """
-    arm = cross(z, r)
     turn = cross(z, w)
     swing = dot(arm, w)
     h = add(cross(a, z), add(cross(arm, dw), add(times(w, swing), times(arm, -dot(w, w)))))

@@ -1,4 +1,4 @@
-"""The chain of revolute joints of a description, as pinocchio has it."""
+"""The chain of joints of a description that turn or slide, as pinocchio has it."""
 
 # pinocchio has no stubs and is found through an import hook; this file and `model` are the adapter.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
@@ -18,16 +18,19 @@ if TYPE_CHECKING:
     from limo_driver.descriptions.description import RobotDescription
 
 _JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
+_SLIDE = "JointModelP"  # begins the names of prismatic joints; planar ones are refused before
+_KINDS = ("JointModelR", _SLIDE)
 TURN = np.pi  # [rad] to either side, within which motion of a joint without ends is planned
 
 
 @dataclass(frozen=True)
 class Chain:
-    """The revolute joints of an arm; all others are locked where they are neutral."""
+    """The joints of an arm that turn or slide; all others are locked where they are neutral."""
 
     model: pin.Model
     locked: tuple[str, ...]  # names of joints
     turning: tuple[str, ...]  # names of the revolute joints without ends
+    sliding: tuple[bool, ...]  # (n,)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -45,7 +48,7 @@ def read_chain(description: RobotDescription) -> Chain:
         description: As read.
 
     Raises:
-        ConfigError: It is no URDF, or has no revolute joint.
+        ConfigError: It is no URDF, or has no joint that turns or slides.
     """
     path = description.path
     text, turning = _with_ends(description)
@@ -57,12 +60,14 @@ def read_chain(description: RobotDescription) -> Chain:
     locked = [
         index
         for index in range(1, full.njoints)
-        if not full.joints[index].shortname().startswith("JointModelR")
+        if not full.joints[index].shortname().startswith(_KINDS)
     ]
     names = tuple(full.names[index].removesuffix(_JOINT) for index in locked)
     if len(locked) == full.njoints - 1:
-        raise ConfigError("has no revolute joint", path=path)
-    return Chain(pin.buildReducedModel(full, locked, pin.neutral(full)), names, turning)
+        raise ConfigError("has no joint that turns or slides", path=path)
+    model = pin.buildReducedModel(full, locked, pin.neutral(full))
+    sliding = tuple(joint.shortname().startswith(_SLIDE) for joint in list(model.joints)[1:])
+    return Chain(model, names, turning, sliding)
 
 
 def link_of_joint(model: pin.Model, joint: int) -> str:

@@ -51,6 +51,8 @@ class RobotDescription:
         gravity: In the frame of the base [m/s²].
         shifts: From the frame of each body of the file to that of the link here, by name [m].
         servos: Position servos, by the joint that they move.
+        hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
+            box; by name of the link and number of the shape on it, `hand_0`.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
     """
 
@@ -60,6 +62,7 @@ class RobotDescription:
     dynamics: dict[str, JointDynamics] = field(default_factory=dict)
     gravity: tuple[float, float, float] = DOWN
     shifts: dict[str, FloatArray] = field(default_factory=dict)
+    hulls: dict[str, FloatArray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     servos: dict[str, StatedServo] = field(default_factory=dict)
 

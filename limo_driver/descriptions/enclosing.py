@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from limo_driver.types import FloatArray
 
 _WIDER: Final = np.linspace(1.0, 1.6, 13)  # radii that are tried, in the least there can be
@@ -33,12 +35,12 @@ def enclosing_capsule(points: FloatArray) -> Enclosing:
     middle = points.mean(axis=0)
     _, _, own = np.linalg.svd(points - middle, full_matrices=False)
     best, least = None, np.inf
-    for axis, wider in product((*np.eye(3), *own), _WIDER):
-        found = _along(points - middle, axis, float(wider))
-        length = float(np.linalg.norm(found.end - found.start))
-        volume = np.pi * found.radius**2 * (length + 4 / 3 * found.radius)
-        if volume < least:
-            best, least = found, volume
+    for axis in (*np.eye(3), *own):
+        for found in _along(points - middle, axis):
+            length = float(np.linalg.norm(found.end - found.start))
+            volume = np.pi * found.radius**2 * (length + 4 / 3 * found.radius)
+            if volume < least:
+                best, least = found, volume
     assert best is not None  # noqa: S101  # there are axes
     return Enclosing(middle + best.start, middle + best.end, best.radius)
 
@@ -52,18 +54,19 @@ def box_corners(size: FloatArray) -> FloatArray:
     return np.array(list(product((-0.5, 0.5), repeat=3))) * size
 
 
-def _along(points: FloatArray, axis: FloatArray, wider: float) -> Enclosing:
+def _along(points: FloatArray, axis: FloatArray) -> Iterator[Enclosing]:
+    """Yield capsules along an axis around points, (K, 3), from the thinnest on."""
     across = np.linalg.svd(axis[None])[2][1:]  # two directions at right angles to it
     flat, along = points @ across.T, points @ axis
     centre = _centre(flat)
     distance = np.linalg.norm(flat - centre, axis=1)
-    radius = wider * float(distance.max())
-    reach = np.sqrt(np.maximum(radius**2 - distance**2, 0.0))
-    low, high = float((along + reach).min()), float((along - reach).max())
-    if low > high:
-        low = high = (low + high) / 2
     base = centre @ across
-    return Enclosing(base + low * axis, base + high * axis, radius)
+    for radius in (_WIDER * float(distance.max())).tolist():
+        reach = np.sqrt(np.maximum(radius**2 - distance**2, 0.0))
+        low, high = float((along + reach).min()), float((along - reach).max())
+        if low > high:
+            low = high = (low + high) / 2
+        yield Enclosing(base + low * axis, base + high * axis, radius)
 
 
 def _centre(flat: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
+_ROOM: Final = 1.0  # [m] to either side of a joint that slides, where no range is stated
 _FEWEST: Final = 2  # arms, of which one has to be chosen
 
 
@@ -47,6 +48,7 @@ def read_mjcf(path: Path) -> RobotDescription:
         writer.dynamics,
         tuple(np.array(model.opt.gravity).tolist()),  # type: ignore[arg-type]  # three
         writer.shifts,
+        writer.hulls,
         tuple(_left_aside(model, root) + writer.notes),
         _servos(model),
     )
@@ -167,6 +169,7 @@ class _Writer:
         self.robot = ET.Element("robot", name=Path(_body_name(model, root)).stem)
         self.dynamics: dict[str, JointDynamics] = {}
         self.shifts: dict[str, FloatArray] = {}
+        self.hulls: dict[str, FloatArray] = {}
         self.notes: list[str] = []
         ET.SubElement(self.robot, "link", name="world")
 
@@ -222,10 +225,13 @@ class _Writer:
         ET.SubElement(element, "parent", link=parent)
         ET.SubElement(element, "child", link=name)
         ET.SubElement(element, "axis", xyz=numbers(axis))
-        low, high = model.jnt_range[joint] if limited else (-np.inf, np.inf)
-        bounds = {"lower": repr(float(low)), "upper": repr(float(high))} if limited else {}
+        low, high = model.jnt_range[joint] if limited else (-_ROOM, _ROOM)
+        bounds = {"lower": repr(float(low)), "upper": repr(float(high))}
+        if kind == SLIDE and not limited:
+            self.notes.append(f"joint {title} states no range; {_ROOM:g} m to either side is taken")
+        kept = bounds if said != "continuous" else {}
         effort = repr(_effort(model, joint))
-        ET.SubElement(element, "limit", {**bounds, "effort": effort, "velocity": "0"})
+        ET.SubElement(element, "limit", {**kept, "effort": effort, "velocity": "0"})
         self.dynamics[title] = _dynamics(model, joint)
 
     def _fixed(self, title: str, parent: str, child: str, place: FloatArray, R: FloatArray) -> None:
@@ -260,7 +266,7 @@ class _Writer:
         ET.SubElement(element, "inertia", dict(zip(keys, map(repr, entries), strict=True)))
 
     def _shapes(self, link: ET.Element, body: int, anchor: FloatArray) -> None:
-        """Write collision shapes; a mesh as the box around it."""
+        """Write collision shapes; a mesh as the box around it, beside its corners."""
         model = self.model
         for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
             if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
@@ -270,7 +276,10 @@ class _Writer:
                 continue
             place, R = np.array(model.geom_pos[geom]), _matrix(model.geom_quat[geom])
             if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH):
-                place = place + R @ np.array(model.geom_aabb[geom][:3])
+                middle = np.array(model.geom_aabb[geom][:3])
+                place = place + R @ middle
+                number = len(link.findall("collision"))
+                self.hulls[f"{link.get('name')}_{number}"] = _vertices(model, geom) - middle
             collision = ET.SubElement(link, "collision")
             _place(collision, place - anchor, R)
             ET.SubElement(collision, "geometry").append(shape)
@@ -291,6 +300,13 @@ def _shape(model: Any, geom: int) -> ET.Element | None:  # noqa: ANN401
     if kind in {int(kinds.mjGEOM_MESH), int(kinds.mjGEOM_ELLIPSOID)}:
         return ET.Element("box", size=numbers(2 * np.array(model.geom_aabb[geom][3:])))
     return None
+
+
+def _vertices(model: Any, geom: int) -> FloatArray:  # noqa: ANN401
+    """Return the vertices of a mesh in the frame of its geom, (K, 3) [m]."""
+    mesh = int(model.geom_dataid[geom])
+    first, many = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    return np.array(model.mesh_vert[first : first + many], dtype=np.float64)
 
 
 def _effort(model: Any, joint: int) -> float:  # noqa: ANN401

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-_MOVABLE: Final = ("revolute", "continuous", "prismatic")
+_TURNING: Final = ("revolute", "continuous")
+_SLIDING: Final = "prismatic"
+_MOVABLE: Final = (*_TURNING, _SLIDING)
 _NUMBERS: Final = {
     "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
     "joint": ("origin", "axis", "limit"),
@@ -64,7 +66,8 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
         stated = joint.find("dynamics")
         if stated is not None:
             dynamics[str(joint.get("name"))] = JointDynamics(
-                friction=_number(stated, "friction", path), damping=_number(stated, "damping", path)
+                friction=_number(stated, "friction", path, least=0.0),
+                damping=_number(stated, "damping", path, least=0.0),
             )
     return RobotDescription(root, path, "URDF", dynamics)
 
@@ -107,45 +110,108 @@ def _check_element(owner: str, element: ET.Element, path: Path) -> None:
                 )
 
 
-def _number(element: ET.Element, name: str, path: Path) -> float:
-    text = element.get(name, "0")
+def _number(
+    element: ET.Element, name: str, path: Path, default: str = "0", least: float = -np.inf
+) -> float:
+    text = element.get(name, default)
     try:
         value = float(text)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value) or value < 0:
-        raise ConfigError(f"<{element.tag}> has {name}={text!r}, expected 0 or more", path=path)
+    if not np.isfinite(value) or value < least:
+        expected = "a finite number" if np.isinf(least) else f"{least:g} or more"
+        raise ConfigError(f"<{element.tag}> has {name}={text!r}, expected {expected}", path=path)
     return value
 
 
 def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
-    """Fix the joints that are not chosen, and those that only follow others."""
-    positions = {
-        name.strip(): value for name, mark, value in (x.partition("=") for x in joints) if mark
-    }
-    patterns = [pattern for pattern in joints if "=" not in pattern]
+    """Fix the joints that are not chosen, those of grippers, and those that only follow others."""
     movable = {
         str(joint.get("name")): joint
         for joint in found.root.findall("joint")
         if joint.get("type") in _MOVABLE
     }
-    for name in positions:
-        if name not in movable:
-            raise ConfigError(_unknown(name, list(movable)), path=found.path)
+    patterns = [pattern for pattern in joints if "=" not in pattern]
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in movable):
             raise ConfigError(_unknown(pattern, list(movable)), path=found.path)
+    held = _held(joints, list(movable), found.path)
+    wanted = [
+        name
+        for name, joint in movable.items()
+        if (not patterns or any(fnmatchcase(name, pattern) for pattern in patterns))
+        and name not in held
+        and joint.find("mimic") is None
+    ]
+    gripping = frozenset[str]() if patterns else _grippers(found.root, wanted)
+    moving = set(wanted) - gripping
     notes = list(found.notes)
     for name, joint in movable.items():
-        wanted = not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)
-        mimic = joint.find("mimic")
-        if wanted and name not in positions and mimic is None:
+        if name in moving:
             continue
-        at = _position(positions.get(name, "0"), name, found.path)
-        why = f", which follows {mimic.get('joint')}" if mimic is not None else ""
+        at, why = held.get(name, 0.0), ""
+        mimic = joint.find("mimic")
+        if mimic is not None and name not in held:
+            leader = str(mimic.get("joint"))
+            if leader in moving:
+                raise ConfigError(
+                    f"joint {name} follows {leader}, which moves: lock one of both, as "
+                    f"`#{name}=0` does",
+                    path=found.path,
+                )
+            offset, factor = (
+                _number(mimic, key, found.path, default)
+                for key, default in (("offset", "0"), ("multiplier", "1"))
+            )
+            at, why = offset + factor * held.get(leader, 0.0), f", which follows {leader},"
+        elif name in gripping:
+            why = ", at the end of which none turns,"
         notes.append(f"joint {name}{why} is locked at {at:g}; what it carries is lumped")
         _fix(joint, at)
     return replace(found, notes=tuple(notes))
+
+
+def _held(joints: Sequence[str], known: list[str], path: Path) -> dict[str, float]:
+    """Return the positions [rad, m] of the joints that are to be locked at some."""
+    held: dict[str, float] = {}
+    for name, mark, text in (joint.partition("=") for joint in joints):
+        if mark:
+            if name.strip() not in known:
+                raise ConfigError(_unknown(name.strip(), known), path=path)
+            held[name.strip()] = _position(text, name.strip(), path)
+    return held
+
+
+def _grippers(root: ET.Element, wanted: list[str]) -> frozenset[str]:
+    """Return the joints that slide or lead others, and carry none that turns on its own.
+
+    None, if nothing else is left that moves.
+    """
+    children: dict[str, list[ET.Element]] = {}
+    for joint in root.findall("joint"):
+        children.setdefault(_end(joint, "parent"), []).append(joint)
+    leaders = {str(mimic.get("joint")) for mimic in root.iterfind("joint/mimic")}
+
+    def turns_beyond(joint: ET.Element) -> bool:
+        return any(
+            (beyond.get("type") in _TURNING and beyond.find("mimic") is None)
+            or turns_beyond(beyond)
+            for beyond in children.get(_end(joint, "child"), [])
+        )
+
+    found = frozenset(
+        str(joint.get("name"))
+        for joint in root.findall("joint")
+        if joint.get("name") in wanted
+        and (joint.get("type") == _SLIDING or joint.get("name") in leaders)
+        and not turns_beyond(joint)
+    )
+    return found if set(wanted) - found else frozenset()
+
+
+def _end(joint: ET.Element, which: str) -> str:
+    element = joint.find(which)
+    return "" if element is None else str(element.get("link"))
 
 
 def _unknown(name: str, known: list[str]) -> str:
@@ -178,7 +244,7 @@ def _fix(joint: ET.Element, at: float) -> None:
         origin = ET.SubElement(joint, "origin")
     place = _vector(origin.get("xyz", "0 0 0"))
     rotation = rotation_of(_vector(origin.get("rpy", "0 0 0")))
-    if kind == "prismatic":
+    if kind == _SLIDING:
         place = place + rotation @ axis * at
     else:
         rotation = rotation @ turned(axis, at)

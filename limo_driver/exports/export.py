@@ -14,7 +14,7 @@ from limo_driver.descriptions.description import DOWN
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
 from limo_driver.exports.joints import sharp
-from limo_driver.exports.mjcf import assets_of, edited_mjcf, rubs_anew
+from limo_driver.exports.mjcf import FIRMNESS, assets_of, edited_mjcf, rubs_anew
 from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders
 from limo_driver.exports.target import target_of
@@ -106,12 +106,15 @@ def write(
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
     _write_texts(texts, places)
     error, torque = errors(places[0], kind, expressed, on)
-    if kind == "mjcf":
+    firm = dict[int, str]()
+    for firmness in FIRMNESS if kind == "mjcf" else ():
         unproven = {j for j in range(len(error)) if error[j] > PROVEN * torque[j]}
-        if firm := unproven & rubs_anew(target):
-            texts = edited_mjcf(target, firm)
-            _write_texts(texts, places)
-            error, torque = errors(places[0], kind, expressed, on)
+        if not (soft := unproven & rubs_anew(target)):
+            break
+        firm |= dict.fromkeys(soft, firmness)
+        texts = edited_mjcf(target, firm)
+        _write_texts(texts, places)
+        error, torque = errors(places[0], kind, expressed, on)
     diff = "".join(_diff(text, place) for text, place in zip(texts, places, strict=True))
     files = (*places, *copied)
     names = simulation.model.joint_names

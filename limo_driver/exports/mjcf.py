@@ -15,7 +15,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.exports.xml_edits import Element, XmlText
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from limo_driver.exports.target import Target
@@ -24,17 +24,20 @@ if TYPE_CHECKING:
 
 _SAME: Final = 1e-9  # relative
 _TURNED: Final = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "diaginertia")
-_FIRM: Final = "0.999 0.999"  # of the constraint; 0.9 if nothing is said
+# Of the constraint that is dry friction, from soft to the firmest that MuJoCo allows; 0.9 and 20 ms
+# if nothing is said. It may not answer quicker than in two steps.
+FIRMNESS: Final = ("0.999 0.999", "0.9999 0.9999")
+_QUICK_STEPS: Final = 2
 _SMALLEST: Final = 1e-10  # [kg m²], of a payload that is a point: MuJoCo wants some inertia
 
 
-def edited_mjcf(target: Target, firm: Collection[int] = ()) -> tuple[XmlText, ...]:
+def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[XmlText, ...]:
     """Return the texts of an MJCF file and its includes, with the edits in them.
 
     Args:
         target: What has to change.
-        firm: Joints (0-based) whose dry friction MuJoCo would make too soft: it gives way at low
-            speed by as much as the joint is light.
+        firm: Of joints (0-based) whose dry friction MuJoCo would make too soft, one of `FIRMNESS`:
+            it gives way at low speed by as much as the joint is light.
 
     Raises:
         ConfigError: A body or joint that changes has no name, or the file states no inertias.
@@ -47,8 +50,11 @@ def edited_mjcf(target: Target, firm: Collection[int] = ()) -> tuple[XmlText, ..
     for j, name in enumerate(target.model.joint_names):
         stated = target.model.description.dynamics.get(name, JointDynamics())
         values = _joint_values(stated, target.split.joints[j], degrees=bool(spec.compiler.degree))
-        if j in firm:
-            values["solimpfriction"] = _FIRM
+        if firm and j in firm:
+            values["solimpfriction"] = firm[j]
+            if firm[j] == FIRMNESS[-1]:
+                quick = _QUICK_STEPS * float(spec.option.timestep)
+                values["solreffriction"] = _numbers(quick, 1.0)
         if values:
             text, element = _found(texts, "joint", name, into)
             for attribute, value in values.items():

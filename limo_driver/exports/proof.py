@@ -39,7 +39,10 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
         bits.mjDSBL_CONTACT | bits.mjDSBL_LIMIT | bits.mjDSBL_EQUALITY | bits.mjDSBL_ACTUATION
     )
     data = mujoco.MjData(model)
+    there = {model.joint(k).name for k in range(model.njnt)}
     for name, value in locked.items():
+        if name not in there:
+            continue  # the file was made of a robot on which it is fixed
         data.qpos[model.joint(name).qposadr[0]] = value
     positions = np.array([model.joint(name).qposadr[0] for name in joints])
     velocities = np.array([model.joint(name).dofadr[0] for name in joints])
@@ -66,12 +69,11 @@ def torque_in_pinocchio(
     """
     import pinocchio as pin
 
-    full = pin.buildModelFromUrdf(str(path))
-    q0 = pin.neutral(full)
-    for name, value in locked.items():
-        q0[full.joints[full.getJointId(name)].idx_q] = value
-    moving = {full.getJointId(name) for name in joints}
-    model = pin.buildReducedModel(full, [k for k in range(1, full.njoints) if k not in moving], q0)
+    from limo_driver.descriptions.chain import read_chain
+    from limo_driver.descriptions.reading import read_description
+
+    held = [f"{name}={value!r}" for name, value in locked.items()]
+    model = read_chain(read_description(path, [*joints, *held])).model
     data = model.createData()
     torque = np.array(
         [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _ROWS: Final = 1500  # that are looked at
+_ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 _ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
@@ -35,7 +36,7 @@ class Reading:
 
 
 def position_reading(position: FloatArray, torque: FloatArray | None, model: RobotModel) -> Reading:
-    """Say whether positions are in radians or degrees, joint by joint.
+    """Say whether positions are in radians or degrees, joint by joint; or in m or mm, of slides.
 
     Args:
         position: (T, n) as the log has them, each with sign and zero of the robot.
@@ -45,9 +46,31 @@ def position_reading(position: FloatArray, torque: FloatArray | None, model: Rob
     rows = _rows(position, torque)
     position = position[rows]
     torque = None if torque is None else torque[rows]
-    n = model.n
+    slides = _slides(position, model)
+    # as if in rad: nothing else is open of joints that slide
+    position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
+    found = _turns(position, torque, model)
+    units = tuple(own or unit for own, unit in zip(slides, found.units, strict=True))
+    return replace(found, units=units)
+
+
+def _slides(position: FloatArray, model: RobotModel) -> tuple[str, ...]:
+    """Return the units of the joints that slide; nothing for the others."""
+    limits = model.limits
+    furthest = np.maximum(np.abs(limits.position_min), np.abs(limits.position_max)) + _ROOM
+    metres = np.nanquantile(np.abs(position), 0.998, axis=0) < furthest
+    return tuple(
+        ("m" if small else "mm") if slides else ""
+        for slides, small in zip(model.sliding, metres.tolist(), strict=True)
+    )
+
+
+def _turns(position: FloatArray, torque: FloatArray | None, model: RobotModel) -> Reading:
+    """Say whether positions (T, n) of the joints that turn are in radians or degrees."""
+    n, slides = model.n, np.array(model.sliding)
     possible = {
-        unit: _possible(position * UNITS["position"][unit], model) for unit in ("rad", "deg")
+        unit: _possible(position * UNITS["position"][unit], model) | slides
+        for unit in ("rad", "deg")
     }
     uniform = [unit for unit, fits in possible.items() if fits.all()]
     cost = _Gravity(model, torque)
@@ -84,18 +107,24 @@ def _unless_mixed(
     apart = tuple("rad" if fits else "deg" for fits in possible["rad"])
     best, least = _flipped(position, units, possible, cost)
     other, its = _flipped(position, apart, possible, cost)
-    mixed = len(set(best)) > 1  # then those of which nothing tells are as likely in rad
+    mixed = _differ(best, cost.model)  # then those of which nothing tells are as likely in rad
     if its < least + (_DECISIVE if mixed else -_DECISIVE):
         best = other
-    if len(set(best)) == 1:
+    if not _differ(best, cost.model):
         return Reading(best, why)
-    in_degrees = [j + 1 for j, unit in enumerate(best) if unit == "deg"]
+    slides = cost.model.sliding
+    in_degrees = [j + 1 for j, unit in enumerate(best) if unit == "deg" and not slides[j]]
     listed = ", ".join(map(str, in_degrees))
     return Reading(
         best,
         f"joints {listed} read as degrees, the others as radians",
         f"position: the columns of joints {listed} fit degrees only, others radians: is that so?",
     )
+
+
+def _differ(units: tuple[str, ...], model: RobotModel) -> bool:
+    """Say whether the joints that turn are read in more than one unit."""
+    return len({unit for unit, slides in zip(units, model.sliding, strict=True) if not slides}) > 1
 
 
 def _flipped(
@@ -106,7 +135,9 @@ def _flipped(
     for j, unit in enumerate(units):
         other = "deg" if unit == "rad" else "rad"
         flipped = (*units[:j], other, *units[j + 1 :])
-        if possible[other][j] and (left := cost.of(position, flipped)) < least - _DECISIVE:
+        if cost.model.sliding[j] or not possible[other][j]:
+            continue
+        if (left := cost.of(position, flipped)) < least - _DECISIVE:
             units, least = flipped, left
     return units, least
 
@@ -168,7 +199,8 @@ class _Gravity:
         """Return the sum over joints of log(torque that gravity leaves / torque)."""
         if self.torque is None:
             return 0.0
-        scale = [UNITS["position"][unit] for unit in units]
+        slides = self.model.sliding
+        scale = np.where(slides, 1.0, [UNITS["position"][unit] for unit in units])
         load = self.model.gravity_torque(position * scale)
         left = 0.0
         for own, gravity, angle in zip(self.torque.T, load.T, position.T, strict=True):

@@ -107,7 +107,7 @@ def _line(a: FloatArray, b: FloatArray, stroke: str, width: float) -> str:
 
 
 def _ring(view: ArmView, seen: _Camera, pose: FloatArray, j: int, colour: str) -> str:
-    axis = view.chain.axis[j]
+    axis = view.chain.direction[j]
     first = np.linalg.svd(axis[None])[2][1:]
     turn = np.linspace(0, 2 * np.pi, 37)[:, None]
     circle = view.rings[j] * (np.cos(turn) * first[0] + np.sin(turn) * first[1])

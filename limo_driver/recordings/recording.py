@@ -518,10 +518,11 @@ class Recording(Displayed):
         j = int(beyond.argmax())
         if beyond[j] > BEYOND_LIMIT:
             low, high = float(self.position[:, j].min()), float(self.position[:, j].max())
+            unit, other = ("m", "mm") if model.sliding[j] else ("rad", "degrees")
             raise RecordingError(
-                f"position_{j + 1} spans {low:.3g} to {high:.3g} rad, but joint {j + 1} of "
+                f"position_{j + 1} spans {low:.3g} to {high:.3g} {unit}, but joint {j + 1} of "
                 f"{model.name} only {model.limits.position_min[j]:.3g} to "
-                f"{model.limits.position_max[j]:.3g} rad; is it in degrees, or another robot?",
+                f"{model.limits.position_max[j]:.3g} {unit}; is it in {other}, or another robot?",
                 path=self.source or None,
             )
         self._check_torque_scale(model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from limo_driver.kinematics import KinematicChain
+from limo_driver.model import RobotModel
 from limopa import Feasibility, Surroundings, Workspace
 from limopa.capsules import segment_distance
 
@@ -28,7 +30,7 @@ def test_segment_distance_is_the_least_over_both_segments(p1, q1, p2, q2):
     assert found >= brute - step
 
 
-@pytest.mark.parametrize("name", ["iiwa", "panda"])
+@pytest.mark.parametrize("name", ["iiwa", "panda", "tiago"])
 def test_batched_kinematics_equal_pinocchio(name, request):
     model = request.getfixturevalue(name)
     limits = model.limits
@@ -62,6 +64,46 @@ class _Peer:
     def gap(self, position):
         pin.computeDistances(self.model, self.data, self.geometry, self.found, position)
         return min(result.min_distance for result in self.found.distanceResults)
+
+
+def test_hulls_of_meshes_are_as_far_apart_as_pinocchio_says(tmp_path):
+    """Three boxes as meshes, of which the last turns about the first: an exact peer for hulls."""
+    corners = " ".join(f"{x} {y} {z}" for x in (0, 0.1) for y in (0, 0.02) for z in (0, 0.3))
+    body = '<geom type="mesh" mesh="bar"/>'
+    (tmp_path / "arm.xml").write_text(
+        f"""<mujoco><compiler angle="radian"/><asset><mesh name="bar" vertex="{corners}"/></asset>
+        <worldbody><body name="a"><joint name="j1" axis="0 0 1" range="-3 3"/>{body}
+        <body name="b" pos="0 0 0.3"><joint name="j2" axis="0 1 0" range="-3 3"/>{body}
+        <body name="c" pos="0 0 0.3"><joint name="j3" axis="0 1 0" range="-3 3"/>{body}
+        </body></body></body></worldbody></mujoco>"""
+    )
+    arm = RobotModel.load(tmp_path / "arm.xml")
+    feasibility = Feasibility(arm, Surroundings(joint_margin=0, table_height=-5), Workspace())
+    boxes = pin.GeometryModel()
+    for joint in (1, 3):
+        middle = pin.SE3(np.eye(3), np.array([0.05, 0.01, 0.15]))
+        box = coal.Box(0.1, 0.02, 0.3)
+        boxes.addGeometryObject(pin.GeometryObject(f"box{joint}", joint, middle, box))
+    boxes.addCollisionPair(pin.CollisionPair(0, 1))
+    data, found = arm.pin_model.createData(), boxes.createData()
+    positions = np.random.default_rng(0).uniform(-3, 3, (500, 3))
+    theirs = []
+    for q in positions:
+        pin.computeDistances(arm.pin_model, data, boxes, found, q)
+        theirs.append(found.distanceResults[0].min_distance)
+    collides = feasibility.check(positions).broken["self-collision"]
+    decided = np.abs(np.array(theirs) - 0.02) > 1e-5
+    assert 20 < collides.sum() < 480
+    np.testing.assert_array_equal(collides[decided], (np.array(theirs) < 0.02)[decided])
+
+
+def test_heights_over_the_table_are_those_of_the_shapes(ur5):
+    """A capsule around the upper arm of a UR5 reaches below the table that the arm stands on."""
+    feasibility = Feasibility(ur5, Surroundings(), Workspace())
+    upright = np.radians([[0, -90, 0, -90, 0, 0]])
+    assert feasibility.check(upright).conditions() == ()
+    lying = np.radians([[0, 5, 0, 0, 0, 0]])
+    assert "table" in feasibility.check(lying).conditions()
 
 
 def test_self_collision_agrees_with_pinocchio(iiwa):

@@ -63,7 +63,8 @@ class ArmScene {
       const R = rotation[j], p = translation[j];
       frame.userData.home = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().set(
         ...R[0], 0, ...R[1], 0, ...R[2], 0, 0, 0, 0, 1));
-      frame.position.set(...p);
+      frame.userData.place = new THREE.Vector3(...p);
+      frame.position.copy(frame.userData.place);
       (parent[j] < 0 ? root : frames[parent[j]]).add(frame);
     });
     const at = (joint) => (joint < 0 ? root : frames[joint]);
@@ -107,8 +108,11 @@ class ArmScene {
 
   turn(body, position) {
     body.frames.forEach((frame, j) => {
-      const turned = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(...this.arm.axis[j]), position[j]);
-      frame.quaternion.copy(frame.userData.home).multiply(turned);
+      const axis = new THREE.Vector3(...this.arm.axis[j]), { home, place } = frame.userData;
+      frame.quaternion.copy(home);
+      frame.position.copy(place);
+      if (this.arm.slides[j]) frame.position.add(axis.multiplyScalar(position[j]).applyQuaternion(home));
+      else frame.quaternion.multiply(new THREE.Quaternion().setFromAxisAngle(axis, position[j]));
     });
     body.root.updateMatrixWorld(true);
   }

@@ -41,6 +41,26 @@ def planar(two_links_urdf):
     return RobotModel.load(two_links_urdf)
 
 
+@pytest.fixture(scope="module")
+def rail(tmp_path_factory):
+    """An arm whose first and third of five joints slide, along skew axes."""
+    slide = '<limit lower="-3" upper="3" effort="300" velocity="1"/>'
+    links = "".join(
+        f'<link name="l{k}"><inertial><origin xyz="0.1 {0.1 * k} 0.2"/><mass value="{1 + k}"/>'
+        '<inertia ixx="0.1" ixy="0.02" ixz="0" iyy="0.2" iyz="0.01" izz="0.15"/></inertial></link>'
+        for k in range(6)
+    )
+    joints = "".join(
+        f'<joint name="j{k}" type="{"revolute" if k % 2 or k > 2 else "prismatic"}">'
+        f'<origin xyz="0.2 0.1 0.3" rpy="0.{k} 0.3 0.5"/><parent link="l{k}"/>'
+        f'<child link="l{k + 1}"/><axis xyz="{k} 1 {2 - k}"/>{slide}</joint>'
+        for k in range(5)
+    )
+    path = tmp_path_factory.mktemp("rail") / "rail.urdf"
+    path.write_text(f'<robot name="rail">{links}{joints}</robot>')
+    return RobotModel.load(path)
+
+
 def sinusoids(n, T, seed, largest=0.5):
     random = np.random.default_rng(seed)
     t = np.arange(T) / RATE
@@ -91,7 +111,7 @@ FRICTION = tuple(
 )
 
 
-@pytest.mark.parametrize("robot", ["iiwa", "planar"])
+@pytest.mark.parametrize("robot", ["iiwa", "planar", "rail"])
 def test_regressor_agrees_with_pinocchio(robot, request):
     model = request.getfixturevalue(robot)
     random = np.random.default_rng(0)
@@ -126,6 +146,14 @@ def test_base_parameters_predict_what_full_parameters_do(iiwa):
     Y = RegressorChain.of(iiwa).regressor(sinusoids(7, 30, 2))
     assert np.abs(Y @ difference[:70]).max() < 1e-9 * np.abs(Y).max()
     np.testing.assert_allclose(difference[70:], 0, atol=1e-9)
+
+
+def test_a_rail_is_identified_in_newtons(rail):
+    friction = (CoulombFriction(joint=1, tau_c=3.0, v_eps=0.01), ViscousFriction(joint=3, f_v=20.0))
+    found = identify(rail, [record(Simulation(str(rail.urdf), friction))]).simulation
+    by_place = {effect.place: effect for effect in found.effects}
+    assert by_place["coulomb_friction, joint 1"].tau_c == pytest.approx(3.0, abs=0.1)
+    assert by_place["viscous_friction, joint 3"].f_v == pytest.approx(20.0, abs=0.5)
 
 
 def test_estimator_reaches_the_noise_on_other_motion():
@@ -406,12 +434,14 @@ def test_bad_requests_are_refused(iiwa):
         identify(iiwa, [rest], PAPER, Rows(moving_only=True))
 
 
-def test_newton_and_euler_agree_with_pinocchio(iiwa: RobotModel) -> None:
-    random, chain = np.random.default_rng(5), RegressorChain.of(iiwa)
-    parameters, torque = link_parameters(iiwa), np.empty(7)
+@pytest.mark.parametrize("robot", ["iiwa", "rail"])
+def test_newton_and_euler_agree_with_pinocchio(robot, request):
+    model = request.getfixturevalue(robot)
+    random, chain = np.random.default_rng(5), RegressorChain.of(model)
+    parameters, torque = link_parameters(model), np.empty(model.n)
     arm = (chain.rotation, chain.translation, chain.axis, chain.gravity, parameters)
     for _ in range(20):
-        q, v, a = random.uniform(-2.5, 2.5, (3, 7))
+        q, v, a = random.uniform(-2.5, 2.5, (3, model.n))
         inverse_dynamics(*arm, q, v, a, torque)
-        expected = iiwa.inverse_dynamics(q[None], v[None], a[None])[0]
+        expected = model.inverse_dynamics(q[None], v[None], a[None])[0]
         np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-11)

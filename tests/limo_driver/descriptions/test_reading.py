@@ -105,7 +105,19 @@ def test_bodies_without_inertia_have_that_of_their_shapes(file):
 def test_links_and_joints_may_share_a_name_and_a_finger_is_locked_and_said_so(file):
     model = RobotModel.load(file(URDF, "arm.urdf"))
     assert model.joint_names == ("shoulder", "hand")
-    assert model.locked_joints == ("finger_slide",)
+    assert model.notes[0].startswith("joint finger_slide, at the end of which none turns, is lock")
+
+
+def test_a_slide_that_is_chosen_or_carries_the_arm_moves(file):
+    path = file(URDF, "arm.urdf")
+    chosen = RobotModel.load(f"{path}#*")
+    assert chosen.joint_names == ("shoulder", "hand", "finger_slide")
+    assert chosen.sliding == (False, False, True)
+    assert "joint finger_slide slides: its positions are in m" in chosen.notes[-1]
+    rail = URDF.replace('name="shoulder" type="revolute"', 'name="shoulder" type="prismatic"')
+    assert RobotModel.load(file(rail, "rail.urdf")).sliding == (True, False)
+    with_force = chosen.gravity_torque(np.array([[0.0, np.pi / 2, 0.0]]))
+    assert with_force[0, 2] == pytest.approx(0.1 * 9.81)  # N, to hold the finger up
 
 
 def test_chosen_joints_move_and_all_others_are_locked_where_stated(file):
@@ -130,16 +142,23 @@ def test_the_choice_of_joints_survives_a_sim_yaml(file, tmp_path):
     assert Simulation.load(tmp_path / "sim.yaml").model.joint_names == ("shoulder",)
 
 
-def test_joints_that_follow_others_are_locked_and_said_so(file):
-    text = URDF.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="shoulder"/>')
-    model = RobotModel.load(file(text, "arm.urdf"))
+def test_joints_that_follow_others_are_locked_where_those_put_them(file):
+    mimic = '<axis xyz="0 1 0"/><mimic joint="hand" multiplier="0.1" offset="0.02"/>'
+    at = URDF.rindex('<axis xyz="0 1 0"/>')
+    text = URDF[:at] + mimic + URDF[at + len('<axis xyz="0 1 0"/>') :]
+    model = RobotModel.load(file(text, "arm.urdf"))  # the hand leads a finger: a gripper's
     assert model.joint_names == ("shoulder",)
-    assert "joint hand, which follows shoulder is locked at 0" in model.notes[0]
+    model = RobotModel.load(f"{model.urdf}#shoulder,hand=0.5")
+    assert "joint finger_slide, which follows hand, is locked at 0.07; what it" in model.notes[1]
+    apart = RobotModel.load(f"{file(URDF, 'other.urdf')}#shoulder,hand=0.5,finger_slide=0.07")
+    assert model.inertials == apart.inertials
+    with pytest.raises(ConfigError, match="finger_slide follows hand, which moves: lock one of"):
+        RobotModel.load(f"{model.urdf}#shoulder,hand")
 
 
 def test_limits_that_are_not_stated_are_named(file):
     model = RobotModel.load(file(arm_of(1)))
-    assert "state no velocity limit; 1 rad/s is taken" in model.notes[-1]
+    assert "state no velocity limit; 1 rad/s is taken, 0.25 m/s of slides" in model.notes[-1]
     assert model.limits.torque.tolist() == [80.0] * 4
 
 

@@ -1,4 +1,4 @@
-"""Every kind of log with every kind of robot, as the tables of docs/your_data.md say."""
+"""Every kind of log with every kind of robot, as the table of docs/your_data.md says."""
 
 from __future__ import annotations
 
@@ -15,29 +15,17 @@ from logged import written
 from mjcf_arms import arm_of
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from tables import rows_of
 
 import limo_driver as limo
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
 from limo_driver.types import Motion
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "your_data.md"
 ROBOTS = ("iiwa14", "panda.urdf", "model.xml")
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 JointState = STORE.types["sensor_msgs/msg/JointState"]
 Header = STORE.types["std_msgs/msg/Header"]
 Stamp = STORE.types["builtin_interfaces/msg/Time"]
-
-
-def rows_of(heading):
-    """Rows of the table of the document whose first heading is this one, without it."""
-    lines = DOCUMENT.read_text(encoding="utf-8").splitlines()
-    start = next(k for k, line in enumerate(lines) if line.startswith(f"| {heading} |"))
-    table = []
-    for line in lines[start:]:
-        if not line.startswith("|"):
-            break
-        table.append([cell.strip() for cell in line.strip("|").split("|")])
-    return table[0], table[2:]
 
 
 @pytest.fixture(scope="module")
@@ -156,15 +144,11 @@ KINDS = {
 }
 
 
-def test_the_tables_are_those_of_the_document():
+def test_the_table_is_that_of_the_document():
     heading, logs = rows_of("log")
     assert tuple(heading[1:]) == ROBOTS
     assert [row[0] for row in logs] == list(KINDS)
     assert {cell for row in logs for cell in row[1:]} == {"yes"}
-    heading, by_robot = rows_of("robot")
-    assert heading[1:] == ["runs", "identifies", "diagnoses", "exports"]
-    assert [row[0] for row in by_robot] == list(ROBOTS)
-    assert {tuple(row[1:]) for row in by_robot} == {("yes", "yes", "yes", "mjcf, urdf")}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -178,23 +162,3 @@ def test_a_log_is_read_as_what_was_measured(kind, robot, robots, tmp_path):
     np.testing.assert_allclose(recording.position, q, atol=1e-6)
     np.testing.assert_allclose(recording.torque, torque, atol=1e-6)
     assert re.match("read as .*position.*torque", recording.warnings[0])
-
-
-@pytest.mark.slow("runs, identifies, diagnoses and exports three robots")
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_a_robot_runs_is_identified_diagnosed_and_exported(robot, robots, tmp_path):
-    place, (time, q, torque) = robots[robot]
-    recording = limo.Recording.from_arrays(time, q, torque)
-    found = limo.identify(place, recording)
-    friction = [e.tau_c for e in found.simulation.effects if e.name == "coulomb_friction"]
-    np.testing.assert_allclose(friction, 0.6, atol=0.1)
-    diagnosis = limo.diagnose(limo.nominal(place, recording), recording)
-    assert diagnosis.verdict.verdict in {"consistent", "explained"}
-    for kind in ("mjcf", "urdf"):
-        exported = limo.export(found.simulation, kind, tmp_path / kind)
-        assert exported.share < 0.01
-    rest = np.zeros((100, q.shape[1]))
-    still = limo.Trajectory(np.arange(0, 1, 0.01), np.tile(q[0], (100, 1)), rest, rest)
-    with limo.open_robot("mujoco", simulation=found.simulation, seed=1) as arm:
-        run = arm.follow(still)
-    np.testing.assert_allclose(run.position[-1], q[0], atol=0.01)
