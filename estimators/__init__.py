@@ -11,11 +11,13 @@ from limo_driver.lazily import lazily
 
 if TYPE_CHECKING:
     from estimators.base import Estimate, InverseDynamics, LiveEstimator
+    from estimators.embedded.export import CodeExport
     from estimators.evaluation import Evaluation
     from estimators.residual_model import ResidualModel
     from estimators.stream import LiveEstimate, Stream
 
 __all__ = [
+    "CodeExport",
     "Estimate",
     "Evaluation",
     "InverseDynamics",
@@ -27,6 +29,7 @@ __all__ = [
 __getattr__ = lazily(
     __name__,
     {
+        "CodeExport": "estimators.embedded.export",
         "Estimate": "estimators.base",
         "Evaluation": "estimators.evaluation",
         "InverseDynamics": "estimators.base",

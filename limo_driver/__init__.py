@@ -46,6 +46,7 @@ if TYPE_CHECKING:
         WrenchCommand,
     )
     from limo_driver.workflow.diagnosing import diagnose
+    from limo_driver.workflow.embedding import export_c
     from limo_driver.workflow.exporting import export
     from limo_driver.workflow.inspecting import inspect
     from limo_driver.workflow.learning import (
@@ -97,6 +98,7 @@ _HOME = {
     "evaluate": "limo_driver.workflow.learning",
     "excite": "limo_driver.workflow.planning",
     "export": "limo_driver.workflow.exporting",
+    "export_c": "limo_driver.workflow.embedding",
     "identify": "limo_driver.workflow.learning",
     "inspect": "limo_driver.workflow.inspecting",
     "load_model": "limo_driver.workflow.learning",
@@ -143,6 +145,7 @@ __all__ = [
     "evaluate",
     "excite",
     "export",
+    "export_c",
     "identify",
     "inspect",
     "load_model",

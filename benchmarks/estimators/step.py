@@ -70,12 +70,15 @@ def motion(seconds: float, seed: int) -> Motion:
     return Motion(t, position, smooth.first, smooth.second)
 
 
-def untrained(simulation: Simulation, features: str, kind: str) -> HybridModel:
+def untrained(
+    simulation: Simulation, features: str, kind: str, units: int | None = None
+) -> HybridModel:
     """Return a hybrid of the usual size with random weights."""
     random, seen = np.random.default_rng(0), feature_set(features, 7)
     d, network = len(seen.inputs), {"mlp7": Mlp, "lstm-fcl": LstmFcl}[kind]
     columns = seen.columns if kind == "mlp7" or seen.own_joint else seen.columns[:1]
     hidden = 100 if kind == "mlp7" else 16 if seen.own_joint else columns.shape[1]
+    hidden = units or hidden
     free = {"output_weight": np.zeros((len(columns), hidden, 7 // len(columns)))}
     shapes = network.shapes(*columns.shape, free)
     weights = {name: 0.1 * random.standard_normal(shape) for name, shape in shapes.items()}

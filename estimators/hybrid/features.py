@@ -87,7 +87,7 @@ class Features:
         return np.array([*limits, *self.stop_widths, *self.direction_speeds], dtype=np.float64)
 
     @cached_property
-    def _places(self) -> NDArray[np.int64]:
+    def places(self) -> NDArray[np.int64]:
         """Which block of n inputs each quantity becomes; -1 where it is left out."""
         places = np.full(len(self._every), -1)
         places[self._kept] = np.arange(len(self._kept))
@@ -171,7 +171,7 @@ class Features:
             np.ascontiguousarray(rigid_body_torque),
             np.ascontiguousarray(deflection),
             self._constants,
-            self._places,
+            self.places,
             len(self.stop_widths),
         )
         return inputs, after

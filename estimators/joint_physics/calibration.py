@@ -66,27 +66,27 @@ class Calibration:
     farthest: FloatArray  # (n,) [N² m²], leverage from which on motion is outside
 
     @cached_property
-    def _certain(self) -> FloatArray:
+    def certain(self) -> FloatArray:
         """Variance where the weights are known, (n,) [N² m²]."""
         return self.factor * self.noise
 
     @cached_property
-    def _unsure(self) -> FloatArray:
+    def unsure(self) -> FloatArray:
         """What of a leverage is variance, (n,)."""
         return self.factor * self.growth
 
     @cached_property
-    def _fading(self) -> FloatArray:
+    def fading(self) -> FloatArray:
         """How fast learned torque fades with leverage, (n,) [1/(N² m²)]."""
-        return self._unsure / (_ELSEWHERE * self.usual)
+        return self.unsure / (_ELSEWHERE * self.usual)
 
     def std(self, leverage: FloatArray, unknown: FloatArray) -> FloatArray:
         """Return standard deviations [N m] of leverages, and of variances by memory, (T, n)."""
-        return np.sqrt(self._certain + self._unsure * leverage + unknown)
+        return np.sqrt(self.certain + self.unsure * leverage + unknown)
 
     def faded(self, learned: FloatArray, leverage: FloatArray) -> FloatArray:
         """Return learned torque, faded by its leverage, (T, n) [N m]."""
-        return learned / (1.0 + self._fading * leverage)
+        return learned / (1.0 + self.fading * leverage)
 
     def outside(self, leverage: FloatArray) -> NDArray[np.bool_]:
         """Return which motion is outside what was judged, (T, n)."""

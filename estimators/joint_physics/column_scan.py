@@ -26,7 +26,7 @@ HARMONICS: Final = 3
 FRICTION_HARMONICS: Final = 2
 LAST, LOWEST, HIGHEST = -3, -2, -1  # columns of a joint's memory, after its stops
 MEMORIES: Final = 3  # these
-_DIFFERENCE: Final = 1e-4  # [rad], of the central differences of the load
+DIFFERENCE: Final = 1e-4  # [rad], of the central differences of the load
 
 
 @compiled(reads=("position", "velocity", "acceleration", "torque", "base"), nogil=True)
@@ -97,13 +97,13 @@ def _load_and_slope(
     inverse_dynamics(*arm, position, velocity, acceleration, load)
     q, below = position.copy(), np.empty(load.size)
     for m in range(load.size):
-        q[m] = position[m] + _DIFFERENCE
+        q[m] = position[m] + DIFFERENCE
         inverse_dynamics(*arm, q, velocity, acceleration, slope[m])
-        q[m] = position[m] - _DIFFERENCE
+        q[m] = position[m] - DIFFERENCE
         inverse_dynamics(*arm, q, velocity, acceleration, below)
         q[m] = position[m]
         for j in range(load.size):
-            slope[m, j] = (slope[m, j] - below[j]) / (2 * _DIFFERENCE)
+            slope[m, j] = (slope[m, j] - below[j]) / (2 * DIFFERENCE)
 
 
 @compiled(nogil=True)

@@ -115,7 +115,7 @@ class JointColumns:
         """All families, in the order of their columns."""
         n, states = self.n, STATES
         sizes = {
-            "rigid": self._base.size,
+            "rigid": self.base.size,
             "armature": 1,
             "offset": 1,
             "gain": n,
@@ -153,12 +153,17 @@ class JointColumns:
         return chain.rotation, chain.translation, chain.axis, chain.gravity, parameters
 
     @cached_property
-    def _base(self) -> NDArray[np.int64]:
+    def base(self) -> NDArray[np.int64]:
         """Columns of the links' regressor that are independent of each other."""
         independent = find_base_parameters(
             self.body, JointTerms(offset=False, armature=False)
         ).independent
         return independent[independent < PER_LINK * self.n]
+
+    @property
+    def step_time(self) -> float:
+        """Time that a filtered step of the velocity takes to half its height [s]."""
+        return _STEP_TIME / self.bandwidth
 
     def init(self) -> FloatArray:
         """Return the memory before the first sample, a row for each joint.
@@ -193,8 +198,8 @@ class JointColumns:
             np.ascontiguousarray(motion.acceleration),
             np.ascontiguousarray(torque),
             self._arm,
-            self._base,
-            _STEP_TIME / self.bandwidth,
+            self.base,
+            self.step_time,
             every,
             X,
             about,

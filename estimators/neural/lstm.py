@@ -47,16 +47,16 @@ class Lstm(Network):
 
     def init(self, stride: int) -> FloatArray:
         """Return (which of the interleaved memories is next, their h and c), all zero."""
-        return np.zeros(1 + stride * 2 * len(self.columns) * int(self._units.sum()))
+        return np.zeros(1 + stride * 2 * len(self.columns) * int(self.units.sum()))
 
     @cached_property
-    def _units(self) -> NDArray[np.int64]:
+    def units(self) -> NDArray[np.int64]:
         """Units of each cell, (layers,)."""
         weights = [self.weights[cell_name("recurrent_weight", i)] for i in range(self.layers)]
         return np.array([weight.shape[1] for weight in weights])
 
     @cached_property
-    def _packed(self) -> FloatArray:
+    def packed(self) -> FloatArray:
         """All weights of the cells in a row: compiled code takes one array sooner than many."""
         names = ("input_weight", "recurrent_weight", "gate_bias")
         cells = [[self.weights[cell_name(name, i)] for name in names] for i in range(self.layers)]
@@ -65,7 +65,7 @@ class Lstm(Network):
     def _hidden(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scan T samples; return the output of the last cells (T, G H) and the memory after."""
         after = memory.copy()
-        return _scan(np.ascontiguousarray(x), self.columns, self._units, self._packed, after), after
+        return _scan(np.ascontiguousarray(x), self.columns, self.units, self.packed, after), after
 
 
 class LstmFcl(Lstm):

@@ -12,9 +12,11 @@ if TYPE_CHECKING:
 
 
 def command(
-    sim: Annotated[Path, typer.Argument(help="The simulation, a sim.yaml.")],
-    to: Annotated[str, typer.Option(help="Format: mjcf or urdf.")],
-    out: Annotated[Path, typer.Option(help="Folder for the copy, or the copy (.xml, .urdf).")],
+    sim: Annotated[Path, typer.Argument(help="The simulation, a sim.yaml; for C also a model/.")],
+    to: Annotated[str, typer.Option(help="Format: mjcf or urdf; or c.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for the copy, or the copy (.xml, .urdf); for C a folder.")
+    ],
     into: Annotated[
         Path | None,
         typer.Option(help="File to write into a copy of; the robot's own if not given."),
@@ -23,6 +25,18 @@ def command(
         Path | None,
         typer.Option(help="Recording on which what cannot be expressed is counted."),
     ] = None,
+    rate: Annotated[float, typer.Option(help="C: rate of the positions [Hz].")] = 1000.0,
+    delay: Annotated[float, typer.Option(help="C: by which estimates are late [s].")] = 0.1,
+    false_alarms: Annotated[
+        float, typer.Option(help="C: false alarms of contact that are bearable [1/h].")
+    ] = 1.0,
+    free: Annotated[
+        list[Path] | None,
+        typer.Option(help="C: recording of motion that nothing touched; several times."),
+    ] = None,
+    name: Annotated[
+        str, typer.Option(help="C: of the files, and with which all names in them begin.")
+    ] = "limo",
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Write a simulation into a copy of a MuJoCo or URDF file; only what was found changes.
@@ -32,10 +46,17 @@ def command(
     number for. MuJoCo, or pinocchio for a URDF, then reads the copy alone: its torque on a minute
     of motion is compared with the prediction.
 
+    With `--to c`, the estimator of a model or simulation is written as a C11 file and its header,
+    for a control loop of your own.
+
     Examples:
         limo export sim.yaml --to mjcf --into model.xml --out improved/
         limo export diagnosis/sim.yaml --to urdf --out improved/
+        limo export model/ --to c --free calm.parquet --out firmware/
     """
+    if to == "c":
+        _write_c(sim, out, rate, delay, false_alarms, name, free or [], as_json=as_json)
+        return
     from limo_driver.workflow.exporting import export
 
     found = export(sim, to, out, into, on)
@@ -43,6 +64,38 @@ def command(
         _print_json(found)
     else:
         show(found)
+
+
+def _write_c(
+    model: Path,
+    out: Path,
+    rate: float,
+    delay: float,
+    false_alarms: float,
+    name: str,
+    free: list[Path],
+    *,
+    as_json: bool,
+) -> None:
+    import json
+
+    from limo_driver.console.terminal import terminal
+    from limo_driver.workflow.embedding import export_c
+
+    found = export_c(model, out, rate, delay, false_alarms, name, free)
+    if as_json:
+        values = {
+            "files": [str(found.header), str(found.source)],
+            "rate": found.rate,
+            "delay": found.delay,
+            "threshold": list(found.threshold),
+            "false_alarms": found.false_alarms,
+        }
+        terminal().print_json(json.dumps(values))
+    else:
+        console = terminal(soft_wrap=True)
+        for line in str(found).splitlines():
+            console.print(line)
 
 
 def _print_json(found: Export) -> None:

@@ -19,6 +19,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+import limo_driver as limo
 from backends.can.config import ArmConfig
 from backends.can.simulator.scenario import BusScenario
 from backends.fri.simulator.scenario import ControllerScenario
@@ -45,6 +46,7 @@ NOT_RUN = {
     "CONTRIBUTING.md": ["runs what runs this"],
     "README.md": ["installs limo, and runs what runs this"],
     "diagnosis.md": ["takes hours"],
+    "embedding.md": ["needs minutes of free motion"],
     "fri.md": ["needs a real arm"],
     "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
     "start.md": ["installs limo, and runs what runs this"],
@@ -97,7 +99,7 @@ RUNNABLE = ("sh", "python")
 def test_every_block_is_found_and_has_a_language():
     fences = sum(path.read_text().count("\n```") for path in DOCUMENTS)
     assert fences == 2 * len(EVERY)
-    assert {block.language for block in EVERY} == {"sh", "python", "yaml", "json", "text"}
+    assert {block.language for block in EVERY} == {"sh", "python", "yaml", "json", "text", "c"}
 
 
 def test_text_holds_no_command():
@@ -130,6 +132,14 @@ def test_yaml_is_what_its_reader_reads(block, tmp_path):
 @pytest.mark.parametrize("block", [b for b in EVERY if b.language == "json"], ids=str)
 def test_json_is_json(block):
     assert json.loads(block.text)
+
+
+@pytest.mark.parametrize("block", [b for b in EVERY if b.language == "c"], ids=str)
+def test_c_compiles_with_an_exported_header(block, tmp_path):
+    limo.export_c(Simulation("iiwa14"), tmp_path, 1000.0)
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", f"-I{tmp_path}"]
+    (tmp_path / "block.c").write_text(block.text, encoding="utf-8")
+    subprocess.run(["gcc", *flags, tmp_path / "block.c"], check=True)
 
 
 def environment():

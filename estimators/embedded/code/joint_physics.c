@@ -1,0 +1,203 @@
+/* Joint physics: what data add, linear in terms of each joint's own physics. */
+
+static inline void remember(double memory[STOPS + 3], double q)
+{
+    double *last = memory + STOPS, *lowest = last + 1, *highest = last + 2;
+    if (isnan(*last)) {
+        *last = *lowest = *highest = q;
+    }
+    const double step = q - *last;
+    *last = q;
+    *lowest = fmin(q, *lowest);
+    *highest = fmax(q, *highest);
+    for (int i = 0; i < STOPS; ++i) {
+        memory[i] = fmin(fmax(memory[i] + step / width[i], -1.0), 1.0);
+    }
+}
+
+/* Write the columns of the links' regressor that are independent, (BASE, N). */
+static void fill_rigid(const poses *at, double rigid[BASE][N])
+{
+    double z[3][POSES], r[3][POSES], y[10][N];
+    vec w = {0.0, 0.0, 0.0}, dw = {0.0, 0.0, 0.0}, a = vec_of(base_acceleration);
+    memset(rigid, 0, sizeof(double[BASE][N]));
+    for (int i = 0, next = 0; i < N; ++i) {
+        const vec p = vec_of(translation[i]), u = vec_of(axis[i]);
+        const rotation R = joint_rotation(i, at->c[i][0], at->s[i][0]);
+        a = to_child(R, add(a, add(cross(dw, p), cross(w, cross(w, p)))));
+        w = to_child(R, w);
+        const vec rate = scaled(u, at->v[i][0]);
+        dw = add(to_child(R, dw), add(scaled(u, at->a[i][0]), cross(w, rate)));
+        w = add(w, rate);
+        for (int j = 0; j < i; ++j) {
+            put(r, j, to_child(R, add(lane(r, j), p)));
+            put(z, j, to_child(R, lane(z, j)));
+        }
+        put(z, i, u);
+        put(r, i, (vec){0.0, 0.0, 0.0});
+        for (int j = 0; j <= i; ++j) {
+            const vec Z = lane(z, j), arm = cross(Z, lane(r, j)), turn = cross(Z, w);
+            const vec pull = add(scaled(w, dot(arm, w)), scaled(arm, -dot(w, w)));
+            const vec h = add(cross(a, Z), add(cross(arm, dw), pull));
+            y[0][j] = dot(arm, a);
+            y[1][j] = h.x;
+            y[2][j] = h.y;
+            y[3][j] = h.z;
+            y[4][j] = Z.x * dw.x + turn.x * w.x;
+            y[5][j] = Z.x * dw.y + Z.y * dw.x + turn.x * w.y + turn.y * w.x;
+            y[6][j] = Z.y * dw.y + turn.y * w.y;
+            y[7][j] = Z.x * dw.z + Z.z * dw.x + turn.x * w.z + turn.z * w.x;
+            y[8][j] = Z.y * dw.z + Z.z * dw.y + turn.y * w.z + turn.z * w.y;
+            y[9][j] = Z.z * dw.z + turn.z * w.z;
+        }
+        for (; next < BASE && base[next] / 10 == i; ++next) {
+            for (int j = 0; j <= i; ++j) {
+                rigid[next][j] = y[base[next] % 10][j];
+            }
+        }
+    }
+}
+
+static inline double *append(double *x, const double states[STATES], double factor)
+{
+    for (int i = 0; i < STATES; ++i) {
+        x[i] = factor * states[i];
+    }
+    return x + STATES;
+}
+
+/* Write all columns of a joint, (COLUMNS,). */
+static void fill_columns(int j, const double rigid[BASE][N], double q, double v, double a,
+                         const double stops[STOPS], const double load[N],
+                         const double slope[N][N], const double torque[N], double x[COLUMNS])
+{
+    double states[STATES], wave[2 * HARMONICS];
+    const double change = STEP_TIME * a, own = load[j], c = cos(q), s = sin(q);
+    for (int i = 0; i < STOPS; ++i) {
+        states[i] = stops[i];
+    }
+    for (int i = 0; i < SPEEDS; ++i) {
+        states[STOPS + i] = tanh(v / speed[i]);
+    }
+    for (int i = 0; i < SHARPS; ++i) {
+        states[STOPS + SPEEDS + i] = tanh(v / sqrt(sharp[i] * sharp[i] + change * change));
+    }
+    wave[0] = s;
+    wave[1] = c;
+    for (int i = 2; i < 2 * HARMONICS; i += 2) {
+        wave[i] = wave[i - 2] * c + wave[i - 1] * s;
+        wave[i + 1] = wave[i - 1] * c - wave[i - 2] * s;
+    }
+    for (int i = 0; i < BASE; ++i) {
+        *x++ = rigid[i][j];
+    }
+    *x++ = a;
+    *x++ = 1.0;
+    for (int m = 0; m < N; ++m) {
+        x[m] = torque[m];
+        x[N + m] = slope[m][j];
+        x[2 * N + m] = slope[m][j] * load[m];
+    }
+    x = append(x + 3 * N, states, 1.0);
+    *x++ = v;
+    *x++ = v * fabs(v);
+    *x++ = copysign(sqrt(fabs(v)), v);
+    x = append(x, states, fabs(own));
+    *x++ = fabs(own) * v;
+    for (int i = 0; i < 2 * HARMONICS; ++i) {
+        *x++ = wave[i];
+    }
+    for (int i = 0; i < WAVES; ++i) {
+        x = append(x, states, wave[i]);
+        *x++ = wave[i] * v;
+    }
+}
+
+/* Return x R^T R x^T. R is lower triangular and stands in groups of four columns, each from the
+ * group's first row down; rows and columns are filled up with zeros. */
+static double leverage_of(const float *restrict x, const float *restrict R, int rows)
+{
+    float y[WIDEST] = {0.0F}, sum[LANES] = {0.0F};
+    double total = 0.0;
+    for (int k = 0; k < rows; k += 4) {
+        const int below = (rows - k + LANES - 1) / LANES * LANES;
+        const float x0 = x[k], x1 = x[k + 1], x2 = x[k + 2], x3 = x[k + 3];
+        const float *R1 = R + below, *R2 = R1 + below, *R3 = R2 + below;
+        for (int i = 0; i < below; ++i) {
+            y[k + i] += (R[i] * x0 + R1[i] * x1) + (R2[i] * x2 + R3[i] * x3);
+        }
+        R = R3 + below;
+    }
+    for (int i = 0; i < rows; i += LANES) {
+        for (int l = 0; l < LANES; ++l) {
+            sum[l] += y[i + l] * y[i + l];
+        }
+    }
+    for (int l = 0; l < LANES; ++l) {
+        total += (double)sum[l];
+    }
+    return total;
+}
+
+/* Return the variance of what nobody knows of the stops before the joint turned. */
+static double forgotten(int j, const double x[COLUMNS], double range, double load)
+{
+    double u[STOPS], total = 0.0;
+    int first = 0;
+    while (first < STOPS && range >= 2.0 * width[first]) {
+        ++first;
+    }
+    for (int i = first; i < STOPS; ++i) {
+        const double r = range / width[i];
+        double h = height[j][0][i] + fabs(load) * height[j][1][i];
+        for (int k = 0; k < WAVES; ++k) {
+            h += x[PLACE + k] * height[j][2 + k][i];
+        }
+        u[i] = h * (r >= 1.0 ? sqrt(0.5 * pow(2.0 - r, 3))
+                             : sqrt(0.5 * (pow(1.0 - r, 3) + 1.0) + 1.5 * r * (1.0 - r) * (1.0 - r)));
+    }
+    for (int i = first; i < STOPS; ++i) {
+        for (int k = first; k < STOPS; ++k) {
+            total += u[i] * moment[j][i][k] * u[k];
+        }
+    }
+    return fmax(total, 0.0);
+}
+
+static void learn(limo_memory *memory, const poses *at, const double torque_at[N][POSES],
+                  const double q[N], const double v[N], const double a[N],
+                  limo_estimate *estimate)
+{
+    double rigid[BASE][N], slope[N][N], load[N], x[COLUMNS];
+    float seen[WIDEST] = {0.0F};
+    const float *R = root;
+    for (int j = 0; j < N; ++j) {
+        load[j] = torque_at[j][0];
+        for (int m = 0; m < N; ++m) {
+            slope[m][j] = (torque_at[j][2 + 2 * m] - torque_at[j][3 + 2 * m]) / (2.0 * DIFFERENCE);
+        }
+    }
+    fill_rigid(at, rigid);
+    for (int j = 0, next = 0; j < N; ++j) {
+        double *own = memory->joints + (STOPS + 3) * j, learned = 0.0;
+        remember(own, q[j]);
+        fill_columns(j, (const double(*)[N])rigid, q[j], v[j], a[j], own, load,
+                     (const double(*)[N])slope, estimate->simulation, x);
+        for (int k = 0; k < size[j]; ++k) {
+            const double value = x[kept[next + k]];
+            seen[k] = (float)value;
+            learned += value * weight[next + k];
+        }
+        for (int k = size[j]; k < WIDEST; ++k) {
+            seen[k] = 0.0F;
+        }
+        const double range = own[STOPS + 2] - own[STOPS + 1];
+        const double leverage = leverage_of(seen, R, size[j]);
+        const double unknown = forgotten(j, x, range, load[j]);
+        estimate->learned[j] = learned / (1.0 + fading[j] * leverage);
+        estimate->deviation[j] = sqrt(certain[j] + unsure[j] * leverage + unknown);
+        estimate->outside[j] = leverage > farthest[j] || !(range > SETTLED);
+        next += size[j];
+        R += root_size[j];
+    }
+}

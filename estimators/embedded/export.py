@@ -1,0 +1,277 @@
+"""Write an estimator as a pair of C files."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.embedded.laws import EffectsCode
+from estimators.embedded.learned import LearnedCode, learned
+from estimators.embedded.tables import defines, table
+from estimators.embedded.threshold import measured_threshold, normal_threshold
+from estimators.rigid_body.newton_euler import link_parameters
+from estimators.rigid_body.regressor import RegressorChain, parameters_of
+from estimators.stream import Stream
+from limo_driver.display import Displayed
+from limo_driver.errors import ConfigError
+from limo_driver.outputs import require_folder, whole
+from limo_driver.physics import Simulation
+from limo_driver.physics.body import Payload
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.base import LiveEstimator
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+FALSE_ALARMS: Final = 1.0  # [1/h]
+NAME: Final = "limo"
+_LANES: Final = 4  # doubles, of which rows of the filter are multiples
+_INCLUDES: Final = f"""#include "{NAME}.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+"""
+_SOURCE: Final = Path(__file__).parent / "code"
+
+
+@dataclass(frozen=True, repr=False)
+class CodeExport(Displayed):
+    """What was written."""
+
+    header: Path
+    source: Path
+    rate: float  # of the positions [Hz]
+    delay: float  # by which the estimate is late [s]
+    threshold: tuple[float, ...]  # of external torque, in standard deviations of its error
+    measured: bool  # whether that is of free motion, or as if errors were normal
+    false_alarms: float  # of the whole arm [1/h]
+
+    def headline(self) -> str:
+        """Say where the files are and what they take."""
+        return (
+            f"{self.header} and {self.source.name}: positions at {self.rate:g} Hz, estimates "
+            f"{1e3 * self.delay:g} ms later; {self.false_alarms:g} false alarms of contact an hour"
+            + (" by the free motion given" if self.measured else ", if errors were normal")
+        )
+
+    def figures(self) -> dict[str, tuple[float, ...]]:
+        """Return the threshold of each joint."""
+        return {"contact above [standard deviations]": self.threshold}
+
+
+def export_c(
+    model: LiveEstimator | Simulation,
+    folder: Path | str,
+    rate: float,
+    delay: float = 0.1,
+    false_alarms: float = FALSE_ALARMS,
+    name: str = NAME,
+    free: Sequence[Recording] = (),
+) -> CodeExport:
+    """Write an estimator as C11 that needs nothing but the standard library's mathematics.
+
+    It allocates nothing, reads no file and no locale, and equals `Stream` of the same model.
+
+    Args:
+        model: Fitted or loaded; a bare simulation is taken for one that has learned nothing.
+        folder: Where `<name>.h` and `<name>.c` are written.
+        rate: Of the positions [Hz].
+        delay: By which estimates are late [s], see `Stream`.
+        false_alarms: Of contact, on the whole arm [1/h], see `threshold`.
+        name: Of the files, and with which all names in them begin.
+        free: Motion at this rate that nothing touched and the model was not trained on, whose
+            errors say where a contact begins; if none is given, errors are taken for normal.
+
+    Returns:
+        The files, and what they were made for.
+
+    Raises:
+        ConfigError: The name is none in C, the model, an effect of its simulation or its robot has
+            no form in C, or a file cannot be written.
+        NotFittedError: The model was neither fitted nor loaded.
+        ModelStoreError: The model has a memory whose rate this one is no multiple of.
+        RecordingError: Free motion has another rate or robot, or is too short.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise ConfigError(
+            f"{name!r} is no name to begin with in C, expected small letters, digits and _"
+        )
+    stream = Stream(model, rate, delay)
+    estimator = stream.model
+    simulation = simulation_of(estimator)
+    slides = RegressorChain.of(simulation.body).axis[:, :3].any(axis=1)
+    if slides.any():
+        joint = simulation.model.joint_names[int(np.argmax(slides))]
+        raise ConfigError(f"{joint} slides; only joints that turn have a form in C")
+    if free:
+        level = measured_threshold(false_alarms, stream, free)
+    else:
+        level = normal_threshold(false_alarms, estimator.n, estimator.bandwidth)
+    code = _Code(
+        stream,
+        simulation,
+        EffectsCode.of(simulation.effects, rate),
+        learned(estimator, rate),
+        level,
+    )
+    header, source = Path(folder) / f"{name}.h", Path(folder) / f"{name}.c"
+    require_folder(Path(folder), "C code", (header.name, source.name))
+    for path, text in ((header, code.header()), (source, code.source())):
+        with whole(path) as draft:
+            draft.write_text(_named(text, name), encoding="utf-8")
+    reached = tuple(level.tolist())
+    return CodeExport(header, source, rate, stream.delay, reached, bool(free), false_alarms)
+
+
+def simulation_of(model: LiveEstimator) -> Simulation:
+    """Return what an estimator adds to.
+
+    Raises:
+        ConfigError: It adds to nothing.
+    """
+    simulation = getattr(model, "simulation", None)
+    if not isinstance(simulation, Simulation):
+        raise ConfigError(f"a model of kind {type(model).__name__} has no form in C")
+    return simulation
+
+
+def _named(text: str, name: str) -> str:
+    """Return code whose names begin with `name` instead of limo."""
+    return (
+        text.replace("limo_", f"{name}_")
+        .replace("LIMO_", f"{name.upper()}_")
+        .replace(f'"{NAME}.h"', f'"{name}.h"')
+    )
+
+
+@dataclass(frozen=True)
+class _Code:
+    """An estimator as text."""
+
+    stream: Stream
+    simulation: Simulation
+    effects: EffectsCode
+    learned: LearnedCode
+    threshold: FloatArray  # (n,)
+
+    def header(self) -> str:
+        stream, filtering = self.stream, self.stream.differentiator
+        sizes = {
+            "LIMO_JOINTS": stream.n,
+            "LIMO_RATE": float(stream.rate),
+            "LIMO_DELAY": float(stream.delay),
+            "LIMO_LANES": -(-stream.n // _LANES) * _LANES,
+            "LIMO_TAPS": filtering.taps.shape[1],
+            "LIMO_EFFECT_MEMORY": max(len(self.effects.memory), 1),
+            "LIMO_JOINT_MEMORY": max(len(self.learned.joints), 1),
+            "LIMO_NETWORK_MEMORY": max(self.learned.network, 1),
+        }
+        joints = ", ".join(self.simulation.model.joint_names)
+        about = (
+            f"/* Joint torque of {self.simulation.robot}, written by limo {version(NAME)}.\n"
+            f" * Joints in order: {joints}. SI units. Not to be edited. */\n"
+        )
+        guard = "#ifndef LIMO_H\n#define LIMO_H\n\n"
+        return about + guard + defines(sizes) + "\n" + _read("estimator.h") + "\n#endif\n"
+
+    def source(self) -> str:
+        joint_physics = "joint_physics.c" in self.learned.sources
+        payloads = [item for item in self.simulation.effects if isinstance(item, Payload)]
+        n = self.stream.n
+        constants = {
+            "N": n,
+            "TAPS": self.stream.differentiator.taps.shape[1],
+            "POSES": 2 + 2 * n if joint_physics else 2,
+            "LONGEST_STEP": float(self.stream.differentiator.longest_step),
+            "LEARNS_JOINT_PHYSICS": int(joint_physics),
+            "LEARNS_BY_NETWORK": int("network.c" in self.learned.sources),
+            "HAS_PAYLOAD": int(bool(payloads)),
+            "DISPLACES": int(self.effects.displaces),
+        }
+        return "\n".join(
+            [
+                _INCLUDES,
+                defines(constants | self.learned.defines),
+                self._body(payloads),
+                table("taps", np.ascontiguousarray(self.stream.differentiator.taps.T)),
+                table("contact_above", self.threshold),
+                table("effects_at_first", self.effects.memory or (0.0,)),
+                table("joints_at_first", self.learned.joints or (0.0,)),
+                self.learned.tables,
+                _read("body.c"),
+                self._acting(),
+                *(_read(name) for name in self.learned.sources),
+                _read("estimator.c"),
+            ]
+        )
+
+    def _body(self, payloads: list[Payload]) -> str:
+        """Return the tables of the rigid body.
+
+        A rotation about an axis u by q is A + B cos q + C sin q with A = u uᵀ, B = 1 - u uᵀ and
+        C = [u]×.
+        """
+        body = self.simulation.body
+        chain, links = RegressorChain.of(body), link_parameters(body)
+        turns = chain.axis[:, 3:]
+        along = np.einsum("ji,jk->jik", turns, turns)
+        about = np.array([np.cross(np.eye(3), axis).T for axis in turns])
+        rotations = {
+            "still": along,
+            "cosine": np.eye(3) - along,
+            "sine": -about,
+        }
+        tables = {
+            name: (chain.rotation @ own).reshape(-1, 9) for name, own in rotations.items()
+        } | {
+            "translation": chain.translation,
+            "axis": turns,
+            "base_acceleration": -chain.gravity,
+            "link": links,
+        }
+        if payloads:
+            carried = np.zeros_like(links)
+            carried[-1] = np.sum([parameters_of(item.load) for item in payloads], axis=0)
+            tables["payload"] = carried
+        return "".join(table(name, values) for name, values in tables.items())
+
+    def _acting(self) -> str:
+        """Return the functions of the effects, and of their laws."""
+        laws = re.split(r"/\*: (\w+) \*/\n", _read("laws.c"))[1:]
+        needed = [
+            text
+            for name, text in zip(laws[::2], laws[1::2], strict=True)
+            if name in self.effects.functions
+        ]
+        acts = _function(
+            "act",
+            "limo_memory *memory, double time, const double q[N], const double v[N], "
+            "const double a[N],\n                const double load[N], double other[N], "
+            "double friction[N], double displacement[N]",
+            ("memory", "time", "q", "v", "a", "load", "other", "friction", "displacement"),
+            self.effects.acting,
+        )
+        senses = _function(
+            "sense",
+            "limo_memory *memory, double time, double torque[N]",
+            ("memory", "time", "torque"),
+            self.effects.sensing,
+        )
+        return "".join([*needed, acts, senses])
+
+
+def _function(name: str, parameters: str, names: tuple[str, ...], statements: str) -> str:
+    unused = "".join(f"    (void){own};\n" for own in names)
+    return f"static void {name}({parameters})\n{{\n{unused}{statements}}}\n\n"
+
+
+def _read(name: str) -> str:
+    return (_SOURCE / name).read_text(encoding="utf-8")

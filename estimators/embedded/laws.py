@@ -1,0 +1,312 @@
+"""The effects of a simulation as C: a statement each, and what they remember.
+
+A statement finds the motion `q`, `v`, `a` of all joints and their `load`, and adds to `friction`,
+`other` torque or `displacement`; one of a sensor changes `torque`. Its memory is `m`. The laws that
+need more than a line are functions of `code/laws.c`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.embedded.tables import number, table
+from limo_driver.errors import ConfigError
+from limo_driver.physics.body import GravityDirection, Payload
+from limo_driver.physics.changing_friction import (
+    LoadDependentFriction,
+    PositionDependentFriction,
+    TemperatureDependentFriction,
+)
+from limo_driver.physics.coupling import JointCoupling
+from limo_driver.physics.delay import TimeDelay
+from limo_driver.physics.effect import SensorEffect
+from limo_driver.physics.environment import SpringLoad
+from limo_driver.physics.friction import (
+    AsymmetricFriction,
+    CoulombFriction,
+    QuadraticDrag,
+    StribeckFriction,
+    ViscousFriction,
+)
+from limo_driver.physics.hysteresis import LAWS, PreslidingHysteresis
+from limo_driver.physics.sensing import (
+    EncoderOffset,
+    TorqueCrosstalk,
+    TorqueDrift,
+    TorqueGain,
+    TorqueOffset,
+)
+from limo_driver.physics.transmission import Armature, Backlash, JointElasticity, TorqueRipple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from limo_driver.physics import Effect
+
+_NAN: Final = float("nan")
+_SPARE: Final = 1.1  # times the samples that a delay holds: a stream may run faster by 1 %
+_NEEDS: Final = {  # functions that a function calls, itself among them
+    "interpolated": ("interpolated",),
+    "warmth": ("warmth",),
+    "maxwell_slip": ("stepped", "maxwell_slip"),
+    "lugre": ("stepped", "lugre"),
+    "dahl": ("stepped", "dahl"),
+    "bouc_wen": ("stepped", "bouc_wen"),
+    "preisach": ("preisach",),
+    "play": ("inertia", "play"),
+    "late": ("interpolated", "late"),
+}
+
+
+@dataclass(frozen=True)
+class LawCode:
+    """An effect as C."""
+
+    statement: str = ""  # none for what is in the rigid body
+    memory: tuple[float, ...] = ()  # before the first sample
+    function: str = ""  # of `code/laws.c`, that the statement calls
+    tables: tuple[tuple[str, tuple[float, ...]], ...] = ()  # names and values, for the statement
+
+
+@dataclass(frozen=True)
+class EffectsCode:
+    """All effects of a simulation as C."""
+
+    acting: str  # statements, in order
+    sensing: str
+    functions: frozenset[str]
+    memory: tuple[float, ...]
+    displaces: bool
+
+    @classmethod
+    def of(cls, effects: Sequence[Effect], rate: float) -> EffectsCode:
+        """Write effects for samples at a rate [Hz].
+
+        Raises:
+            ConfigError: One has no form in C.
+        """
+        acting, sensing, memory = list[str](), list[str](), list[float]()
+        functions = set[str]()
+        for effect in effects:
+            code = _late(effect, rate) if isinstance(effect, TimeDelay) else law(effect)
+            (sensing if isinstance(effect, SensorEffect) else acting).append(
+                _block(effect, code, len(memory))
+            )
+            functions.update(_NEEDS.get(code.function, ()))
+            memory.extend(code.memory)
+        text = "".join(acting)
+        return cls(
+            text, "".join(sensing), frozenset(functions), tuple(memory), "displacement" in text
+        )
+
+
+def _block(effect: Effect, code: LawCode, start: int) -> str:
+    if not code.statement:
+        return ""
+    own = "".join("        " + table(name, values) for name, values in code.tables)
+    if code.memory:
+        own += f"        double *m = memory->effects + {start};\n"
+    return f"    {{ /* {effect.place} */\n{own}        {code.statement};\n    }}\n"
+
+
+@singledispatch
+def law(effect: Effect) -> LawCode:
+    """Return an effect as C.
+
+    Raises:
+        ConfigError: It has no form in C.
+    """
+    raise ConfigError(
+        f"{effect.place}: has no form in C; take it out of the simulation, or identify and train "
+        "without it"
+    )
+
+
+@law.register(Payload)
+@law.register(GravityDirection)
+def _(effect: Payload | GravityDirection) -> LawCode:  # noqa: ARG001  # it is in the rigid body
+    return LawCode()
+
+
+def _dry(height: str, effect: CoulombFriction | StribeckFriction | AsymmetricFriction) -> LawCode:
+    j = effect.joint - 1
+    return LawCode(f"friction[{j}] += {height} * tanh(v[{j}] / {number(effect.v_eps)})")
+
+
+@law.register
+def _(effect: CoulombFriction) -> LawCode:
+    return _dry(number(effect.tau_c), effect)
+
+
+@law.register
+def _(effect: AsymmetricFriction) -> LawCode:
+    plus, minus = number(effect.tau_plus), number(effect.tau_minus)
+    return _dry(f"(v[{effect.joint - 1}] > 0.0 ? {plus} : {minus})", effect)
+
+
+@law.register
+def _(effect: StribeckFriction) -> LawCode:
+    speed = f"fabs(v[{effect.joint - 1}] / {number(effect.v_s)})"
+    fade = f"exp(-pow({speed}, {number(effect.delta)}))"
+    return _dry(f"{number(effect.tau_s)} * {fade}", effect)
+
+
+@law.register
+def _(effect: ViscousFriction) -> LawCode:
+    j, (plus, minus) = effect.joint - 1, map(number, effect.coefficients)
+    return LawCode(f"friction[{j}] += (v[{j}] > 0.0 ? {plus} : {minus}) * v[{j}]")
+
+
+@law.register
+def _(effect: QuadraticDrag) -> LawCode:
+    j = effect.joint - 1
+    return LawCode(f"friction[{j}] += {number(effect.coefficient)} * v[{j}] * fabs(v[{j}])")
+
+
+@law.register
+def _(effect: LoadDependentFriction) -> LawCode:
+    j = effect.joint - 1
+    resisting = f"(v[{j}] > 0.0 ? load[{j}] : v[{j}] < 0.0 ? -load[{j}] : 0.0)"
+    pressing = {
+        "absolute": f"fabs(load[{j}])",
+        "positive": f"fmax({resisting}, 0.0)",
+        "negative": f"fmax(-{resisting}, 0.0)",
+        "stribeck": f"fabs(load[{j}]) * exp(-fabs(v[{j}] / {number(effect.v_s or 1.0)}))",
+        "quadratic": f"load[{j}] * load[{j}]",
+    }[effect.variant]
+    sign = f"tanh(v[{j}] / {number(effect.v_eps)})"
+    return LawCode(f"friction[{j}] += {number(effect.coefficient)} * {pressing} * {sign}")
+
+
+@law.register
+def _(effect: PositionDependentFriction) -> LawCode:
+    j = effect.joint - 1
+    height = f"interpolated(q[{j}], {len(effect.positions)}, at, excess)"
+    return LawCode(
+        f"friction[{j}] += {height} * tanh(v[{j}] / {number(effect.v_eps)})",
+        function="interpolated",
+        tables=(("at", effect.positions), ("excess", effect.excess)),
+    )
+
+
+@law.register
+def _(effect: TemperatureDependentFriction) -> LawCode:
+    if effect.excess is None or effect.time_constant is None:
+        raise ConfigError(
+            f"{effect.place}: per_kelvin needs the temperature of the joint, which no stream has; "
+            "give excess and time_constant"
+        )
+    j = effect.joint - 1
+    cold = f"(1.0 - warmth(m, time, v[{j}], {number(effect.time_constant)}))"
+    sign = f"tanh(v[{j}] / {number(effect.v_eps)})"
+    text = f"friction[{j}] += {number(effect.excess)} * {cold} * {sign}"
+    return LawCode(text, tuple(effect.initial_state()), "warmth")
+
+
+@law.register
+def _(effect: PreslidingHysteresis) -> LawCode:
+    j, given = effect.joint - 1, [getattr(effect, name) for name in LAWS[effect.law].parameters]
+    arguments, tables = [f"q[{j}]"], list[tuple[str, tuple[float, ...]]]()
+    if effect.law == "lugre":
+        arguments.append(f"v[{j}]")
+    if isinstance(given[0], tuple):
+        names = LAWS[effect.law].parameters
+        tables = [(name, values) for name, values in zip(names, given, strict=True)]
+        arguments += [str(len(given[0])), *names]
+    else:
+        arguments += [number(value) for value in given]
+    text = f"friction[{j}] += {effect.law}(m, {', '.join(arguments)})"
+    return LawCode(text, tuple(effect.initial_state()), effect.law, tuple(tables))
+
+
+@law.register
+def _(effect: Armature) -> LawCode:
+    j = effect.joint - 1
+    return LawCode(f"other[{j}] += {number(effect.inertia)} * a[{j}]")
+
+
+@law.register
+def _(effect: TorqueOffset) -> LawCode:
+    return LawCode(f"other[{effect.joint - 1}] += {number(effect.offset)}")
+
+
+@law.register
+def _(effect: TorqueDrift) -> LawCode:
+    text = f"other[{effect.joint - 1}] += interpolated(time, {len(effect.times)}, at, offset)"
+    tables = (("at", effect.times), ("offset", effect.offset))
+    return LawCode(text, function="interpolated", tables=tables)
+
+
+@law.register
+def _(effect: TorqueRipple) -> LawCode:
+    j = effect.joint - 1
+    lines = zip(effect.cycles_per_rev, effect.amplitude, effect.phase, strict=True)
+    waves = [f"{number(A)} * sin({number(N)} * q[{j}] + {number(phi)})" for N, A, phi in lines]
+    return LawCode(f"other[{j}] += {' + '.join(waves) or '0.0'}")
+
+
+@law.register
+def _(effect: SpringLoad) -> LawCode:
+    j, away = effect.joint - 1, f"(q[{effect.joint - 1}] - {number(effect.rest)})"
+    slope = f"({number(effect.stiffness)} + {number(effect.cubic)} * {away} * {away})"
+    return LawCode(f"other[{j}] += {away} * {slope}")
+
+
+@law.register
+def _(effect: JointCoupling) -> LawCode:
+    j, k, ratio = effect.joint - 1, effect.other - 1, number(effect.ratio)
+    w, rate = (f"({x}[{j}] + {ratio} * {x}[{k}])" for x in "va")
+    dry = f"{number(effect.tau_c)} * tanh({w} / {number(effect.v_eps)})"
+    return LawCode(
+        f"friction[{j}] += {number(effect.f_v)} * {w} + {dry};\n"
+        f"        other[{j}] += {number(effect.inertia)} * {rate}"
+    )
+
+
+@law.register
+def _(effect: EncoderOffset) -> LawCode:
+    return LawCode(f"displacement[{effect.joint - 1}] += {number(effect.offset)}")
+
+
+@law.register
+def _(effect: JointElasticity) -> LawCode:
+    j = effect.joint - 1
+    slope = f"({number(1.0 / effect.stiffness)} + {number(effect.cubic)} * load[{j}] * load[{j}])"
+    return LawCode(f"displacement[{j}] += load[{j}] * {slope}")
+
+
+@law.register
+def _(effect: Backlash) -> LawCode:
+    j = effect.joint - 1
+    text = (
+        f"displacement[{j}] += play(m, time, load[{j}] / inertia(q, {j}), {number(effect.gap / 2)})"
+    )
+    return LawCode(text, tuple(effect.initial_state()), "play")
+
+
+@law.register
+def _(effect: TorqueGain) -> LawCode:
+    j = effect.joint - 1
+    return LawCode(f"torque[{j}] += {number(effect.gain)} * torque[{j}]")
+
+
+@law.register
+def _(effect: TorqueCrosstalk) -> LawCode:
+    source = effect.source - 1
+    return LawCode(f"torque[{effect.joint - 1}] += {number(effect.gain)} * torque[{source}]")
+
+
+def _late(effect: TimeDelay, rate: float) -> LawCode:
+    """Return a delay, whose memory holds the torques of its time at a rate [Hz]."""
+    j, most = effect.joint - 1, math.ceil(_SPARE * effect.delay * rate) + 3
+    times = f"{number(effect.delay)}, {number(effect.lag)}"
+    memory = np.zeros(4 + 2 * most)
+    memory[0] = _NAN
+    return LawCode(
+        f"torque[{j}] = late(m, {most}, time, torque[{j}], {times})", tuple(memory), "late"
+    )

@@ -1,0 +1,216 @@
+"""What a model has learned as C: constants, tables and the code that takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import singledispatch
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.embedded.tables import table
+from estimators.hybrid import HybridModel
+from estimators.joint_physics import JointPhysics
+from estimators.joint_physics.column_scan import (
+    DIFFERENCE,
+    FRICTION_HARMONICS,
+    HARMONICS,
+    SHARP,
+    SPEEDS,
+    STATES,
+    WIDTHS,
+)
+from estimators.joint_physics.columns import SETTLED
+from estimators.neural.lstm import Lstm, LstmFcl
+from estimators.neural.mlp import Mlp
+from estimators.simulation_only import SimulationOnly
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.neural import Network
+
+_LANES: Final = 16  # floats that fill the widest vectors
+_COLUMNS: Final = 4  # of a root, taken at a time
+
+
+@dataclass(frozen=True)
+class LearnedCode:
+    """What is added to the simulation."""
+
+    defines: dict[str, float] = field(default_factory=dict[str, float])
+    tables: str = ""
+    sources: tuple[str, ...] = ()  # files of `code/`
+    joints: tuple[float, ...] = ()  # memory of all joints before the first sample
+    network: int = 0  # size of the network's memory, which begins with zeros
+
+
+@singledispatch
+def learned(model: object, rate: float) -> LearnedCode:  # noqa: ARG001  # of those that remember
+    """Return what a model has learned, for samples at a rate [Hz].
+
+    Raises:
+        ConfigError: The kind of model, or of network, has no form in C.
+        ModelStoreError: A network's memory cannot have this rate.
+    """
+    name = getattr(model, "name", type(model).__name__)
+    raise ConfigError(
+        f"a model of kind {name} has no form in C; expected joint-physics, mlp7, lstm-2 or lstm-fcl"
+    )
+
+
+@learned.register
+def _(model: SimulationOnly, rate: float) -> LearnedCode:  # noqa: ARG001
+    return LearnedCode()
+
+
+@learned.register
+def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it has no clock
+    fitted, columns = model.fitted, model.columns
+    packed, calibration, base = fitted.prediction, fitted.calibration, columns.base
+    roots = _roots_by_columns(packed.roots, packed.sizes.tolist())
+    tables = {
+        "base": base,
+        "width": WIDTHS,
+        "speed": SPEEDS,
+        "sharp": SHARP,
+        "size": packed.sizes,
+        "kept": packed.kept,
+        "weight": packed.weights,
+        "root_size": np.array([own.size for own in roots]),
+        "root": np.concatenate(roots),
+        "certain": calibration.certain,
+        "unsure": calibration.unsure,
+        "fading": calibration.fading,
+        "farthest": calibration.farthest,
+        "height": fitted.unknown.heights,
+        "moment": fitted.unknown.moments,
+    }
+    return LearnedCode(
+        {
+            "BASE": base.size,
+            "STOPS": WIDTHS.size,
+            "SPEEDS": SPEEDS.size,
+            "SHARPS": SHARP.size,
+            "STATES": STATES,
+            "HARMONICS": HARMONICS,
+            "WAVES": 2 * FRICTION_HARMONICS,
+            "PLACE": fitted.unknown.place,
+            "COLUMNS": columns.count,
+            "LANES": _LANES,
+            "WIDEST": int(packed.sizes.max()) + 2 * _LANES,
+            "SETTLED": SETTLED,
+            "STEP_TIME": columns.step_time,
+            "DIFFERENCE": DIFFERENCE,
+            "COS_DIFFERENCE": np.cos(DIFFERENCE),
+            "SIN_DIFFERENCE": np.sin(DIFFERENCE),
+        },
+        "".join(table(name, values) for name, values in tables.items()),
+        ("joint_physics.c",),
+        tuple(columns.init().ravel()),
+    )
+
+
+def _padded(size: int, to: int) -> int:
+    return -(-size // to) * to
+
+
+def _roots_by_columns(roots: NDArray[np.float32], sizes: list[int]) -> list[NDArray[np.float32]]:
+    """Return each joint's root in the order in which the code reads it.
+
+    Groups of four columns stand one after the other, from the group's first row on. Zeros fill
+    what is missing to whole vectors.
+    """
+    start = 0
+    found: list[NDArray[np.float32]] = []
+    for size in sizes:
+        root = np.zeros((size + _LANES, _padded(size, _COLUMNS)), np.float32)
+        below = np.tril_indices(size)
+        root[below] = roots[start : start + below[0].size]
+        start += below[0].size
+        groups = [
+            root[k : k + _padded(size - k, _LANES), k : k + _COLUMNS].T.ravel()
+            for k in range(0, size, _COLUMNS)
+        ]
+        found.append(np.concatenate(groups))
+    return found
+
+
+@learned.register
+def _(model: HybridModel, rate: float) -> LearnedCode:
+    fitted = model.fitted
+    network = _network(fitted.network, fitted.stride(rate))
+    features, scaling = fitted.features, fitted.inputs
+    tables = {
+        "stop_width": np.array(features.stop_widths or (0.0,)),
+        "direction_speed": np.array(features.direction_speeds or (1.0,)),
+        "place": features.places,
+        "joint_input": fitted.columns,
+        "input_mean": scaling.mean,
+        "input_std": scaling.std,
+        "lowest": scaling.lowest,
+        "highest": scaling.highest,
+        "output_slope": fitted.slope,
+        "output_offset": fitted.offset,
+        "error": fitted.error,
+        "unknown": fitted.outputs.std,
+        "part_input": fitted.network.columns,
+    }
+    own = {
+        "REVERSAL": features.reversal,
+        "SATURATION": features.saturation,
+        "FEATURE_MEMORY": features.init().shape[1],
+        "FEATURE_STOPS": len(features.stop_widths),
+        "FEATURE_SPEEDS": len(features.direction_speeds),
+        "HAS_DEFLECTION": int(features.compliance != 0.0),
+        "COMPLIANCE": float(features.compliance),
+        "QUANTITIES": features.places.size,
+        "INPUTS": len(features.inputs),
+        "JOINT_INPUTS": fitted.columns.shape[1],
+        "STANDALONE": int(fitted.standalone),
+        "PARTS": fitted.network.columns.shape[0],
+        "PART_INPUTS": fitted.network.columns.shape[1],
+        "PART_OUTPUTS": fitted.network.outputs // fitted.network.columns.shape[0],
+    }
+    return LearnedCode(
+        own | network.defines,
+        "".join(table(name, values) for name, values in tables.items()) + network.tables,
+        (*network.sources, "network.c"),
+        tuple(features.init().ravel()),
+        network.network,
+    )
+
+
+@singledispatch
+def _network(network: Network, stride: int) -> LearnedCode:  # noqa: ARG001
+    raise ConfigError(
+        f"a network of kind {network.kind} has no form in C; expected mlp7, lstm-2 or lstm-fcl"
+    )
+
+
+@_network.register
+def _(network: Mlp, stride: int) -> LearnedCode:  # noqa: ARG001  # it has no memory
+    weights = "".join(table(name, values) for name, values in network.weights.items())
+    return LearnedCode({"HIDDEN": network.hidden}, weights, ("mlp.c",))
+
+
+@_network.register
+def _(network: Lstm, stride: int) -> LearnedCode:
+    units, memory = network.units, network.init(stride).size
+    layer = isinstance(network, LstmFcl)
+    last = ("output_weight", "output_bias") if layer else ()
+    return LearnedCode(
+        {
+            "LAYERS": units.size,
+            "STRIDE": float(stride),
+            "CELLS": (memory - 1) // stride,
+            "WIDEST": max(int(units.max()), network.columns.shape[1]),
+            "HAS_LAYER": int(layer),
+        },
+        table("units", units)
+        + table("cell_weight", network.packed)
+        + "".join(table(name, network.weights[name]) for name in last),
+        ("lstm.c",),
+        network=memory,
+    )

@@ -1,0 +1,194 @@
+"""A stream of every kind of model as C: equal to Python's, through starts, gaps and bad input."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from c_model import COMPILERS, CEstimates, CModel, worst
+from wandering import wander
+
+from estimators.embedded.export import export_c
+from estimators.embedded.threshold import measured_threshold, normal_threshold
+from estimators.hybrid import HybridModel
+from estimators.hybrid.training.settings import TrainingSettings
+from estimators.joint_physics import JointPhysics
+from estimators.stream import LiveEstimate, Stream
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from estimators.base import LiveEstimator
+    from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray
+
+RATE = 200.0
+NETWORKS = [("mlp7", "drive"), ("lstm-fcl", "own-joint"), ("lstm-2", "all-joints")]
+SINGLE = 5e-6  # of the leverage of joint physics, which Python and C sum in single precision
+OK, NOT_FINITE, TIME_STOOD, TORQUE_CHANGED = range(4)
+
+
+@pytest.fixture(scope="module")
+def moved(true_arm: Simulation) -> Recording:
+    """A minute of motion, some samples lost and one gap; torque with noise."""
+    t = np.arange(int(60 * RATE)) / RATE
+    lost = np.isin(np.arange(t.size) % 400, [50, 51, 230])
+    t[t.size // 2 :] += 0.7
+    motion = wander(t, np.array([0.3, -0.8]), 5, (0.1, 0.9), (0.01, 0.3))
+    torque = true_arm.predict(motion)
+    torque += np.random.default_rng(0).normal(0.0, 0.02, torque.shape)
+    return Recording.from_arrays(t[~lost], motion.position[~lost], torque[~lost])
+
+
+@pytest.fixture(scope="module")
+def physics(rigid: Simulation, record: Callable[[int, float], Recording]) -> JointPhysics:
+    return JointPhysics(rigid).fit([record(0, 40.0)])
+
+
+def network(kind: str, features: str, rigid: Simulation, learned_from: Recording) -> HybridModel:
+    settings = TrainingSettings(
+        model=kind, features=features, epochs=1, sequence_length=20, rate=50.0, hidden=6, folds=2
+    )
+    return HybridModel(rigid, settings).fit([learned_from])
+
+
+def faded(model: LiveEstimator | Simulation, late: LiveEstimate) -> FloatArray:
+    """Return how much joint physics takes back of what it learned, at most, (T, n) [N m]."""
+    if not isinstance(model, JointPhysics):
+        return np.zeros_like(late.torque)
+    known = model.fitted.calibration
+    leverage = (late.std**2 - known.certain) / known.unsure
+    return np.abs(late.learned) * known.fading * leverage
+
+
+def compare(model: LiveEstimator | Simulation, found: CEstimates, moved: Recording) -> None:
+    stream = Stream(model, RATE)
+    late, _ = stream.advance(stream.init(), moved.time, moved.position, moved.torque)
+    assert late.measured is not None
+    assert (found.status == OK).all()
+    np.testing.assert_allclose(found.time, late.time, rtol=0, atol=1e-12)
+    difference, scale = np.abs(found["torque"] - late.torque), np.abs(late.torque).max()
+    assert (difference <= 1e-9 * scale + SINGLE * faded(model, late)).all()
+    assert worst(found["simulation"], late.simulation) < 1e-9
+    assert worst(found["measured"], late.measured) < 1e-9
+    np.testing.assert_array_equal(found["external"], found["measured"] - found["torque"])
+    np.testing.assert_allclose(found["deviation"], late.std, rtol=SINGLE, equal_nan=True)
+    np.testing.assert_array_equal(found["outside"] > 0, late.outside)
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_joint_physics_equals_its_stream(
+    physics: JointPhysics, moved: Recording, tmp_path: Path, compiler: str
+) -> None:
+    built = CModel.of(physics, tmp_path, RATE, compiler)
+    compare(physics, built.stream(moved.time, moved.position, moved.torque), moved)
+
+
+@pytest.mark.parametrize(("kind", "features"), NETWORKS, ids=[kind for kind, _ in NETWORKS])
+def test_networks_equal_their_streams(
+    kind: str,
+    features: str,
+    rigid: Simulation,
+    moved: Recording,
+    record: Callable[[int, float], Recording],
+    tmp_path: Path,
+) -> None:
+    model = network(kind, features, rigid, record(0, 30.0))
+    built = CModel.of(model, tmp_path, RATE)
+    compare(model, built.stream(moved.time, moved.position, moved.torque), moved)
+
+
+def test_a_bare_simulation_knows_no_errors_and_no_contact(
+    rigid: Simulation, moved: Recording, tmp_path: Path
+) -> None:
+    found = CModel.of(rigid, tmp_path, RATE).stream(moved.time, moved.position, moved.torque)
+    compare(rigid, found, moved)
+    assert np.isnan(found["threshold"]).all()
+    assert not found["contact"].any()
+
+
+def test_without_torque_there_is_no_external_one(
+    physics: JointPhysics, moved: Recording, tmp_path: Path
+) -> None:
+    found = CModel.of(physics, tmp_path, RATE).stream(moved.time, moved.position)
+    late = Stream(physics, RATE).predict(moved)
+    assert worst(found["torque"], late) < SINGLE
+    assert np.isnan(found["external"]).all()
+    assert not found["contact"].any()
+
+
+def test_bad_input_is_refused_and_changes_nothing(
+    rigid: Simulation, moved: Recording, tmp_path: Path
+) -> None:
+    built = CModel.of(rigid, tmp_path, RATE)
+    time, position, torque = moved.time[:300], moved.position[:300], moved.torque[:300]
+    undisturbed = built.stream(time, position, torque)
+    bad = {100: NOT_FINITE, 150: TIME_STOOD, 200: NOT_FINITE}
+    rows = np.sort(np.concatenate([np.arange(300), list(bad)]))
+    at = {int(np.flatnonzero(rows == row)[1]): status for row, status in bad.items()}
+    time, position, torque = time[rows], position[rows].copy(), torque[rows].copy()
+    first, _, third = at
+    position[first, 1], torque[third, 0] = np.inf, np.nan
+    found = built.stream(time, position, torque)
+    assert {int(t): int(found.status[t]) for t in np.flatnonzero(found.status)} == at
+    good = found.status == OK
+    np.testing.assert_array_equal(found["torque"][good], undisturbed["torque"])
+
+
+def test_a_push_is_a_contact_and_errors_are_as_rarely_one_as_stated(
+    physics: JointPhysics,
+    record: Callable[[int, float], Recording],
+    tmp_path: Path,
+) -> None:
+    """Sixty alarms an hour are one in the minute that is judged; four are within its chance."""
+    # the arm's recordings are at half the rate
+    stream, free = Stream(physics, 100.0), [record(seed, 60.0) for seed in (1, 2)]
+    assert free[0].rate == pytest.approx(100.0)
+    level = measured_threshold(60.0, stream, free)
+    assert (level > normal_threshold(60.0, 2, 10.0)).all()  # errors peak at reversals
+    built = CModel.of(physics, tmp_path, 100.0, false_alarms=60.0, free=free)
+    quiet = record(3, 60.0)
+    found = built.stream(quiet.time, quiet.position, quiet.torque)
+    begun = np.diff((found["contact"] > 0.0).any(axis=1).astype(int), prepend=0) > 0
+    assert np.count_nonzero(np.diff(np.flatnonzero(begun), prepend=-100) > 10) <= 4
+    pushed, push = quiet.torque.copy(), (quiet.time > 12.0) & (quiet.time < 12.5)
+    pushed[push, 1] += 6.0
+    found = built.stream(quiet.time, quiet.position, pushed)
+    during = (found.time > 12.1) & (found.time < 12.4) & (found["outside"][:, 1] == 0.0)
+    assert during.any()
+    assert found["contact"][during, 1].all()
+    with pytest.raises(RecordingError, match=r"joint 1.*free motion for longer"):
+        measured_threshold(60.0, stream, [record(4, 3.0)])
+
+
+def test_the_threshold_gives_the_stated_rate_on_normal_errors() -> None:
+    """A white error behind a filter of the bandwidth crosses at most as often."""
+    rate, bandwidth, joints, alarms = 200.0, 10.0, 7, 3600.0  # an alarm a second
+    random = np.random.default_rng(0)
+    spectrum = np.fft.rfft(random.standard_normal((joints, 1 << 17)))
+    spectrum[:, np.fft.rfftfreq(1 << 17, 1 / rate) > bandwidth] = 0.0
+    error = np.fft.irfft(spectrum)
+    level = normal_threshold(alarms, joints, bandwidth)[:, None]
+    over = np.abs(error / error.std(axis=1, keepdims=True)) > level
+    begun = np.count_nonzero(~over[:, :-1] & over[:, 1:]) / ((1 << 17) / rate)
+    assert 0.3 < begun <= 1.0  # the spectrum reaches up to B: its mean frequency is B / sqrt(3)
+
+
+@pytest.mark.parametrize("alarms", [0.0, -1.0, float("nan"), 1e9])
+def test_an_impossible_rate_of_alarms_is_refused(alarms: float) -> None:
+    with pytest.raises(ConfigError, match="false alarms"):
+        normal_threshold(alarms, 7, 10.0)
+
+
+def test_names_begin_as_told(rigid: Simulation, tmp_path: Path) -> None:
+    for name in ("left", "right"):
+        export_c(rigid, tmp_path, RATE, name=name)
+    text = (tmp_path / "left.h").read_text() + (tmp_path / "left.c").read_text()
+    assert "left_step" in text
+    assert "limo_" not in text
+    with pytest.raises(ConfigError, match="no name"):
+        export_c(rigid, tmp_path, RATE, name="2 arms")
