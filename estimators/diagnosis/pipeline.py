@@ -298,7 +298,7 @@ class _Judged:
         remaining = remaining_residual(problem.observed, proven)
         named, unknown = abstained(problem, solution, remaining)
         if not gains(problem, solution, proven, remaining):
-            named = ordinary(problem, named)
+            named = ordinary(problem, solution, named)
         return cls(problem, solution, proven, remaining, named, unknown)
 
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:

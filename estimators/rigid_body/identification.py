@@ -26,7 +26,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,6 +39,7 @@ TOLERANCES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # relative, of inertias in a
 _TOLERABLE = (1e-4, 10.0)  # beyond, the prior or the data vanish in rounding
 _SIGNIFICANT = 3.0  # standard deviations below which an armature is left out
 _NEGLIGIBLE = 1e-3  # [N m], an error that no sensor shows
+_GAINED = 0.3  # of the last link's mass, above which a gain is no error of a description
 _MUCH_WORSE = 1.1  # ratio of errors above which a consistent fit is worth a warning
 
 
@@ -165,7 +166,10 @@ def identify(
         estimates,
         _changes(model, consistent),
         sum(len(recording) for recording in recordings),
-        tuple(_warnings(base, fit, rmse, equations)),
+        (
+            *_warnings(base, fit, rmse, equations),
+            *_gained(model, consistent.parameters, covariance),
+        ),
     )
 
 
@@ -292,6 +296,19 @@ def _changes(model: RobotModel, fit: ConsistentFit) -> tuple[LinkChange, ...]:
             )
         )
     return tuple(changes)
+
+
+def _gained(model: RobotModel, phi: FloatArray, covariance: FloatArray) -> Iterator[str]:
+    """Yield a warning where the last link has surely taken up a mass that no tolerance explains."""
+    at, link = PER_LINK * (model.n - 1), model.link_names[-1]
+    stated, deviation = model.inertials[link].mass, float(np.sqrt(covariance[at, at]))
+    gained = float(phi[at]) - stated
+    if gained > max(_GAINED * stated, _SIGNIFICANT * deviation):
+        yield (
+            f"{link} gained {gained:.2f} kg ({stated:.2f} to {phi[at]:.2f} kg): is there a tool? "
+            "`limo diagnose --robot` estimates it as a payload, and friction with it; or keep the "
+            "links to what the description allows (--inertia-tolerance 0.05)"
+        )
 
 
 def _warnings(

@@ -35,6 +35,10 @@ def command(
     inertia_tolerance: Annotated[
         float, typer.Option(help="With --robot: how far its inertias may be off, relative.")
     ] = 0.05,
+    gain_tolerance: Annotated[
+        float,
+        typer.Option(help="With --robot: the same of the scale of its torques, as of currents."),
+    ] = 0.0,
     export: Annotated[
         Path | None,
         typer.Option(help="Write what was found into a copy of the robot's file, too."),
@@ -76,7 +80,8 @@ def command(
     notes = terminal(stderr=True, soft_wrap=True)
     given = [sim] if sim is not None else []
     require_place(out, "the diagnosis", FILES, [*given, *recordings])
-    simulation, measured = _start(recordings, sim, robot, inertia_tolerance, mapping, notes)
+    tolerances = inertia_tolerance, gain_tolerance
+    simulation, measured = _start(recordings, sim, robot, tolerances, mapping, notes)
     with progress_bar(notes) as progress:
         found = diagnose(
             simulation,
@@ -109,7 +114,7 @@ def _start(
     recordings: list[Path],
     sim: Path | None,
     robot: str | None,
-    tolerance: float,
+    tolerances: tuple[float, float],
     mapping: Path | None,
     notes: Console,
 ) -> tuple[Simulation, list[Recording]]:
@@ -134,7 +139,7 @@ def _start(
     for note in model.notes:
         notes.print(f"{robot}: {note}")
     measured = [read(path, model, mapping) for path in recordings]
-    return nominal(model, inertia_tolerance=tolerance), measured
+    return nominal(model, (), *tolerances), measured
 
 
 def _export(found: Diagnosis, to: Path, *, as_json: bool) -> None:

@@ -37,6 +37,7 @@ class Tolerances(Declared):
     inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
     friction: float = parameter("1", "of the parameters of friction", lower=0, default=0.15)
     drive: float = parameter("1", "of the parameters of drives", lower=0, default=0.3)
+    gain: float = parameter("1", "of the scale of each joint's torque", lower=0, default=0.0)
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,8 @@ def save(simulation: SimulationFile, path: Path) -> None:
     content["tolerances"] = _values(simulation.tolerances)
     if not simulation.drives:
         del content["tolerances"]["drive"]
+    if not simulation.tolerances.gain:  # nobody doubts it
+        del content["tolerances"]["gain"]
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
     if simulation.drives:

@@ -86,6 +86,7 @@ def nominal(
     robot: RobotModel | Path | str,
     recordings: Recording | Path | str | Iterable[Recording | Path | str] = (),
     inertia_tolerance: float = 0.05,
+    gain_tolerance: float = 0.0,
 ) -> Simulation:
     """Return what is believed of a robot of which only a description is at hand.
 
@@ -98,6 +99,8 @@ def nominal(
         robot: A model, a built-in name, or the path of a URDF or MJCF.
         recordings: Measured motions and torques of that arm: none, one or several, or their files.
         inertia_tolerance: How far the inertias of the description may be off, relative, 1 sigma.
+        gain_tolerance: How far the scale of each joint's torque may be, as of torques that are
+            currents times a constant.
 
     Returns:
         A simulation to go on with; to give to `diagnose`, one without friction.
@@ -111,9 +114,10 @@ def nominal(
     """
     model, measured = model_of(robot), recordings_of(recordings)
     if not measured:
-        return Simulation(model.name, tolerances=Tolerances(inertia=inertia_tolerance))
+        known = Tolerances(inertia=inertia_tolerance, gain=gain_tolerance)
+        return Simulation(model.name, tolerances=known)
     found = identify(model, measured).simulation
-    known = replace(found.tolerances, inertia=inertia_tolerance)
+    known = replace(found.tolerances, inertia=inertia_tolerance, gain=gain_tolerance)
     return Simulation(model.name, found.effects, tolerances=known)
 
 

@@ -23,6 +23,17 @@ def without(problem: RegressionProblem, solution: Solution, member: int) -> Post
     return solution.having(problem.less(solution.members, (member,))).fitted
 
 
+def coefficients(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+    """Return the fitted coefficients (c,) of a member of a set."""
+    at = problem.nuisance.prior.index.size
+    for i in solution.members:
+        size = problem.candidates[i].prior.index.size
+        if i == member:
+            return solution.fitted.mean[at : at + size]
+        at += size
+    raise KeyError(member)
+
+
 def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
     """Return the residual (K, n) of values moved within their tolerances, and of no effect [N m].
 

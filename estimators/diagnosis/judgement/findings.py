@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import contribution, material
+from estimators.diagnosis.fitting.contribution import coefficients, contribution, material
 from estimators.diagnosis.fitting.laws import sentence_of
 from estimators.diagnosis.judgement.judgement import (
     acts_most,
@@ -31,7 +31,7 @@ from estimators.diagnosis.judgement.judgement import (
     identical,
     margin,
 )
-from estimators.diagnosis.judgement.ordinary import ordinary
+from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
@@ -67,6 +67,7 @@ def findings_of(
         after: That of the improved simulation.
     """
     shares = shares_of(problem, solution, alone, after, remaining.floor)
+    far = beyond_siblings(problem, solution)
     found: list[Finding] = []
     for member in named:
         candidate = problem.candidates[member]
@@ -104,7 +105,8 @@ def findings_of(
                     float(remaining.floor[joint]),
                     lead,
                 )
-                + sentence_of(candidate.laws),
+                + sentence_of(candidate.laws)
+                + _siblings_sentence(far.get(member)),
                 signs=asdict(signs),
             )
         )
@@ -130,22 +132,15 @@ def _sentence(
     )
 
 
-def amplitudes(
-    problem: RegressionProblem, solution: Solution, member: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return a member's coefficients and their covariance."""
-    at = problem.nuisance.prior.index.size
-    for i in solution.members:
-        size = problem.candidates[i].prior.index.size
-        if i == member:
-            rows = slice(at, at + size)
-            return solution.fitted.mean[rows], solution.fitted.covariance[rows, rows]
-        at += size
-    raise KeyError(member)
+def _siblings_sentence(times: float | None) -> str:
+    """Say how far friction is beyond that of the other joints; nothing where it is like them."""
+    if times is None:
+        return ""
+    return f" For what its drive can do, it is {times:.0f} times that of any other joint."
 
 
 def _where(problem: RegressionProblem, solution: Solution, member: int, joint: int) -> Where:
-    mean, _ = amplitudes(problem, solution, member)
+    mean = coefficients(problem, solution, member)
     torque = problem.columns.apply(problem.candidates[member].prior.index, mean)
     return where_of(problem.observed, torque[:, joint], joint)
 
@@ -270,7 +265,7 @@ def shares_of(
         floor: Noise floor, (n,) [N m].
     """
     taken = max(reducible_removed(alone, after, floor), 0.0)
-    plain = ordinary(problem, solution.members)
+    plain = ordinary(problem, solution, solution.members)
     lost = {
         member: max(float(contribution(problem, solution, member).sum()), 0.0)
         for member in solution.members

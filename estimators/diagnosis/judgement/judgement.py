@@ -157,7 +157,7 @@ def abstained(
     small = remaining.predictable < JUDGEMENT.small * remaining.floor
     least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
     doubtful = {int(j) for j in unknown if explained[j] < least[j]}
-    plain = ordinary(problem, solution.members)
+    plain = ordinary(problem, solution, solution.members)
     stay = tuple(
         member
         for member in solution.members

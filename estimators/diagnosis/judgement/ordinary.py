@@ -3,38 +3,89 @@
 Every joint rubs, and every drive has inertia. Where a simulation gives a joint no friction at all,
 Coulomb and viscous friction there are values to identify, and no finding. So is another law of
 friction, or the inertia of drives, that more than half of these joints have: that is how the arm is
-made. What one joint has and its siblings lack is unusual.
+made. What one joint has and its siblings lack is unusual, and so is friction of a size far beyond
+that of its siblings.
+
+Sizes are compared as parts of what a drive can do: friction over the limit of its torque, viscous
+friction at the limit of its speed. One joint is unlike its siblings where that is several times the
+largest of theirs.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from estimators.diagnosis.fitting.contribution import coefficients
 from estimators.diagnosis.selection.base_friction import BASE, rubs, without_friction
 from estimators.diagnosis.settings.judgement import ORDINARY
-from limo_driver.physics import Armature
+from limo_driver.physics import Armature, ViscousFriction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.fitting.problem import RegressionProblem
+    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
 
 
-def ordinary(problem: RegressionProblem, members: Sequence[int]) -> tuple[int, ...]:
+def ordinary(
+    problem: RegressionProblem, solution: Solution, members: Sequence[int]
+) -> tuple[int, ...]:
     """Return the members of a set that are ordinary at joints of unknown friction.
 
     Args:
         problem: What was compared.
-        members: Of a set, as indices of its candidates.
+        solution: The set, fitted.
+        members: Of the set, as indices of its candidates; all or some.
     """
-    bare = without_friction(problem.observed.simulation)
+    bare = {(j,) for j in without_friction(problem.observed.simulation)}
     of_drives = {
         member: candidate
         for member in members
-        if (candidate := problem.candidates[member]).joints in {(j,) for j in bare}
+        if (candidate := problem.candidates[member]).joints in bare
         and (rubs(candidate.effect) or candidate.effect == Armature.name)
     }
     effects = [candidate.effect for candidate in of_drives.values()]
     most = ORDINARY.part * max(len(bare), ORDINARY.siblings)
     usual = {*BASE, *(effect for effect in effects if effects.count(effect) > most)}
-    return tuple(member for member, item in of_drives.items() if item.effect in usual)
+    far = beyond_siblings(problem, solution)
+    return tuple(k for k, item in of_drives.items() if item.effect in usual and k not in far)
+
+
+def beyond_siblings(problem: RegressionProblem, solution: Solution) -> dict[int, float]:
+    """Return the plain friction that is far larger than that of the other joints.
+
+    Args:
+        problem: What was compared.
+        solution: The set, fitted.
+
+    Returns:
+        Of each such member, how many times the largest of its siblings it is.
+    """
+    bare = {(j,) for j in without_friction(problem.observed.simulation)}
+    found: dict[int, float] = {}
+    for effect in BASE:
+        parts = {
+            _of_the_drive(problem, solution, member): member
+            for member in solution.members
+            if (candidate := problem.candidates[member]).effect == effect
+            and candidate.joints in bare
+        }
+        *others, second, first = [0.0, 0.0, *sorted(part for part in parts if part > 0)]
+        if len(others) >= ORDINARY.compared and first > ORDINARY.times * second:
+            found[parts[first]] = first / second
+    return found
+
+
+def _of_the_drive(problem: RegressionProblem, solution: Solution, member: int) -> float:
+    """Return plain friction as a part of what the drive can do; 0 where no limit is known."""
+    candidate = problem.candidates[member]
+    if candidate.hypothesis is None:
+        return 0.0
+    limits = problem.observed.simulation.model.limits
+    (effect,) = candidate.hypothesis.realise(coefficients(problem, solution, member))
+    joint = candidate.joints[0]
+    viscous = isinstance(effect, ViscousFriction)
+    torque = effect.f_v * limits.velocity[joint] if viscous else getattr(effect, "tau_c", 0.0)
+    can = float(limits.torque[joint])
+    return float(torque or 0.0) / can if np.isfinite(can) and can > 0 else 0.0

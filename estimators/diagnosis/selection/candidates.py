@@ -21,6 +21,7 @@ from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.physics import TorqueGain
 from limo_driver.physics.catalogue import description_of
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def candidates_of(
         hypothesis
         for hypothesis in hypotheses.every(observed)
         if (hypothesis.effect, hypothesis.joints) not in revised
+        and not (observed.simulation.tolerances.gain and hypothesis.effect == TorqueGain.name)
     ]
     for start in range(0, len(competing), CANDIDATES.together):
         some = competing[start : start + CANDIDATES.together]

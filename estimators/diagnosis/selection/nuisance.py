@@ -24,7 +24,7 @@ from estimators.diagnosis.hypotheses.revision import (
 from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
-from limo_driver.physics import TimeDelay, TorqueOffset, spoken
+from limo_driver.physics import TimeDelay, TorqueGain, TorqueOffset, spoken
 from limo_driver.physics.delay import UNIT_DELAY
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.selection.columns import ColumnTable
-    from limo_driver.physics import Parameter, Simulation
+    from limo_driver.physics import Effect, Parameter, Simulation
     from limo_driver.types import FloatArray
 
 
@@ -113,6 +113,7 @@ def nuisance_of(
         *_inertias(observed, columns, stated),
         *_parameters(observed, columns, stated),
         *_sensors(observed, columns, floor),
+        *_gains(observed, columns, stated),
     ]
     sizes = np.cumsum([0, *(part.prior.index.size for part in parts)])
     return Nuisance(
@@ -163,6 +164,8 @@ _INERTIAL_NAMES = ("mass", *(f"com {axis}" for axis in "xyz"), *(f"inertia {i}" 
 def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation) -> list[_Part]:
     parts: list[_Part] = []
     for place, effect in enumerate(observed.simulation.effects):
+        if _is_of_tolerance(effect, observed, stated):
+            continue
         known_as = next((item for item in stated.effects if item.place == effect.place), effect)
         for known in effect.parameters():
             value: Any = getattr(effect, known.name)
@@ -204,6 +207,39 @@ def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noq
         known.lower,
         known.upper,
     )
+
+
+def _is_of_tolerance(effect: Effect, observed: Observations, stated: Simulation) -> bool:
+    """Say whether an effect is a gain that a fit has moved inside the tolerance of all gains."""
+    tolerated = isinstance(effect, TorqueGain) and observed.simulation.tolerances.gain > 0
+    return tolerated and all(effect.place != item.place for item in stated.effects)
+
+
+def _gains(observed: Observations, columns: ColumnTable, stated: Simulation) -> list[_Part]:
+    """Return the scale of each joint's torque, as of currents that are torque to some percent."""
+    tolerance = observed.simulation.tolerances.gain
+    parts: list[_Part] = []
+    for joint in range(1, observed.n + 1) if tolerance else ():
+        column = response(TorqueGain(joint=joint, gain=1.0), observed)
+        index = columns.add(column.joints, column.values[:, :, None])
+        parts.append(
+            _Part(
+                (Tolerated(f"gain of torque {joint}", "relative", 0.0, 1.0),),
+                Prior.free(index, np.array([tolerance])),
+                _scaler(joint),
+                np.array([_gain_in(observed.simulation, joint) - _gain_in(stated, joint)]),
+            )
+        )
+    return parts
+
+
+def _gain_in(simulation: Simulation, joint: int) -> float:
+    gains = [effect for effect in simulation.effects if isinstance(effect, TorqueGain)]
+    return sum(effect.gain for effect in gains if effect.joint == joint)
+
+
+def _scaler(joint: int) -> Enter:
+    return lambda improvement, c: improvement.add(TorqueGain(joint=joint, gain=float(c[0])))
 
 
 def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) -> list[_Part]:

@@ -54,6 +54,11 @@ class OrdinarySettings:
     siblings: int = setting(3, "joints", "that such an arm is taken to have at least",
         "lower takes what one of two joints has for ordinary",
         chosen="of fewer than three joints, none is unlike the others")
+    compared: int = setting(4, "joints", "of one kind of friction, from which sizes are compared",
+        "lower takes chance for scatter; higher compares on few arms")
+    times: float = setting(3.0, "times any sibling's", "that friction unlike its siblings is",
+        "higher misses a joint that binds; lower names what another gear makes",
+        chosen="the UR10e's joints differ by 3 in all, the Panda's two kinds of gears by 10")
 
 
 ORDINARY = OrdinarySettings()

@@ -211,6 +211,19 @@ def test_friction_that_is_all_that_is_missing_is_no_finding(given):
     assert error(found.after, given) < 0.02
 
 
+def test_gains_inside_their_tolerance_are_no_finding_and_are_mended(given):
+    """Torques that are currents times a constant that is good to 10 %; friction unknown."""
+    gains = (TorqueGain(joint=1, gain=0.08), TorqueGain(joint=2, gain=-0.1))
+    true = replace(given, effects=(*given.effects, *gains))
+    tolerant = replace(given, effects=(), tolerances=Tolerances(inertia=0.01, gain=0.1))
+    found = diagnose(tolerant, [record(true, 3)])
+    assert names(found) == set()
+    assert closure(found)[1] < CLOSED
+    assert error(found.after, true) < 0.02
+    mended = {e.joint: e.gain for e in found.after.effects if isinstance(e, TorqueGain)}
+    assert mended == pytest.approx({1: 0.08, 2: -0.1}, abs=0.01)
+
+
 def test_no_friction_is_named_where_the_torque_has_none(given):
     """A torque that is measured on the link side."""
     link_side = replace(given, effects=())

@@ -357,6 +357,18 @@ def test_a_still_joint_keeps_its_inertia_and_is_told(iiwa):
     assert found.links[6].mass == pytest.approx(1.2, rel=0.2)
 
 
+TOOL = Payload(mass=0.8, com=(0.0, 0.02, 0.1), inertia=(0.002, 0, 0, 0.002, 0, 0.001))
+
+
+@pytest.mark.parametrize("tools", [(), (TOOL,)], ids=["none", "tool"])
+def test_a_tool_that_the_last_link_takes_up_is_asked_about(iiwa, tools):
+    found = identify(iiwa, [record(Simulation("iiwa14", (*FRICTION, *tools)))], PAPER)
+    asked = [text for text in found.warnings if "is there a tool?" in text]
+    assert len(asked) == len(tools)
+    gained = f"link7 gained {found.links[6].mass - 1.2:.2f} kg"
+    assert all(text.startswith(gained) for text in asked)
+
+
 def test_a_torque_that_reads_zero_throughout_is_no_exact_measurement(iiwa):
     """As a drive whose torque is below what it can tell; the others are known as well as before."""
     measured = record(Simulation("iiwa14", FRICTION), T=3000)

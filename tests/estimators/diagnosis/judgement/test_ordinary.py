@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from estimators.diagnosis.judgement.ordinary import ordinary
-from limo_driver.physics import ViscousFriction
+from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary
+from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
 
 PLAIN = [("coulomb_friction", (j,)) for j in range(7)]
 
@@ -15,11 +16,14 @@ PLAIN = [("coulomb_friction", (j,)) for j in range(7)]
 def ordinary_of(places, n=7, stated=()):
     """Return the places that are ordinary beside one another on an arm of n joints."""
     simulation = SimpleNamespace(effects=stated, model=SimpleNamespace(n=n))
-    candidates = [SimpleNamespace(effect=effect, joints=joints) for effect, joints in places]
+    candidates = [
+        SimpleNamespace(effect=effect, joints=joints, hypothesis=None) for effect, joints in places
+    ]
     problem = SimpleNamespace(
         observed=SimpleNamespace(simulation=simulation), candidates=candidates
     )
-    return [places[i] for i in ordinary(problem, range(len(places)))]
+    members = range(len(places))
+    return [places[i] for i in ordinary(problem, SimpleNamespace(members=members), members)]
 
 
 def test_coulomb_friction_is_ordinary_wherever_none_is_stated():
@@ -44,3 +48,42 @@ def test_of_two_joints_none_is_unlike_the_other():
 @pytest.mark.parametrize("effect", ["payload", "spring_load", "torque_offset", "torque_ripple"])
 def test_what_is_no_friction_is_never_ordinary(effect):
     assert ordinary_of([(effect, (j,)) for j in range(7)]) == []
+
+
+def sized(tau_c, simulation):
+    """Return a problem whose joints have Coulomb friction of sizes (n,) [N m], and its fit."""
+    hypotheses = [CoulombFriction.of_unit_size(j, 0.002) for j in range(1, len(tau_c) + 1)]
+    candidates = [
+        SimpleNamespace(
+            effect=item.effect, joints=item.joints, hypothesis=item,
+            prior=SimpleNamespace(index=np.array([k])),
+        )
+        for k, item in enumerate(hypotheses)
+    ]  # fmt: skip
+    nothing = SimpleNamespace(prior=SimpleNamespace(index=np.zeros(0)))
+    observed = SimpleNamespace(simulation=simulation)
+    problem = SimpleNamespace(observed=observed, candidates=candidates, nuisance=nothing)
+    fitted = SimpleNamespace(mean=np.array(tau_c))
+    return problem, SimpleNamespace(members=tuple(range(len(tau_c))), fitted=fitted)
+
+
+USUAL = np.array([2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35])  # [N m], of drives of 320 to 40 N m
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_a_joint_that_binds_is_unlike_its_siblings(joint):
+    problem, solution = sized(
+        np.where(np.arange(7) == joint, 8.0, 1.0) * USUAL, Simulation("iiwa14")
+    )
+    ((member, times),) = beyond_siblings(problem, solution).items()
+    assert member == joint
+    part = USUAL / Simulation("iiwa14").model.limits.torque
+    assert times == pytest.approx(8.0 * part[joint] / np.delete(part, joint).max())
+    assert ordinary(problem, solution, solution.members) == tuple(j for j in range(7) if j != joint)
+
+
+def test_sizes_that_differ_from_drive_to_drive_are_no_more_than_that():
+    iiwa = Simulation("iiwa14")
+    assert beyond_siblings(*sized(USUAL, iiwa)) == {}
+    assert beyond_siblings(*sized(np.array([0.3, 0.3, 0.2, 0.2, 1.3, 0.5, 0.5]), iiwa)) == {}
+    assert beyond_siblings(*sized(np.array([2.2, 120.0, 1.6]), iiwa)) == {}  # too few to compare

@@ -12,7 +12,7 @@ from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.columns import ColumnTable
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
-from limo_driver.physics import CoulombFriction, JointElasticity
+from limo_driver.physics import CoulombFriction, JointElasticity, Tolerances, TorqueGain
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +105,35 @@ def test_bodies_come_first(nuisance):
     bodies = [item.name.endswith((" of upper", " of lower")) for item in nuisance.parameters]
     assert all(bodies[: 2 * PER_LINK])
     assert not any(bodies[2 * PER_LINK :])
+
+
+def gains_of(given, stated=None):
+    """Return the nuisance of gains that are known to 10 %, and the table of its columns."""
+    columns = ColumnTable(*given.residual.shape)
+    found = nuisance_of(given, columns, np.full(given.n, 0.1), stated)
+    at = [k for k, item in enumerate(found.parameters) if item.name.startswith("gain of torque")]
+    return found, columns, at
+
+
+def test_gains_have_a_tolerance_only_where_one_is_stated(observed):
+    assert gains_of(observed)[2] == []
+    tolerant = replace(observed.simulation, tolerances=Tolerances(gain=0.1))
+    found, columns, at = gains_of(observed.beside(tolerant))
+    assert found.prior.deviation[at] == pytest.approx([0.1, 0.1])
+    one = columns.apply(found.prior.index[at[:1]], np.ones(1))
+    np.testing.assert_allclose(one[:, 0], observed.simulated[:, 0], atol=1e-9)
+    assert not one[:, 1].any()
+
+
+def test_a_gain_that_a_fit_has_moved_is_counted_from_what_is_stated(observed):
+    tolerant = replace(observed.simulation, tolerances=Tolerances(gain=0.1))
+    gain = TorqueGain(joint=2, gain=0.07)
+    moved = replace(tolerant, effects=(*tolerant.effects, gain))
+    found, _, at = gains_of(observed.beside(moved), tolerant)
+    assert found.start[at] == pytest.approx([0.0, 0.07])
+    improvement = Improvement(moved)
+    found.enter(improvement, np.where(np.isin(np.arange(found.start.size), at), 0.01, 0.0))
+    gains = {e.joint: e.gain for e in improvement.simulation().effects if e.name == gain.name}
+    assert gains == pytest.approx({1: 0.01, 2: 0.08})
+    known = [item.place for item in found.parameters if item.known is not None]
+    assert (gain.name, (1,)) not in known
