@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from limo_driver.network.messages import Event
+    from limo_driver.network.streaming import Keys
 
 _EVENTS = 12  # shown
 _STALE = 3.0  # [s] without status, after which a service is shown as silent
@@ -58,6 +59,13 @@ def command(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print every status and event as JSON, one a line.")
     ] = False,
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve a page to this machine: the arm, torques, events.")
+    ] = False,
+    port: Annotated[int, typer.Option(help="With --web: of the page; 0 for any.")] = 8642,
+    robot: Annotated[
+        str, typer.Option(help="With --web: the robot that is drawn, built in, URDF or MJCF.")
+    ] = "iiwa14",
 ) -> None:
     """Show rates, latency, external torque, models, contacts and losses of arms on the network.
 
@@ -67,6 +75,7 @@ def command(
         limo watch
         limo watch --arm iiwa14 --connect tcp/192.168.1.2:7447 --json
         limo watch --arm iiwa14 --until serving --timeout 60
+        limo watch --arm iiwa14 --web
     """
     from limo_driver.console.shortening import shortened
     from limo_driver.errors import ConfigError
@@ -79,6 +88,8 @@ def command(
         return
     if timeout is not None:
         raise ConfigError("--timeout is for --until; watching ends after --duration")
+    if web and arm == "*":
+        raise ConfigError("--web shows one arm: name it with --arm")
     watched = Watched(as_json=as_json)
     keys = Keys.of_any() if arm == "*" else Keys(arm)
     with open_session(connect or (), listen or (), config) as session:
@@ -87,9 +98,37 @@ def command(
             follow_history(session, keys.event, watched.take_event),
         ]
         with suppress(KeyboardInterrupt):
-            _show(watched, shortened("--duration", duration, 5.0))
+            seconds = shortened("--duration", duration, 5.0)
+            if web:
+                _serve(watched, session, keys, robot, port, seconds)
+            else:
+                _show(watched, seconds)
         for subscriber in followed:
             subscriber.undeclare()
+
+
+def _serve(
+    watched: Watched,
+    session: zenoh.Session,
+    keys: Keys,
+    robot: str,
+    port: int,
+    duration: float | None,
+) -> None:
+    """Serve the page of an arm until the time is over."""
+    from limo_driver.live.feed import ArmFeed
+    from limo_driver.live.web import LiveServer
+    from limo_driver.model import RobotModel
+
+    model = RobotModel.load(robot)
+    feed = ArmFeed(session, keys, model, lambda: watched.of(keys.arm))
+    server = LiveServer(keys.arm, model, feed.snapshot, port)
+    typer.echo(f"open {server.address}")
+    try:
+        threading.Event().wait(duration)
+    finally:
+        server.close()
+        feed.close()
 
 
 def _wait(
@@ -127,6 +166,16 @@ class Watched:
         self.statuses: dict[str, tuple[float, dict[str, Any]]] = {}
         self.events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
         self.malformed = 0
+
+    def of(self, arm: str) -> dict[str, Any]:
+        """Return status and events of an arm as plain values; no status where it is stale."""
+        came, status = self.statuses.get(arm, (-math.inf, None))
+        events = [
+            f"{event.kind}: {_printable(event.text)}"
+            for of, event in list(self.events)
+            if of == arm
+        ]
+        return {"status": status if time.monotonic() - came < _STALE else None, "events": events}
 
     def take_status(self, sample: zenoh.Sample) -> None:
         """Keep a status; count those that are malformed or of another arm than their key says."""

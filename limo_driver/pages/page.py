@@ -31,6 +31,7 @@ class Page:
     charts: Charts = field(default_factory=Charts)
     arm: ArmView | None = None  # drawn in the place of `arm_section`
     footer: str = FOOTER  # HTML
+    player: str = "player.js"  # the script that moves the arm
 
     def html(self) -> str:
         """Return the page as HTML."""
@@ -38,7 +39,7 @@ class Page:
         scripts = ["page.js", "charts.js"]
         if self.arm is not None:
             libraries.append(("three", "three.min.js"))
-            scripts += ["arm.js", "player.js"]
+            scripts += ["arm.js", self.player]
         return Template(asset("page.html")).substitute(
             title=escape(self.title),
             style=asset("style.css"),
