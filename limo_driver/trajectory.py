@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from limo_driver.errors import ConfigError, PathError, ShapeError
+from limo_driver.given_files import check_file
 from limo_driver.types import FloatArray, Motion, as_numbers, same_robot
 
 if TYPE_CHECKING:
@@ -295,6 +296,7 @@ class Trajectory(Motion):
         import pyarrow.parquet as pq
         from pyarrow import ArrowException
 
+        check_file(Path(path), ConfigError)
         try:
             table = pq.read_table(Path(path))
         except FileNotFoundError:

@@ -14,6 +14,7 @@ import zenoh
 from zenoh.handlers import RingChannel
 
 from estimators.service.inference.arm_service import ArmService, Window
+from estimators.service.inference.inbox import RING, Inbox
 from estimators.service.inference.outlet import LogWatch, NetworkOutlet
 from estimators.service.inference.source import FollowedSource, StateSilence
 from estimators.service.opening import Opening
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 _WAITING_FOR_STATES: Final = "waiting for joint states"
 _ANSWERING: Final = (ServicePhase.SERVING, ServicePhase.SILENT)
 _PAUSE: Final = 10.0  # [s] before another try to serve states that could not be served
-_WAITING: Final = 32  # states; older ones are lost rather than answered late
 
 
 class ArmServer:
@@ -85,7 +85,7 @@ class ArmServer:
         key = self.keys.joints if ros is None else ros.key_of_any_hash
         self._queries = ModelQueries(session, self)
         self._wait_for_states(f"joint states are waited for on {key}")
-        self._subscriber = session.declare_subscriber(key, RingChannel(_WAITING))
+        self._subscriber = session.declare_subscriber(key, RingChannel(RING))
         self._thread = threading.Thread(
             target=self._receive, args=(self._subscriber.handler,), name=f"limo-{self.arm}"
         )
@@ -269,9 +269,10 @@ class ArmServer:
 
     def _receive(self, states: zenoh.Handler[zenoh.Sample]) -> None:
         """Take one state after the other until the subscription ends."""
+        inbox = Inbox(states, self._foreign)
         while True:
             try:
-                sample = states.recv()
+                sample = inbox.next()
             except zenoh.ZError:  # closed
                 return
             try:
@@ -281,9 +282,15 @@ class ArmServer:
                 if self._failures == 1:
                     self.outlet.event("failure", f"{error!r}", Level.FATAL, trace=format_exc())
 
+    def _foreign(self, sample: zenoh.Sample) -> bool:
+        """Say whether a state is of another source; those of ROS say so in what is attached."""
+        if self._ros is not None or not self._source.is_foreign(_source_of(sample)):
+            return False
+        self._counts["foreign"] += 1
+        return True
+
     def _take(self, sample: zenoh.Sample) -> None:
-        payload = sample.payload.to_bytes()
-        source = "" if sample.source_info is None else str(sample.source_info.source_id)
+        payload, source = sample.payload.to_bytes(), _source_of(sample)
         attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
         if self._ros is not None:
             try:
@@ -382,6 +389,10 @@ class ArmServer:
             self.service = service
             text = f"{version} serves at {rate:g} Hz"
             self._bulletin.enter(ServicePhase.SERVING, text, rate=rate, version=version)
+
+
+def _source_of(sample: zenoh.Sample) -> str:
+    return "" if sample.source_info is None else str(sample.source_info.source_id)
 
 
 def _condition(service: ArmService, window: Window) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import LimoError
+from limo_driver.network.limits import PeerLimits
 from limo_driver.network.streaming import to_json
 
 if TYPE_CHECKING:
@@ -16,13 +17,16 @@ if TYPE_CHECKING:
     from estimators.service.roles import ModelChanges
 
 _LONGEST: Final = 4096  # bytes of a query
+_ASKED, _AT_ONCE = 50.0, 100  # queries of a peer that are answered: in a second, and together
+_REFUSED: Final = 5.0  # that are refused with a word [1/s]
 
 
 class ModelQueries:
     """Answers queries on `limo/<arm>/model/<verb>`; changes come one after the other.
 
     A query's payload is a JSON object, `{"version": "3", "reason": "..."}` where that is needed;
-    the answer is one, too, or an error that says why not.
+    the answer is one, too, or an error that says why not. A peer that asks too often is refused at
+    first and then not answered, so that a flood of queries does not hold the stream.
 
     Args:
         session: Open Zenoh session.
@@ -37,6 +41,7 @@ class ModelQueries:
             "rollback": lambda asked: server.rollback(_reason(asked)),
             "retrain": lambda asked: server.retrain(_reason(asked)),
         }
+        self._limits, self._refusals = PeerLimits(_ASKED, _AT_ONCE), PeerLimits(_REFUSED, 1)
         self._queryables = [
             session.declare_queryable(
                 server.keys.model(verb), lambda query, act=act: self._answer(query, act)
@@ -50,6 +55,13 @@ class ModelQueries:
             queryable.undeclare()
 
     def _answer(self, query: zenoh.Query, act: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+        info = query.source_info
+        peer = "" if info is None else str(info.source_id)
+        if not self._limits.admits(peer):
+            if self._refusals.admits(peer):
+                query.reply_err(to_json({"error": f"asked more than {_ASKED:g} times a second"}))
+            query.drop()
+            return
         with query:
             try:
                 answer = to_json(act(_asked(query)))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.declarations.given import Given
+from limo_driver.given_files import check_file
 from limo_driver.parameters import shown
 
 if TYPE_CHECKING:
@@ -14,6 +15,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.errors import PlacedError
+
+
+_LARGEST: Final = 1 << 26  # bytes
+_DEEPEST: Final = 64  # levels; files of limo have five
 
 
 class JsonGiven(Given):
@@ -71,12 +76,30 @@ def read_json(
     Raises:
         error: No file, no JSON, or of another schema.
     """
+    check_file(path, error, _LARGEST)
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8") if text is None else text)
     except OSError as failure:
         raise error(f"cannot be read: {failure.strerror}", path=path) from None
     except (ValueError, RecursionError) as failure:
         raise error(f"is no JSON: {failure}", path=path) from None
+    if not _is_shallow(content):
+        raise error(f"is nested more than {_DEEPEST} levels deep", path=path)
     if not isinstance(content, dict) or content.get("schema") != schema:
         raise error(f"its schema is not {schema}", path=path)
     return JsonGiven(content, path, error)
+
+
+def _is_shallow(content: object) -> bool:
+    """Say whether content is nested no deeper than files of limo are; deeper, printing it fails."""
+    level = [content]
+    for _ in range(_DEEPEST):
+        level = [
+            inner
+            for outer in level
+            if isinstance(outer, (dict, list))
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+        ]
+        if not level:
+            return True
+    return False

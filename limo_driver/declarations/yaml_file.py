@@ -13,12 +13,14 @@ import yaml
 
 from limo_driver.declarations.given import Given
 from limo_driver.errors import ConfigError
+from limo_driver.given_files import check_file
 from limo_driver.parameters import FLAG, REAL, TEXT, WHOLE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+_LARGEST = 1 << 18  # bytes; ten times the largest that anybody wrote
 _NULL = "tag:yaml.org,2002:null"
 
 
@@ -103,6 +105,7 @@ def read_yaml(path: Path, needs: str = "") -> YamlGiven:
     Raises:
         ConfigError: No file, no YAML, or empty; so does all that is taken from it, if it is wrong.
     """
+    check_file(path, ConfigError, _LARGEST)
     try:
         root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
     except OSError as error:

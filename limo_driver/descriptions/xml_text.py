@@ -7,10 +7,12 @@ from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
 from limo_driver.errors import ConfigError
+from limo_driver.given_files import check_file
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+_MOST_JOINTS = 1000  # elements, also of what refers to joints
 _LARGEST = 1 << 26  # bytes of a description; meshes are files of their own
 
 
@@ -24,6 +26,8 @@ def read_xml(path: Path) -> ET.Element:
         ConfigError: It is no XML, too large, or declares entities.
     """
     text = read_text(path)
+    if (joints := text.count("<joint")) > _MOST_JOINTS:
+        raise ConfigError(f"has {joints} joints, expected at most {_MOST_JOINTS}", path=path)
     check_entities(text, path)
     try:
         return ET.fromstring(text)  # noqa: S314  # no entities are left by now
@@ -37,6 +41,7 @@ def read_text(path: Path) -> str:
     Raises:
         ConfigError: It cannot be read, is no text, or larger than any description.
     """
+    check_file(path, ConfigError)
     try:
         if path.stat().st_size > _LARGEST:
             raise ConfigError(f"has {path.stat().st_size} bytes, expected a description", path=path)

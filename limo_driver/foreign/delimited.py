@@ -89,8 +89,11 @@ def dialect_of(path: Path) -> Dialect:
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
+            more = bool(file.read(1))
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror}", path=path) from None
+    if more and b"\n" not in head:
+        raise RecordingError(f"has a first line of more than {_HEAD} bytes", path=path)
     try:
         text = head[: head.rfind(b"\n") + 1 or None].decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -9,6 +9,7 @@ import numpy as np
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.table import LogTable, table_of
+from limo_driver.given_files import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,6 +44,7 @@ def read_table(
     """
     if not path.exists():
         raise RecordingError("no such file", path=path)
+    check_file(path, RecordingError)
     if path.is_dir():
         return _read_folder(path, topic, episode, joints)
     ending = path.suffix.lower()

@@ -9,6 +9,7 @@
 | `limo/<arm>/status/service` | JSON, once a second and when its phase changes |
 | `limo/<arm>/model/<verb>` | queryables of the service |
 | `limo/<arm>/alive/<part>/<id>` | liveliness token |
+| `limo/<arm>/seen/<part>` | queryable of drivers and services: the tokens that they see |
 
 Payloads are CDR, see `messages`. Joint states are best effort and dropped on congestion, since an
 old one is worth nothing; events and status are kept for those who come late.
@@ -17,12 +18,10 @@ old one is worth nothing; events and status are kept for those who come late.
 from __future__ import annotations
 
 import json
-import re
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -31,82 +30,21 @@ import zenoh.ext
 
 from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError, ConnectionLostError
+from limo_driver.network.claims import Witness, claim
 from limo_driver.network.config import explained, read_config
+from limo_driver.network.keys import Keys
 from limo_driver.network.messages import Attachment, JointStateCodec
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from typing import Self
 
     from limo_driver.types import JointState
 
 KEPT_EVENTS: Final = 100  # for those who come late
-_ANY: Final = "*"
-_NAME: Final = re.compile(r"[A-Za-z0-9_.-]+")
-_LINKING: Final = 0.5  # [s] in which those who are there are linked
 _HEARTBEAT: Final = 1.0  # [s] after which a missed event is noticed
 _REMEMBERED: Final = 4096  # lost samples that may still come late
 _INSISTENT: Final = 100  # old samples in a row that are no longer taken for late ones
 _NANOSECONDS: Final = 1e9
-
-
-@dataclass(frozen=True)
-class Keys:
-    """Keys of one arm on the network.
-
-    Raises:
-        ConfigError: The name cannot be part of a key.
-    """
-
-    arm: str
-
-    def __post_init__(self) -> None:
-        if self.arm != _ANY and not _NAME.fullmatch(self.arm):
-            raise ConfigError(
-                f"the arm's name is {self.arm!r}, expected letters, digits, '_', '-' and '.'"
-            )
-
-    @classmethod
-    def of_any(cls) -> Self:
-        """Return key expressions that are those of every arm."""
-        return cls(_ANY)
-
-    @property
-    def root(self) -> str:
-        """Prefix of all keys."""
-        return f"limo/{self.arm}"
-
-    @property
-    def joints(self) -> str:
-        """Measured joint states."""
-        return f"{self.root}/state/joints"
-
-    @property
-    def estimate(self) -> str:
-        """Torque estimates."""
-        return f"{self.root}/torque/estimate"
-
-    @property
-    def external(self) -> str:
-        """External torques, measured less estimated: -Jᵀ F of what pushes the arm."""
-        return f"{self.root}/torque/external"
-
-    @property
-    def event(self) -> str:
-        """Contacts, drift, swaps of models, and what else happens."""
-        return f"{self.root}/event"
-
-    def status(self, part: str) -> str:
-        """Condition of a part: of the `service`."""
-        return f"{self.root}/status/{part}"
-
-    def alive(self, part: str, identity: str = _ANY) -> str:
-        """Liveliness token of a part, `driver` or `service`; of any one that is it by default."""
-        return f"{self.root}/alive/{part}/{identity}"
-
-    def model(self, verb: str) -> str:
-        """Queryable of the service's models."""
-        return f"{self.root}/model/{verb}"
 
 
 def open_session(
@@ -180,7 +118,12 @@ class JointStatePublisher(Closing):
         also: Callable[[bytes, int, int], None] | None = None,
     ) -> None:
         keys = Keys(arm)
-        self._token = claim(session, keys, "driver")
+        self._witness = Witness(session)
+        try:
+            self._token = claim(session, keys, "driver")
+        except BaseException:
+            self._witness.close()
+            raise
         self._codec = JointStateCodec(joint_names, frame_id=arm)
         self._publisher = declare_stream(session, keys.joints)
         self._source = zenoh.SourceInfo(self._publisher.id, 0)  # the number is in the attachment
@@ -204,42 +147,8 @@ class JointStatePublisher(Closing):
     def close(self) -> None:
         """Take the arm off the network."""
         self._token.undeclare()
+        self._witness.close()
         self._publisher.undeclare()
-
-
-def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToken:
-    """Be the only driver or service of an arm, until the token that is returned is undeclared.
-
-    Whoever was there before stays, whatever the clocks say; of two that begin together, the one
-    that began earlier. Links to others need time to come about, so it takes a second.
-
-    Raises:
-        ConfigError: Another one is there.
-    """
-    identity = f"{time.time_ns()}-{session.zid()}"
-    own = keys.alive(part, identity)
-    if not _others(session, keys.alive(part), own):
-        token = session.liveliness().declare_token(own)
-        if not any(other < own for other in _others(session, keys.alive(part), own)):
-            return token
-        token.undeclare()
-    raise ConfigError(
-        f"another {part} of an arm called {keys.arm!r} is on the network already; give this one "
-        "another name, or stop that one"
-    )
-
-
-def _others(session: zenoh.Session, tokens: str, own: str) -> set[str]:
-    """Return the other tokens that are seen while links come about, and when they have."""
-    seen: set[str] = set()
-    ends = time.monotonic() + _LINKING
-    while True:
-        linked = time.monotonic() >= ends
-        replies = session.liveliness().get(tokens, timeout=_LINKING)
-        seen |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
-        if linked:
-            return seen - {own}
-        time.sleep(_LINKING / 10)
 
 
 class Presence(Closing):
@@ -297,6 +206,7 @@ class Presence(Closing):
         joined: Callable[[zenoh.Session], None] | None,
     ) -> zenoh.Session:
         session = self._open.enter_context(open_session(connect, listen, config))
+        self._open.enter_context(Witness(session))
         for keys in arms:
             self._open.callback(claim(session, keys, part).undeclare)
         if joined is not None:

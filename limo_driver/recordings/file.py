@@ -163,6 +163,8 @@ def _read_csv(path: Path) -> pa.Table:
 
     with path.open("rb") as file:
         header = file.readline(_LONGEST_HEADER)
+    if len(header) == _LONGEST_HEADER:
+        raise RecordingError(f"has a first line of more than {_LONGEST_HEADER} bytes", path=path)
     for separator, name in ((b";", "semicolons"), (b"\t", "tabs")):
         if b"time" in header and separator in header and b"," not in header:
             raise RecordingError(f"has columns separated by {name}, expected commas", path=path)

@@ -99,7 +99,7 @@ def _signature(path: Path) -> bytes:
         raise ModelStoreError(f"{path}: the version is not signed, expected a signature") from None
     except OSError as error:
         raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ModelStoreError(f"{path}: cannot be understood: {error!r}") from None
 
 

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 _CACHE: Final = "/@adv/**"  # what zenoh.ext adds to the keys of its caches
+_INDEX: Final = "limo/*/model/index"
+_SEEN: Final = "limo/*/seen/*"  # which drivers and services somebody sees
 _EVERYTHING: Final = ("limo/**", f"limo/**{_CACHE}")
 _ALL_MESSAGES: Final = (
     "put",
@@ -38,7 +40,7 @@ class Role:
     keeps: tuple[str, ...] = ()  # published with a cache for those who come late
     announces: tuple[str, ...] = ()  # liveliness tokens
     answers: tuple[str, ...] = ()  # queries
-    asks: tuple[str, ...] = ("limo/*/model/index",)
+    asks: tuple[str, ...] = (_INDEX,)
     links_to: tuple[str, ...] = ()  # roles that it reaches; the others reach it
 
 
@@ -50,6 +52,8 @@ ROLES: Final = {
             "drives the arm and publishes its joint states",
             publishes=("limo/*/state/**",),
             announces=("limo/*/alive/driver/*",),
+            answers=(_SEEN,),
+            asks=(_INDEX, _SEEN),
         ),
         Role(
             "service",
@@ -57,7 +61,8 @@ ROLES: Final = {
             publishes=("limo/*/torque/**",),
             keeps=("limo/*/event", "limo/*/status/service"),
             announces=("limo/*/alive/service/*",),
-            answers=("limo/*/model/**",),
+            answers=("limo/*/model/**", _SEEN),
+            asks=(_INDEX, _SEEN),
             links_to=("driver",),
         ),
         Role(

@@ -2,14 +2,18 @@
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
+from mcap.writer import MCAP0_MAGIC
 from rosbags import typesys
 from rosbags.rosbag2.storage_mcap import McapReader
 
@@ -256,6 +260,77 @@ def test_any_damage_is_told_and_never_more_than_that(tmp_path):
         read = sequences(path, told.append)
         assert read in ([], list(range(20)))
     assert len(told) > 30
+
+
+def chunked(folder, chunks=10, each=20):
+    """Write a log of some chunks; return it with the places of their contents."""
+    with McapLog(folder) as log:
+        ends = []
+        for k in range(chunks):
+            write(log, k * each, (k + 1) * each)
+            until(lambda n=(k + 1) * each: log.written == n)
+            ends.append(log_files(folder)[0].stat().st_size)
+    (path,) = log_files(folder)
+    return path, ends
+
+
+@pytest.mark.parametrize("hit", [(4,), (0, 5, 9), tuple(range(10))])
+def test_a_damaged_byte_costs_its_chunk_alone_and_is_told(tmp_path, hit):
+    """Also the first chunk, in which the channels are: they stand at the end of the file, too."""
+    path, ends = chunked(tmp_path)
+    damaged = bytearray(path.read_bytes())
+    for k in hit:
+        damaged[(ends[k - 1] if k else 100) + 150] ^= 0x10
+    path.write_bytes(damaged)
+    told = []
+    left = [k for k in range(200) if k // 20 not in hit]
+    assert sequences(path, told.append) == left
+    assert len(told) == 1
+    assert "damaged in " in told[0]
+    assert f"{len(left)} of 200 messages are left" in told[0]
+
+
+@pytest.mark.parametrize("byte", range(9))
+def test_damage_in_the_head_of_a_chunk_costs_that_chunk_alone(tmp_path, byte):
+    path, ends = chunked(tmp_path)
+    whole = path.read_bytes()
+    at = whole.index(b"\x06", ends[3])  # behind the index of the one before
+    for flip in (0x01, 0x80):
+        damaged = bytearray(whole)
+        damaged[at + byte] ^= flip
+        path.write_bytes(damaged)
+        told = []
+        read = sequences(path, told.append)
+        assert set(range(200)) - set(read) <= set(range(80, 100))
+        assert told or len(read) == 200
+
+
+def bomb(size, packed=None, says=None):
+    """An MCAP file with one chunk of zstd that unpacks to zeros."""
+    content = zstandard.ZstdCompressor(level=19).compress(bytes(size)) if packed is None else packed
+    record = struct.pack("<QQQI", 0, 0, size if says is None else says, 0)
+    record += struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(content)) + content
+    header = struct.pack("<II", 0, 0)
+    return (
+        MCAP0_MAGIC
+        + struct.pack("<BQ", 1, len(header)) + header
+        + struct.pack("<BQ", 6, len(record)) + record
+        + struct.pack("<BQI", 15, 4, 0)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("says", [1 << 28, 1 << 20, (1 << 63) - 1])
+def test_a_small_chunk_that_unpacks_to_much_is_left_out(tmp_path, says):
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(bomb(1 << 28, says=says))
+    assert path.stat().st_size < 10_000
+    told = []
+    tracemalloc.start()
+    assert sequences(path, told.append) == []
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert "would unpack to" in told[0]
+    assert most < 10e6  # [bytes]
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"\x89MCAP1\r\n"])

@@ -205,6 +205,15 @@ def test_broken_files_of_the_store_are_named(store: ModelStore) -> None:
         store.open("champion")
 
 
+@pytest.mark.parametrize("depth", [100, 900, 100_000])
+@pytest.mark.parametrize("name", ["aliases.json", "2/version.json"])
+def test_files_that_are_nested_deeply_are_named(store: ModelStore, name: str, depth: int) -> None:
+    """However deep: shallow enough to be read, they may still be too deep to be told."""
+    (store.home / name).write_text('{"schema": 1, "champion": ' + "[" * depth + "]" * depth + "}")
+    with pytest.raises(ModelStoreError, match=r"json: is (nested more than 64 levels|no JSON)"):
+        store.open("champion") if name == "aliases.json" else store.open(2)
+
+
 def test_the_model_whose_physics_serves_is_read_once_while_the_store_holds_the_same(
     store: ModelStore,
 ) -> None:

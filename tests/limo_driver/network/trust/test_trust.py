@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from limo_driver.cli.secure import command
 from limo_driver.errors import ConfigError, ConnectionLostError
+from limo_driver.network.claims import Witness, claim
 from limo_driver.network.config import read_config, require_passage
 from limo_driver.network.messages import decode_joint_state
 from limo_driver.network.ros import RosTopic
@@ -206,6 +207,21 @@ class TestModels:
         assert alive() == ["limo/a/alive/driver/1"]
         true.undeclare()
         forged.undeclare()
+
+    def test_a_second_service_of_a_name_is_refused_through_the_driver(self, network, trust):
+        """The ends of the star that is written here do not see each other."""
+        first = trust.configurations["service"]
+        [[own]] = json.loads(read_config(first).get_json("listen/endpoints")).values()
+        text = first.read_text()
+        another = own.rpartition(":")[0] + f":{free_port()}"
+        second = first.with_name("second.json5")
+        second.write_text(text.replace(own, another))
+        with Witness(network["driver"]), open_session(config=second) as session:
+            wait_until(lambda: list(session.info.peers_zid()))
+            token = claim(network["service"], Keys("star"), "service")
+            with pytest.raises(ConfigError, match="another service of an arm called 'star'"):
+                claim(session, Keys("star"), "service")
+            token.undeclare()
 
 
 def ask(session, key):

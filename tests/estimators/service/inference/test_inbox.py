@@ -1,0 +1,61 @@
+"""States wait, few of them, whatever others send."""
+
+from collections import deque
+from contextlib import suppress
+
+from estimators.service.inference.inbox import RING, WAITING, Inbox
+
+
+class EndedError(Exception):
+    """The subscription has ended."""
+
+
+class Samples:
+    """A handler at which everything is there already, or comes while others are answered."""
+
+    def __init__(self, *samples):
+        self.there = deque(samples)
+
+    def recv(self):
+        if not self.there:
+            raise EndedError
+        return self.there.popleft()
+
+    def try_recv(self):
+        return self.there.popleft() if self.there else None
+
+
+def answered(samples, coming=()):
+    """Return what is answered, where some more come between one answer and the next."""
+    told, more = [], iter(coming)
+    foreign = []
+    inbox = Inbox(samples, lambda sample: sample < 0 and not foreign.append(sample))
+    with suppress(EndedError):
+        while True:
+            told.append(inbox.next())
+            samples.there.extend(next(more, ()))
+    return told, foreign
+
+
+def test_states_are_answered_in_order():
+    assert answered(Samples(1, 2, 3)) == ([1, 2, 3], [])
+
+
+def test_of_too_many_the_oldest_go():
+    assert answered(Samples(*range(1, 101)))[0] == list(range(101 - WAITING, 101))
+
+
+def test_a_flood_of_others_costs_no_state_of_the_source():
+    flood = [-1] * (RING // 2)
+    told, foreign = answered(Samples(1), [[*flood, k, *flood] for k in range(2, 50)])
+    assert told == list(range(1, 50))
+    assert len(foreign) == 48 * RING
+
+
+def test_a_flood_that_never_ends_does_not_keep_a_state_from_its_answer():
+    class Endless(Samples):
+        def try_recv(self):
+            return super().try_recv() or -1
+
+    inbox = Inbox(Endless(5), lambda sample: sample < 0)
+    assert inbox.next() == 5

@@ -1,0 +1,99 @@
+"""Names are claimed where nobody sees everybody: a star of sessions, each a process of its own."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from ports import free_port
+
+from limo_driver.network.streaming import (
+    JointStatePublisher,
+    Keys,
+    Presence,
+    is_alive,
+    open_session,
+)
+
+CLAIM = """
+import sys
+from limo_driver.errors import ConfigError
+from limo_driver.network.streaming import Presence
+with Presence(["arm"], sys.argv[1], config=sys.argv[2]) as presence:
+    try:
+        presence.session()
+    except ConfigError as error:
+        print("refused:", error, flush=True)
+    else:
+        print("claimed", flush=True)
+        sys.stdin.readline()
+"""
+
+
+def written(folder, name, **endpoints):
+    path = folder / f"{name}.json5"
+    alone = {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
+    path.write_text(json.dumps(endpoints | {"scouting": alone}))
+    return path
+
+
+@pytest.fixture
+def star(tmp_path):
+    """Configurations of a hub and of two that reach nobody but it."""
+    hub = {"endpoints": [f"tcp/127.0.0.1:{free_port()}"]}
+    ends = [{"endpoints": [f"tcp/127.0.0.1:{free_port()}"]} for _ in range(2)]
+    return written(tmp_path, "hub", listen=hub), *(
+        written(tmp_path, f"end{k}", listen=own, connect=hub) for k, own in enumerate(ends)
+    )
+
+
+def claimed(part, config):
+    return subprocess.Popen(
+        [sys.executable, "-c", CLAIM, part, str(config)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("centre", "part"), [("driver", "service"), ("service", "driver")])
+def test_a_second_one_in_a_star_is_refused_until_the_first_has_gone(star, centre, part):
+    hub, *ends = star
+    with Presence(["arm"], centre, config=hub) as middle:
+        middle.session()
+        first = claimed(part, ends[0])
+        with first:
+            assert first.stdout.readline() == "claimed\n"
+            with claimed(part, ends[1]) as second:
+                assert f"another {part} of an arm called 'arm'" in second.stdout.readline()
+            first.communicate("\n")
+        with claimed(part, ends[1]) as again:
+            assert again.stdout.readline() == "claimed\n"
+            again.communicate("\n")
+
+
+def test_of_two_that_begin_together_at_the_ends_of_a_star_one_stays(star):
+    hub, *ends = star
+    with Presence(["other"], "driver", config=hub) as middle:
+        middle.session()
+        both = [claimed("service", end) for end in ends]
+        said = sorted(each.stdout.readline() for each in both)
+        for each in both:
+            each.communicate("\n")
+    assert said[0] == "claimed\n"
+    assert said[1].startswith("refused:")
+
+
+def test_a_driver_that_publishes_is_a_hub_too(star):
+    hub, end, _ = star
+    with (
+        open_session(config=hub) as session,
+        JointStatePublisher(session, "other", ["a"]),
+        claimed("service", end) as first,
+    ):
+        assert first.stdout.readline() == "claimed\n"
+        seen = [
+            json.loads(reply.ok.payload.to_bytes())
+            for reply in session.get(Keys("arm").seen("service"), timeout=60.0)
+        ]
+        assert len(seen[0]) == 1
+        assert is_alive(session, seen[0][0])
+        first.communicate("\n")
