@@ -4,7 +4,7 @@ Every joint rubs, and every drive has inertia. Where a simulation gives a joint 
 Coulomb and viscous friction there are values to identify, and no finding. So is another law of
 friction, or the inertia of drives, that more than half of these joints have: that is how the arm is
 made. What one joint has and its siblings lack is unusual, and so is friction of a size far beyond
-that of its siblings.
+that of its siblings. Presliding that is over before any row is judged is plain friction.
 
 Sizes are compared as parts of what a drive can do: friction over the limit of its torque, viscous
 friction at the limit of its speed. One joint is unlike its siblings where that is several times the
@@ -20,7 +20,9 @@ import numpy as np
 from estimators.diagnosis.fitting.contribution import coefficients
 from estimators.diagnosis.selection.base_friction import BASE, rubs, without_friction
 from estimators.diagnosis.settings.judgement import ORDINARY
-from limo_driver.physics import Armature, ViscousFriction
+from estimators.diagnosis.settings.residuals import ROWS
+from limo_driver.physics import Armature, PreslidingHysteresis, ViscousFriction
+from limo_driver.physics.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +51,28 @@ def ordinary(
     most = ORDINARY.part * max(len(bare), ORDINARY.siblings)
     usual = {*BASE, *(effect for effect in effects if effects.count(effect) > most)}
     far = beyond_siblings(problem, solution)
-    return tuple(k for k, item in of_drives.items() if item.effect in usual and k not in far)
+    return tuple(
+        member
+        for member, item in of_drives.items()
+        if (item.effect in usual or _slides_at_once(problem, solution, member))
+        and member not in far
+    )
+
+
+def _slides_at_once(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a law of presliding is Coulomb friction by another name.
+
+    Rows slower than creep are not judged, and in one period of the filter's band a row that is
+    passes over creep / bandwidth: friction that has built up within less slides on every such row.
+    """
+    hypothesis = problem.candidates[member].hypothesis
+    if hypothesis is None or hypothesis.effect != PreslidingHysteresis.name:
+        return False
+    effects = hypothesis.realise(coefficients(problem, solution, member))
+    stops = [stop for e in effects if isinstance(e, PreslidingHysteresis) for stop in e.stops()]
+    way = sum(height * width for height, width in stops)  # [N m rad]
+    least = ROWS.creep * SIGN_WIDTH / problem.observed.bandwidth  # [rad]
+    return way < least * sum(height for height, _ in stops)
 
 
 def beyond_siblings(problem: RegressionProblem, solution: Solution) -> dict[int, float]:

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary
-from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
+from limo_driver.physics import (
+    CoulombFriction,
+    PreslidingHysteresis,
+    Simulation,
+    ViscousFriction,
+)
 
 PLAIN = [("coulomb_friction", (j,)) for j in range(7)]
 
@@ -80,6 +85,20 @@ def test_a_joint_that_binds_is_unlike_its_siblings(joint):
     part = USUAL / Simulation("iiwa14").model.limits.torque
     assert times == pytest.approx(8.0 * part[joint] / np.delete(part, joint).max())
     assert ordinary(problem, solution, solution.members) == tuple(j for j in range(7) if j != joint)
+
+
+@pytest.mark.parametrize(("width", "plain"), [(1e-4, True), (2.9e-4, True), (3.1e-4, False)])
+def test_presliding_that_is_over_before_a_row_is_judged_is_plain_friction(width, plain):
+    """Rows from 3 mrad/s on are judged, in a band of 10 Hz."""
+    slip = PreslidingHysteresis(joint=6, stiffness=(0.5 / width,), width=(width,))
+    hypothesis = SimpleNamespace(effect=slip.name, realise=lambda _c: (slip,))
+    problem, solution = sized(USUAL, Simulation("iiwa14"))
+    problem.observed.bandwidth = 10.0
+    index = SimpleNamespace(index=np.array([0]))
+    problem.candidates[5] = SimpleNamespace(
+        effect=slip.name, joints=(5,), hypothesis=hypothesis, prior=index
+    )
+    assert (5 in ordinary(problem, solution, solution.members)) == plain
 
 
 def test_sizes_that_differ_from_drive_to_drive_are_no_more_than_that():
