@@ -17,7 +17,7 @@ from limo_driver.errors import ConfigError
 if TYPE_CHECKING:
     from limo_driver.descriptions.description import RobotDescription
 
-_JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
+JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
 _SLIDE = "JointModelP"  # begins the names of prismatic joints; planar ones are refused before
 _KINDS = ("JointModelR", _SLIDE)
 TURN = np.pi  # [rad] to either side, within which motion of a joint without ends is planned
@@ -35,7 +35,7 @@ class Chain:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joints as the description has them."""
-        return tuple(name.removesuffix(_JOINT) for name in self.model.names)[1:]
+        return tuple(name.removesuffix(JOINT) for name in self.model.names)[1:]
 
 
 def read_chain(description: RobotDescription) -> Chain:
@@ -62,7 +62,7 @@ def read_chain(description: RobotDescription) -> Chain:
         for index in range(1, full.njoints)
         if not full.joints[index].shortname().startswith(_KINDS)
     ]
-    names = tuple(full.names[index].removesuffix(_JOINT) for index in locked)
+    names = tuple(full.names[index].removesuffix(JOINT) for index in locked)
     if len(locked) == full.njoints - 1:
         raise ConfigError("has no joint that turns or slides", path=path)
     model = pin.buildReducedModel(full, locked, pin.neutral(full))
@@ -109,5 +109,5 @@ def _with_ends(description: RobotDescription) -> tuple[str, tuple[str, ...]]:
     turning = tuple(str(joint.get("name")) for joint in joints)
     for joint in root.findall("joint"):
         if joint.get("name") in links:
-            joint.set("name", f"{joint.get('name')}{_JOINT}")
+            joint.set("name", f"{joint.get('name')}{JOINT}")
     return ET.tostring(root, encoding="unicode"), turning

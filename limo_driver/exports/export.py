@@ -13,6 +13,8 @@ import numpy as np
 from limo_driver.descriptions.description import DOWN
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
+from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, edited_format
+from limo_driver.exports.isaac_lab import actuators
 from limo_driver.exports.joints import sharp
 from limo_driver.exports.mjcf import FIRMNESS, assets_of, edited_mjcf, rubs_anew
 from limo_driver.exports.proof import errors
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.types import Motion
 
-KINDS: Final = ("mjcf", "urdf")
 PROVEN: Final = 0.01  # of a joint's torque, RMS, that a plain simulator's should be near to
 
 
@@ -54,7 +55,7 @@ class Export(Displayed):
 
     def headline(self) -> str:
         """Say what was written, and how well it was proven."""
-        plain = "MuJoCo" if self.kind == "mjcf" else "pinocchio"
+        plain = "MuJoCo" if self.kind == MJCF else "pinocchio"
         return (
             f"{self.file}: {(len(self.diff.splitlines()) and 'changed') or 'nothing to change'}; "
             f"{plain} alone needs what limo predicts, to {self.share:.2%} of the torque "
@@ -83,7 +84,7 @@ def write(
     Args:
         simulation: What was found.
         into: The file, which is not changed.
-        kind: `mjcf` or `urdf`.
+        kind: One of `KINDS`.
         out: Folder for the copy, and for what it includes and names.
         motion: On which what is missing is counted; a minute through the range if not given.
         name: Of the copy; that of the file if empty.
@@ -95,19 +96,25 @@ def write(
     on = proof_motion(simulation.model)
     left = remainders(simulation, target.split, motion or on)
     expressed = replace(simulation, effects=tuple(map(sharp, target.split.expressed)))
-    if kind == "urdf" and not np.allclose(
+    if edited_format(kind) == URDF and not np.allclose(
         [simulation.model.gravity, simulation.body.gravity], DOWN
     ):
         expressed = replace(expressed, effects=(*expressed.effects, GravityDirection(gravity=DOWN)))
         if not np.allclose(simulation.body.gravity, DOWN):
             left = (*left, _gravity(simulation, motion or on))
     require_folder(out, "the export")
-    texts = edited_mjcf(target) if kind == "mjcf" else edited_urdf(target)
+    texts = edited_mjcf(target) if kind == MJCF else edited_urdf(target, kind)
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
     _write_texts(texts, places)
+    if kind == ISAAC_LAB:
+        beside = places[0].with_suffix(".py")
+        with whole(beside) as draft:
+            names = simulation.model.joint_names
+            draft.write_text(actuators(places[0].name, names, target.split.joints), "utf-8")
+        copied = [beside, *copied]
     error, torque = errors(places[0], kind, expressed, on)
     firm = dict[int, str]()
-    for firmness in FIRMNESS if kind == "mjcf" else ():
+    for firmness in FIRMNESS if kind == MJCF else ():
         unproven = {j for j in range(len(error)) if error[j] > PROVEN * torque[j]}
         if not (soft := unproven & rubs_anew(target)):
             break
@@ -138,7 +145,7 @@ def _write_texts(texts: Sequence[XmlText], places: Sequence[Path]) -> None:
 
 def _copy(texts: Sequence[XmlText], into: Path, out: Path, kind: str) -> list[Path]:
     """Copy meshes and textures to where the copy looks for them; a package stays where it is."""
-    if kind == "mjcf":
+    if kind == MJCF:
         return _copied(assets_of(into), into, out)
     names = [x.attributes.get("filename", "") for x in texts[0].root.walk() if x.tag == "mesh"]
     files = [into.parent / name for name in names if name and "://" not in name]

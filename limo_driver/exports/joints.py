@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.descriptions.description import JointDynamics
+from limo_driver.exports.formats import MJCF, WITH_ARMATURE, WITH_FRICTION
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,
@@ -47,7 +48,7 @@ def split(simulation: Simulation, target: str) -> EffectSplit:
 
     Args:
         simulation: What was found.
-        target: `mjcf` or `urdf`.
+        target: One of `KINDS`.
     """
     joints = [JointDynamics()] * simulation.model.n
     expressed, left, payloads = list[Effect](), list[Effect](), list[Payload]()
@@ -56,7 +57,7 @@ def split(simulation: Simulation, target: str) -> EffectSplit:
     for effect in simulation.effects:
         if isinstance(effect, Payload):
             payloads.append(effect)
-        elif isinstance(effect, GravityDirection) and target == "mjcf":
+        elif isinstance(effect, GravityDirection) and target == MJCF:
             gravity = effect
         elif isinstance(effect, GravityDirection):
             continue  # told as a whole, whichever way it came in
@@ -109,15 +110,15 @@ def sharp(effect: Effect) -> Effect:
 def _with(known: JointDynamics, effect: Effect, target: str) -> JointDynamics | None:
     """Return the numbers of a joint that has one effect more; None where there is none for it."""
     match effect:
-        case CoulombFriction():
+        case CoulombFriction() if target in WITH_FRICTION:
             return replace(known, friction=known.friction + effect.tau_c)
         case ViscousFriction(f_v=float(slope)):
             return replace(known, damping=known.damping + slope)
-        case Armature() if target == "mjcf":
+        case Armature() if target in WITH_ARMATURE:
             return replace(known, armature=known.armature + effect.inertia)
-        case QuadraticDrag() if target == "mjcf":
+        case QuadraticDrag() if target == MJCF:
             return replace(known, drag=known.drag + effect.coefficient)
-        case SpringLoad() if target == "mjcf" and not (known.stiffness or known.cubic):
+        case SpringLoad() if target == MJCF and not (known.stiffness or known.cubic):
             return replace(known, stiffness=effect.stiffness, rest=effect.rest, cubic=effect.cubic)
         case _:
             return None

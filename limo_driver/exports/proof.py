@@ -9,9 +9,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.descriptions.description import split_reference
+from limo_driver.exports.drake import rotors_of
+from limo_driver.exports.formats import DRAKE, ISAAC_LAB, MJCF, URDF
+from limo_driver.exports.isaac_lab import tables_of
+from limo_driver.exports.xml_edits import XmlText
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from limo_driver.physics import Simulation
@@ -57,19 +61,20 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
 
 
 def torque_in_pinocchio(
-    path: Path, joints: Sequence[str], locked: dict[str, float], motion: Motion
+    path: Path, joints: Sequence[str], locked: dict[str, float], motion: Motion, kind: str = URDF
 ) -> FloatArray:
     """Return what pinocchio, with the damping and friction of the file, says a motion needs.
 
     Args:
         path: URDF.
+        kind: `urdf`, or what else reads it.
         joints: Names of the joints that move.
         locked: Positions of others, by name.
         motion: T samples of n joints.
     """
     import pinocchio as pin
 
-    from limo_driver.descriptions.chain import read_chain
+    from limo_driver.descriptions.chain import JOINT, read_chain
     from limo_driver.descriptions.reading import read_description
 
     held = [f"{name}={value!r}" for name, value in locked.items()]
@@ -81,8 +86,30 @@ def torque_in_pinocchio(
             for row in zip(motion.position, motion.velocity, motion.acceleration, strict=True)
         ]
     )
-    friction = np.array(model.upperDryFrictionLimit)
-    return torque + np.array(model.damping) * motion.velocity + friction * np.sign(motion.velocity)
+    names, written = list(model.names)[1:], _beside_rigid_body(path, kind)
+    armature, friction, damping = (
+        np.array(
+            [written[key].get(name.removesuffix(JOINT), 0.0) for name in names]
+            if key in written
+            else stated
+        )
+        for key, stated in (
+            ("armature", np.zeros(model.nv)),
+            ("friction", model.upperDryFrictionLimit),
+            ("damping", model.damping),
+        )
+    )
+    torque += armature * motion.acceleration
+    return torque + damping * motion.velocity + friction * np.sign(motion.velocity)
+
+
+def _beside_rigid_body(path: Path, kind: str) -> Mapping[str, Mapping[str, float]]:
+    """Return what a target reads elsewhere than in a URDF's dynamics: by what, and joint."""
+    if kind == ISAAC_LAB:
+        return tables_of(path.with_suffix(".py").read_text(encoding="utf-8"))
+    if kind == DRAKE:
+        return {"armature": rotors_of(XmlText(path)), "friction": {}}
+    return {}
 
 
 def errors(
@@ -95,13 +122,13 @@ def errors(
 
     Args:
         path: The exported file.
-        kind: `mjcf` or `urdf`.
+        kind: One of `KINDS`.
         expressed: The simulation, with the effects that the file expresses.
         motion: On which they are compared.
     """
     wanted = expressed.predict(motion)
-    compute = torque_in_mujoco if kind == "mjcf" else torque_in_pinocchio
-    found = compute(path, expressed.model.joint_names, _locked(expressed), motion)
+    of = (path, expressed.model.joint_names, _locked(expressed), motion)
+    found = torque_in_mujoco(*of) if kind == MJCF else torque_in_pinocchio(*of, kind)
     moving = np.abs(motion.velocity) > MOVING
     many = np.maximum(moving.sum(axis=0), 1)
     error = np.sqrt(np.sum((found - wanted) ** 2, axis=0, where=moving) / many)

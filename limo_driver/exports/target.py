@@ -9,6 +9,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.bodies import shared
+from limo_driver.exports.formats import edited_format
 from limo_driver.exports.joints import EffectSplit, split
 from limo_driver.exports.parts import parts_of
 from limo_driver.model import RobotModel
@@ -41,7 +42,7 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     Args:
         simulation: What was found.
         into: The file.
-        kind: `mjcf` or `urdf`.
+        kind: One of `KINDS`.
 
     Raises:
         ConfigError: It is of another kind, or of another arm.
@@ -49,9 +50,9 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     own = simulation.model
     is_own = into.exists() and own.urdf.exists() and into.samefile(own.urdf)
     model = RobotModel(into, joints=own.chosen if is_own else own.joint_names)
-    if model.description.kind.lower() != kind:
+    if model.description.kind.lower() != (wanted := edited_format(kind)):
         raise ConfigError(
-            f"is {model.description.kind}, expected {kind.upper()} to export to", path=into
+            f"is {model.description.kind}, expected {wanted.upper()} to export to {kind}", path=into
         )
     _check_same(own, model, into)
     parts = parts_of(model)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.errors import ConfigError
+from limo_driver.exports.drake import write_rotors
+from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
 from limo_driver.exports.xml_edits import Element, XmlText
 
 if TYPE_CHECKING:
@@ -17,11 +20,12 @@ _SAME: Final = 1e-9  # relative
 _KEYS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def edited_urdf(target: Target) -> tuple[XmlText, ...]:
+def edited_urdf(target: Target, kind: str = URDF) -> tuple[XmlText, ...]:
     """Return the text of a URDF with the edits in it.
 
     Args:
         target: What has to change.
+        kind: `urdf`, `drake` or `isaaclab`.
 
     Raises:
         ConfigError: A link or joint that changes is not in the file.
@@ -31,9 +35,16 @@ def edited_urdf(target: Target) -> tuple[XmlText, ...]:
         _write_inertial(text, _found(text, "link", name), body)
     for j, name in enumerate(target.model.joint_names):
         stated = target.model.description.dynamics.get(name, JointDynamics())
-        _write_joint(text, _found(text, "joint", name), stated, target.split.joints[j])
+        wanted = target.split.joints[j]
+        if kind not in WITH_FRICTION:
+            wanted = replace(wanted, friction=stated.friction)  # nobody's number there
+        _write_joint(text, _found(text, "joint", name), stated, wanted)
     for number, payload in enumerate(target.split.payloads, start=1):
         _write_payload(text, payload, target.last, number)
+    if kind == DRAKE:
+        names = target.model.joint_names
+        pairs = zip(names, target.split.joints, strict=True)
+        write_rotors(text, {name: joint.armature for name, joint in pairs})
     return (text,)
 
 

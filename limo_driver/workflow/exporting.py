@@ -34,7 +34,8 @@ def export(
 
     Args:
         simulation: What was found, or its sim.yaml.
-        to: `mjcf` or `urdf`.
+        to: `mjcf`, `urdf`, `drake` (a URDF with rotor inertias) or `isaaclab` (a URDF, and
+            actuators in Python beside it).
         out: Folder for the copy, and for meshes and files that it includes; or the copy itself, if
             its name ends in .xml or .urdf.
         into: The file; that of the simulation's robot if not given, where it is of that format,
@@ -52,7 +53,8 @@ def export(
         >>> sim = limo.Simulation.load("sim.yaml")
         >>> print(limo.export(sim, "mjcf", "exported/"))
     """
-    from limo_driver.exports.export import KINDS, write
+    from limo_driver.exports.export import write
+    from limo_driver.exports.formats import KINDS, MJCF, edited_format
     from limo_driver.recordings.bandwidth import BANDWIDTH
 
     if to not in KINDS:
@@ -63,12 +65,12 @@ def export(
     if folder.suffix in _FILES:
         folder, name = folder.parent, folder.name
     own = found.model.description
-    if into is None and own.kind.lower() == to:
+    if into is None and own.kind.lower() == edited_format(to):
         into = found.model.urdf
     if into is not None:
         return write(found, Path(into), to, folder, motion, name)
     with TemporaryDirectory() as bare_folder:
-        bare = Path(bare_folder) / f"{found.model.urdf.stem}.{'xml' if to == 'mjcf' else 'urdf'}"
+        bare = Path(bare_folder) / f"{found.model.urdf.stem}.{'xml' if to == MJCF else 'urdf'}"
         bare.write_text(_bare(found, to), encoding="utf-8")
         written = write(found, bare, to, folder, motion, name)
         return replace(written, diff=f"{written.file.name} is new\n")
@@ -76,7 +78,9 @@ def export(
 
 def _bare(simulation: Simulation, to: str) -> str:
     """Return the robot as a file of a format that its own is not of."""
-    if to == "urdf":
+    from limo_driver.exports.formats import MJCF
+
+    if to != MJCF:
         return simulation.model.description.text
     from backends.mujoco_sim.scene import bare_mjcf
 

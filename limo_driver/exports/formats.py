@@ -1,0 +1,19 @@
+"""The targets of an export: which file each is an edit of, and what it has numbers for."""
+
+from __future__ import annotations
+
+from typing import Final
+
+MJCF: Final = "mjcf"
+URDF: Final = "urdf"
+DRAKE: Final = "drake"  # a URDF with the tags of Drake, which knows no dry friction
+ISAAC_LAB: Final = "isaaclab"  # a URDF, and actuators in Python beside it
+KINDS: Final = (MJCF, URDF, DRAKE, ISAAC_LAB)
+
+WITH_FRICTION: Final = (MJCF, URDF, ISAAC_LAB)
+WITH_ARMATURE: Final = (MJCF, DRAKE, ISAAC_LAB)
+
+
+def edited_format(kind: str) -> str:
+    """Return the format of the file that a target is an edit of, `mjcf` or `urdf`."""
+    return MJCF if kind == MJCF else URDF

@@ -1,0 +1,73 @@
+"""Exports for Drake and Isaac Lab: a URDF, and where each has the rest."""
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+import limo_driver as limo
+from limo_driver.exports.drake import rotors_of
+from limo_driver.exports.xml_edits import XmlText
+from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
+
+TRANSMISSION = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+  <joint name="lower"/><actuator name="a"><drake:gear_ratio value="10"/></actuator></transmission>
+"""
+
+
+@pytest.fixture
+def arm(two_links_urdf, tmp_path):
+    """An arm with friction, damping and armature; where its second joint has a transmission."""
+    path = tmp_path / "own" / "arm.urdf"
+    path.parent.mkdir()
+    text = two_links_urdf.read_text()
+    second = limo.RobotModel.load(two_links_urdf).joint_names[1]
+    head, tail = text.rsplit("</robot>", 1)
+    path.write_text(f"{head}{TRANSMISSION.replace('lower', second)}</robot>{tail}")
+    path.write_text(
+        path.read_text().replace("<robot ", '<robot xmlns:drake="http://drake.mit.edu" ')
+    )
+    effects = (
+        CoulombFriction(joint=1, tau_c=0.7, v_eps=0.003),
+        ViscousFriction(joint=1, f_v=0.9),
+        ViscousFriction(joint=2, f_v=0.4),
+        Armature(joint=1, inertia=0.05),
+        Armature(joint=2, inertia=0.2),
+    )
+    load = Payload(mass=0.8, com=(0.01, 0.02, 0.05), inertia=(0.002, 0, 0, 0.002, 0, 0.001))
+    return Simulation(str(path), (load, *effects))
+
+
+def test_drake_has_inertias_of_rotors_and_no_dry_friction(arm, tmp_path):
+    found = limo.export(arm, "drake", tmp_path / "out")
+    assert found.share < 1e-6
+    first, second = arm.model.joint_names
+    assert rotors_of(XmlText(found.file)) == pytest.approx({first: 0.05, second: 0.2})
+    text = found.file.read_text()
+    assert '<drake:rotor_inertia value="0.002"/>' in text  # behind the gear of 10 that is there
+    assert text.count("<transmission") == 2
+    assert "friction=" not in text
+    (left,) = found.remainder
+    assert left.place == "coulomb_friction, joint 1"
+    assert left.rms[0] == pytest.approx(0.7, rel=0.05)
+
+
+def test_isaac_lab_has_actuators_beside_the_urdf(arm, tmp_path, monkeypatch):
+    found = limo.export(arm, "isaaclab", tmp_path / "out")
+    assert found.share < 1e-6
+    assert not found.remainder
+    module = ModuleType("isaaclab.actuators")
+    module.ImplicitActuatorCfg = SimpleNamespace
+    monkeypatch.setitem(sys.modules, "isaaclab", ModuleType("isaaclab"))
+    monkeypatch.setitem(sys.modules, "isaaclab.actuators", module)
+    written = tmp_path / "out" / "arm.py"
+    assert written in found.files
+    names = arm.model.joint_names
+    said = {}
+    exec(written.read_text(), said)  # noqa: S102  # as Isaac Lab would
+    assert said["ARM"].joint_names_expr == list(names)
+    np.testing.assert_allclose(list(said["ARM"].armature.values()), [0.05, 0.2])
+    np.testing.assert_allclose([said["ARM"].friction[name] for name in names], [0.7, 0.0])
+    assert said["ARM"].dynamic_friction == said["ARM"].friction
+    np.testing.assert_allclose([said["ARM"].viscous_friction[name] for name in names], [0.9, 0.4])
