@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from limo_driver.workflow.reading import read
     from limo_driver.workflow.running import Streaming, run
     from limo_driver.workflow.serving import serve
+    from limo_driver.workflow.simulating import simulate
     from limopa import ExcitationRequest, Exploring, PlanRequest, Reaching, Surroundings, Workspace
 
     __version__: str
@@ -110,6 +111,7 @@ _HOME = {
     "read": "limo_driver.workflow.reading",
     "run": "limo_driver.workflow.running",
     "serve": "limo_driver.workflow.serving",
+    "simulate": "limo_driver.workflow.simulating",
     "train": "limo_driver.workflow.learning",
 }
 
@@ -157,6 +159,7 @@ __all__ = [
     "read",
     "run",
     "serve",
+    "simulate",
     "train",
 ]
 

@@ -25,8 +25,15 @@ from backends.mujoco_sim.stability import (
 )
 from backends.mujoco_sim.torque_sensors import TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
-from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, ShapeError
+from limo_driver.errors import (
+    BackendError,
+    ConfigError,
+    ConnectionLostError,
+    LimoError,
+    ShapeError,
+)
 from limo_driver.parameters import seed_of
+from limo_driver.robot.robot import StatesAhead
 from limo_driver.robot.safety import START_TOLERANCE
 from limo_driver.types import (
     FloatArray,
@@ -162,16 +169,7 @@ class MujocoRobot(SimulatedRobot):
             raise ShapeError("targets", targets.shape, f"(T, {self.spec.n})")
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")
-        starts = self._contract.at_rest
-        path, limited_by = self._contract.admit_path(targets)
-        if starts:
-            self._begin()
-        self._apply(PositionCommand(position=path[0]))
-        first = self._cycle
-        log = np.empty((len(path), layout.LOG_ROWS, self.spec.n))
-        self._advance(path, log)
-        self._cycle += len(path)
-        time: FloatArray = (first + np.arange(len(path), dtype=float)) * self.spec.period
+        path, limited_by, time, log = self._simulate(targets)
         self._close_run(float(time[-1]), log[-1])
         return SimulatedRun(
             time=time,
@@ -188,6 +186,49 @@ class MujocoRobot(SimulatedRobot):
             ),
             true_torque=log[:, layout.TRUE_TORQUE],
         )
+
+    def send_ahead(self, targets: FloatArray) -> StatesAhead | None:
+        """Simulate T cycles in one call, and take them back where any was not ordinary."""
+        if not self._open or self._keeps_time or self._losing or self._contract.at_rest:
+            return None
+        before = self.save_state()
+        found = self._look_ahead(np.ascontiguousarray(targets, dtype=float))
+        if found is None:
+            self.restore_state(before)
+        return found
+
+    def _look_ahead(self, targets: FloatArray) -> StatesAhead | None:
+        """Simulate T cycles; None where one is not ordinary, with the robot anywhere by then."""
+        try:
+            _, limited_by, time, log = self._simulate(targets)
+        except LimoError:  # it comes up again in its own cycle
+            return None
+        position = np.ascontiguousarray(log[:, layout.MEASURED_POSITION])
+        velocity = np.ascontiguousarray(log[:, layout.MEASURED_VELOCITY])
+        torque = np.ascontiguousarray(log[:, layout.MEASURED_TORQUE])
+        if limited_by or not self._contract.finds_nothing_in(position, velocity, torque):
+            return None
+        self._close_run(float(time[-1]), log[-1])
+        last = self._state
+        if last is None or self._contract.holding:
+            return None
+        return StatesAhead(time, position, velocity, torque, last)
+
+    def _simulate(
+        self, targets: FloatArray
+    ) -> tuple[FloatArray, tuple[str, ...], FloatArray, FloatArray]:
+        """Simulate a cycle for each target (T, n); return set-points, limits, times and log."""
+        starts = self._contract.at_rest
+        path, limited_by = self._contract.admit_path(targets)
+        if starts:
+            self._begin()
+        self._apply(PositionCommand(position=path[0]))
+        first = self._cycle
+        log = np.empty((len(path), layout.LOG_ROWS, self.spec.n))
+        self._advance(path, log)
+        self._cycle += len(path)
+        time: FloatArray = (first + np.arange(len(path), dtype=float)) * self.spec.period
+        return path, limited_by, time, log
 
     def _begin(self) -> None:
         self._fresh = True

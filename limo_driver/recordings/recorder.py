@@ -115,6 +115,32 @@ class Recorder(Closing):
             self._rows.append(row)
         self.samples += 1
 
+    def append_all(
+        self,
+        time: FloatArray,
+        position: FloatArray,
+        velocity: FloatArray,
+        torque: FloatArray,
+        target: FloatArray,
+    ) -> None:
+        """Record T states in a row without temperatures, as `append` does.
+
+        Args:
+            time: (T,) [s].
+            position: (T, n) [rad].
+            velocity: (T, n) [rad/s].
+            torque: (T, n) [N m].
+            target: Positions commanded in answer, (T, n) [rad].
+        """
+        if self._failure is not None:
+            return
+        rows = np.full((time.size, 1 + len(self._quantities) * self._n), np.nan)
+        known = np.column_stack([time, position, velocity, torque, target])
+        rows[:, : known.shape[1]] = known
+        with self._lock:
+            self._rows.extend(rows)
+        self.samples += time.size
+
     def close(self) -> None:
         """Write the Parquet file and remove the partial one; a second call does nothing.
 

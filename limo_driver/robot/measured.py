@@ -115,6 +115,22 @@ class Measured:
         belief.pose, belief.doubts, belief.jumped = belief.doubt, 0, True
         return True
 
+    def all_fine(
+        self, position: FloatArray, velocity: FloatArray, torque: FloatArray, belief: Belief
+    ) -> bool:
+        """Say whether `take` would believe T states of cycles in a row, and find no runaway.
+
+        Args:
+            position: (T, n) [rad].
+            velocity: (T, n) [rad/s].
+            torque: (T, n) [N m].
+            belief: Before the first of them; not changed.
+        """
+        if belief.pose is None or belief.doubts or belief.anywhere:
+            return False
+        known = belief.pose.position
+        return bool(_all_fine(position, velocity, torque, known, self._bounds, 2.0 * self._period))
+
     def runaway(self, pose: Pose) -> int:
         """Return the first joint, from 1, too fast or on its way out of range; 0 if none."""
         return first_runaway(pose.position, pose.velocity, self._bounds)
@@ -150,3 +166,20 @@ def _judge(
         if runaway == 0 and runs_away(j, position, velocity, bounds):
             runaway = j + 1
     return fine + 4 * runaway
+
+
+@compiled(reads=("position", "velocity", "torque", "known"))
+def _all_fine(
+    position: FloatArray,
+    velocity: FloatArray,
+    torque: FloatArray,
+    known: FloatArray,
+    bounds: FloatArray,
+    since: float,
+) -> bool:
+    """Judge states (T, n) one after the other; `known` is the position before the first."""
+    for t in range(position.shape[0]):
+        before = known if t == 0 else position[t - 1]
+        if _judge(position[t], velocity[t], torque[t], before, bounds, since) != _FINE:
+            return False
+    return True

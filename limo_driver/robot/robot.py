@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
@@ -29,6 +29,17 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.trajectory import Planned, Trajectory
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
+
+
+@dataclass(frozen=True)
+class StatesAhead:
+    """States of T cycles in a row."""
+
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad]
+    velocity: FloatArray  # (T, n) [rad/s]
+    torque: FloatArray  # (T, n) [N m]
+    last: JointState  # as `receive` returned it
 
 
 class Robot(Closing):
@@ -119,6 +130,21 @@ class Robot(Closing):
         applied = self._send(sent)
         self._answered = True
         return sent if applied is None else applied
+
+    def send_ahead(self, targets: FloatArray) -> StatesAhead | None:  # noqa: ARG002  # by default none
+        """Answer as many cycles in a row with positions, in one call, if that changes nothing.
+
+        The same, bit for bit, as `send` and `receive` for each of them. A robot that cannot look
+        ahead, or finds that a limit, a fault or a lost measurement would come up on the way, is
+        left as it was, for the cycles to be taken one by one.
+
+        Args:
+            targets: Positions, (T, n) [rad].
+
+        Returns:
+            What was measured after each command; None if nothing was sent.
+        """
+        return None
 
     def stand_by(self) -> JointState:
         """Wait for the next cycle before the motion, in which the arm stands.

@@ -181,6 +181,15 @@ class SafetyContract:
         memory.command_time += (len(targets) - 1) * self.spec.period
         return path, names_of(hit)
 
+    def finds_nothing_in(
+        self, position: FloatArray, velocity: FloatArray, torque: FloatArray
+    ) -> bool:
+        """Say whether `observe` would take each of T states in a row, (T, n), without a fault.
+
+        For robots that simulate ahead by `admit_path`, asked before any of them is observed.
+        """
+        return self._measured.all_fine(position, velocity, torque, self._memory.belief)
+
     def stand_in(self) -> JointCommand | None:
         """Return what to send in a cycle for which no command came; None if nothing changes."""
         memory, pose = self._memory, self._pose()

@@ -1,0 +1,72 @@
+"""Many runs of a simulated arm, on all cores."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import TYPE_CHECKING
+
+from limo_driver.errors import ConfigError
+from limo_driver.parameters import seed_of
+from limo_driver.robot.playback import trajectory_of
+from limo_driver.workflow.inputs import simulation_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.trajectory import Planned, Trajectory
+
+
+def simulate(
+    simulation: Simulation | Path | str,
+    trajectories: Sequence[Trajectory | Planned | Path | str],
+    seeds: Sequence[int] = (0,),
+    *,
+    workers: int | None = None,
+) -> list[Recording]:
+    """Move a simulated arm along every trajectory with every seed, side by side.
+
+    Each run is what `run("mujoco", ...)` gives with that seed, whatever runs beside it. Every
+    worker is a process of its own, and in a program that is a file, the call has to stand behind
+    `if __name__ == "__main__":`.
+
+    Args:
+        simulation: Physics of the arm, or its file.
+        trajectories: Motions, or their files.
+        seeds: Of the sensors' noise.
+        workers: How many run at a time; one for each core if not given.
+
+    Returns:
+        Recordings, all seeds of the first trajectory first.
+
+    Raises:
+        ConfigError: A trajectory is of another robot, a seed is no whole number, or there are no
+            workers.
+        LimoError: As for `run`.
+
+    Example:
+        >>> limo.simulate("sim.yaml", ["limo.traj.parquet"], seeds=[1, 2], workers=1)
+    """
+    arm = simulation_of(simulation)
+    motions, seeds = [trajectory_of(item) for item in trajectories], [seed_of(s) for s in seeds]
+    wanted = workers if workers is not None else len(os.sched_getaffinity(0))
+    if wanted < 1:
+        raise ConfigError(f"workers is {wanted}, expected at least 1")
+    for motion in motions:
+        motion.check_robot(arm.model.n, arm.model.name)
+    jobs = [(arm, motion, seed) for motion in motions for seed in seeds]
+    wanted = min(wanted, len(jobs))
+    if wanted <= 1:
+        return [_run(*job) for job in jobs]
+    with ProcessPoolExecutor(wanted, mp_context=get_context("spawn")) as pool:
+        return list(pool.map(_run, *zip(*jobs, strict=True)))
+
+
+def _run(simulation: Simulation, motion: Trajectory, seed: int) -> Recording:
+    from limo_driver.workflow.running import run
+
+    return run("mujoco", motion, simulation=simulation, seed=seed)

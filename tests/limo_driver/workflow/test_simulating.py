@@ -1,0 +1,39 @@
+"""Many simulated runs side by side are the runs that each is by itself."""
+
+import numpy as np
+import pytest
+
+import limo_driver as limo
+from limo_driver.errors import ConfigError
+from limo_driver.physics import CoulombFriction
+from limo_driver.physics.sensing import Sensors
+
+ARM = limo.Simulation(
+    "iiwa14", (CoulombFriction(joint=1, tau_c=1.0),), sensors=Sensors(torque_noise=(0.05,))
+)
+
+
+def motion(size: float) -> limo.Trajectory:
+    t = np.arange(0.0, 1.0, 0.001)
+    rest = np.zeros((t.size, 7))
+    position = rest + 0.3 + size * (1.0 - np.cos(np.pi * t))[:, None]
+    return limo.Trajectory(t, position, rest, rest, robot="iiwa14")
+
+
+@pytest.mark.slow("starts two processes, which import and compile: ten seconds")
+def test_side_by_side_they_are_what_each_is_alone():
+    motions, seeds = [motion(0.02), motion(0.04)], [1, 2]
+    found = limo.simulate(ARM, motions, seeds, workers=2)
+    alone = [limo.run("mujoco", m, simulation=ARM, seed=s) for m in motions for s in seeds]
+    for one, other in zip(found, alone, strict=True):
+        np.testing.assert_array_equal(one.torque, other.torque)
+        np.testing.assert_array_equal(one.position, other.position)
+    assert not np.array_equal(found[0].torque, found[1].torque)
+
+
+def test_what_cannot_be_run_is_refused_before_anything_runs():
+    with pytest.raises(ConfigError, match="workers is 0"):
+        limo.simulate(ARM, [motion(0.02)], workers=0)
+    with pytest.raises(ConfigError, match="seed"):
+        limo.simulate(ARM, [motion(0.02)], ["one"])  # type: ignore[list-item]
+    assert limo.simulate(ARM, []) == []
