@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from limo_driver.errors import RecordingError
 from limo_driver.foreign.mapping import TimeColumns
 from limo_driver.foreign.names import COMMANDED, TIME, read_name
 from limo_driver.foreign.units import SECONDS
@@ -22,6 +23,8 @@ _FIRST: Final = ("time", "t", "timestamp")  # names that stand before all others
 _APART: Final = 0.01  # by which the lengths of two clocks differ where they are two clocks
 _FEWEST = 2
 _SECOND: Final = 1e9  # [ns]
+_PIECES: Final = 20  # of a column, each with steps of its own
+_OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,9 @@ def time_columns(table: LogTable) -> TimeFound:
 
     Args:
         table: What the log holds.
+
+    Raises:
+        RecordingError: A column goes on in another unit.
     """
     found = [read_name(name) for name in table.columns]
     names = [n for n in found if n.quantity == TIME and n.rank != COMMANDED]
@@ -62,10 +68,29 @@ def time_columns(table: LogTable) -> TimeFound:
     running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     read = {name: _unit(table.columns[name], read_name(name).unit) for name in running}
     first = running[0]
+    _refuse_two_units(table, first)
     unit, why, question = read[first]
     questions = [question] if question else []
     questions += _disagreeing(table, first, read)
     return TimeFound(TimeColumns(columns=(first,), unit=(unit,)), why, tuple(questions))
+
+
+def _refuse_two_units(table: LogTable, name: str) -> None:
+    """Refuse a column whose steps become a hundred times another: no unit makes a time of it."""
+    values = table.columns[name]
+    if values.dtype.kind in "mM":
+        return
+    pieces = np.array_split(np.diff(values.astype(np.float64)), _PIECES)
+    usual = np.array([np.median(x[x > 0]) if (x > 0).any() else np.nan for x in pieces])
+    apart = np.abs(np.log(usual / usual[0])) > np.log(_OTHER_UNIT)
+    if apart.any():
+        piece = int(apart.argmax())
+        row = sum(len(x) for x in pieces[:piece])
+        raise RecordingError(
+            f"{name} goes in steps of {usual[0]:.3g} at first and of {usual[piece]:.3g} about row "
+            f"{row}; expected a time in one unit",
+            path=table.source or None,
+        )
 
 
 def _disagreeing(table: LogTable, first: str, read: dict[str, tuple[str, str, str]]) -> list[str]:

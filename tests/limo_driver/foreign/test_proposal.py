@@ -160,6 +160,21 @@ def test_time_has_its_unit_from_its_steps(name, values, unit):
     np.testing.assert_allclose(read, TIME, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("first", "then"), [(1.0, 1e3), (1e9, 1e3), (1e3, 1e9)], ids=["s-ms", "ns-ms", "ms-ns"]
+)
+def test_a_time_that_goes_on_in_another_unit_is_refused(first, then):
+    mixed = np.concatenate([first * TIME[: TIME.size // 2], then * TIME[TIME.size // 2 :]])
+    with pytest.raises(RecordingError, match=r"stamp goes in steps of .* expected a time in one"):
+        propose(table_of({"stamp": mixed, "q": POSITION, "tau": TORQUE}), arm())
+
+
+def test_a_pause_and_a_slower_clock_are_no_other_unit():
+    slower = np.concatenate([TIME[:500:2], TIME[499] + 60.0 + 3 * TIME[:500]])
+    log = {"stamp": slower, "q": POSITION[: slower.size], "tau": TORQUE[: slower.size]}
+    assert propose(table_of(log), arm()).mapping.time.unit == ("s",)
+
+
 def test_seconds_and_nanoseconds_in_two_columns():
     stamps = (1_700_000_000 * 10**9 + np.round(1e9 * TIME)).astype(np.int64)
     log = {"ZeitinSec": stamps // 10**9, "ZeitinNanoSec": stamps % 10**9}
