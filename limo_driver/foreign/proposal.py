@@ -14,7 +14,12 @@ import numpy as np
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.families import ColumnFamily, families_of
 from limo_driver.foreign.mapping import Channels, LogMapping
-from limo_driver.foreign.motion_units import position_reading, torque_reading, velocity_unit
+from limo_driver.foreign.motion_units import (
+    other_unit_from,
+    position_reading,
+    torque_reading,
+    velocity_unit,
+)
 from limo_driver.foreign.names import (
     COMMANDED,
     CURRENT,
@@ -94,7 +99,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
         model: The robot, whose joints are looked for by name, else by number.
 
     Raises:
-        RecordingError: It has no positions of the robot's joints.
+        RecordingError: It has no positions of the robot's joints, or goes on in another unit.
     """
     if not table.rows:
         raise RecordingError("holds no rows", path=table.source or None)
@@ -196,6 +201,12 @@ def _torque_family(draft: _Draft) -> ColumnFamily | None:
 
 
 def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None) -> Channels:
+    if (row := other_unit_from(draft.values(family))) is not None:
+        raise RecordingError(
+            f"the positions {family} jump by a factor of 57.3 at row {row}: degrees and radians in "
+            "one column; expected one unit",
+            path=draft.table.source or None,
+        )
     if family.unit:
         return draft.take(POSITION, family, (family.unit,), "the names say so")
     stated = tuple(name.unit for name in family.names)

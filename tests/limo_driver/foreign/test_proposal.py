@@ -62,6 +62,14 @@ def test_degrees_and_radians_in_one_log_are_a_question_that_names_the_joints():
     assert found.mapping.position.unit == ("rad", "deg", "rad", "deg", "rad", "rad", "rad")
 
 
+@pytest.mark.parametrize("factor", [180 / np.pi, np.pi / 180], ids=["rad-deg", "deg-rad"])
+def test_positions_that_go_on_in_another_unit_are_refused(factor):
+    mixed = np.array(POSITION) if factor > 1 else np.rad2deg(POSITION)
+    mixed[700:] *= factor
+    with pytest.raises(RecordingError, match=r"jump by a factor of 57\.3 at row 700"):
+        proposed(q=mixed, tau=TORQUE)
+
+
 def test_measured_goes_before_commanded_and_derived():
     log = {"actual_q": POSITION, "target_q": POSITION + 0.01, "tau": TORQUE}
     found = proposed(**log, tau_ext=0.1 * TORQUE)
