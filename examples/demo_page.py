@@ -21,6 +21,8 @@ from limo_driver.physics import Payload, QuadraticDrag
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from limo_driver.physics.effect import Effect
+
 MISSING = '<span class="failed">missing, see above</span>'
 HERE = Path(os.path.relpath(Path(__file__).parent))
 TRUTH = HERE / "iiwa14_hysteretic.yaml"
@@ -109,13 +111,31 @@ def live(out: Path) -> str:
     )
 
 
+def value_of(item: dict) -> str:
+    """Return the first value of a finding that is one number, with unit and interval."""
+    for name, known in item["parameters"].items():
+        if isinstance(known["value"], float) and known["ci95"]:
+            low, high = known["ci95"]
+            return f"{name} {known['value']:.3f} [{low:.3f}, {high:.3f}] {known['unit']}"
+    return ""
+
+
+def hidden(effect: Effect) -> str:
+    """Say what is concealed, with its size."""
+    name = effect.name.replace("_", " ")
+    if isinstance(effect, Payload):
+        return f"{name} of {effect.mass:g} kg"
+    return f"{name} at joint {', '.join(map(str, effect.joints))}"
+
+
 def diagnosis(out: Path) -> str:
     """Return what was concealed and what was found as an HTML list."""
     verdict = json.loads((out / "diagnosis" / "verdict.json").read_text())
-    concealed = ", ".join(effect.name.replace("_", " ") for effect in CONCEALED)
+    concealed = " and ".join(hidden(effect) for effect in CONCEALED)
     found = [
         f"<li>{html.escape(item['effect'].replace('_', ' '))}, joint "
-        f"{html.escape(', '.join(map(str, item['joints'])))}: confidence {item['confidence']:.0%}"
+        f"{html.escape(', '.join(map(str, item['joints'])))}: {html.escape(value_of(item))} "
+        f"(confidence {item['confidence']:.0%})"
         f"<br><span>{html.escape(item['evidence'])}</span></li>"
         for item in verdict["findings"]
     ]
@@ -161,7 +181,7 @@ def note(evaluation: dict) -> str:
         '<p class="note">Rigid body: identified, with Coulomb and viscous friction. Measured '
         "torque and motion went through the same zero-phase low-pass of "
         f"{evaluation['bandwidth']:g} Hz. Noise floor: what the torque sensor's noise leaves after "
-        "that filter; no model can be better. Joint physics: hysteresis, friction and elasticity "
+        "that filter, as far as can be estimated. Joint physics: hysteresis, friction, elasticity "
         "of each joint, fitted in closed form; it says how sure it is, and 95 % of its errors "
         "should lie within the interval that it gives.</p>"
     )

@@ -28,7 +28,7 @@ STEPS = (
     "train run.parquet --sim sim.yaml --model joint-physics --out model",
     "evaluate run.parquet --model model --sim sim.yaml --out evaluation",
     "predict run.parquet --model model --out torque.parquet",
-    "models add model --store models",
+    "models add model --golden run.parquet --store models",
     "export sim.yaml --to mjcf --out exported",
     "demo --out demo",  # which diagnoses
 )

@@ -1,0 +1,104 @@
+"""Two diagnoses side by side say what is new, gone and changed; a verdict reads back as it was."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import nan
+
+import pytest
+
+from estimators.diagnosis.reading import verdict_in
+from estimators.diagnosis.report.comparison import comparison
+from estimators.diagnosis.verdict import (
+    BeforeAfter,
+    Finding,
+    Fit,
+    Identified,
+    Interval,
+    NextMotion,
+    NotObservable,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
+from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
+
+N = 7
+FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, nan, (nan, nan))
+
+
+def found(effect, joints, **parameters):
+    return Finding(
+        effect, "missing", joints, (), 0.9, parameters,
+        Where(((1.0, 2.0),), "all", "joint-1", (1,)),
+        0.5, BeforeAfter((1.0,) * N, (0.1,) * N), "Evidence.", {"lead": 3.0},
+    )  # fmt: skip
+
+
+def verdict(*findings):
+    return Verdict(
+        "explained", findings, Unexplained((2,), (0.1,)), (NotObservable("a", "b"),),
+        NextMotion((("a", "b"),), "next.parquet"), FIT, RowCount(10, {"nan": 1}), ("A note.",),
+        (Identified("coulomb_friction", 1, {"tau_c": Interval(1.0, "N m", (0.9, 1.1))}),),
+    )  # fmt: skip
+
+
+def payload(mass):
+    return found("payload", (7,), mass=Interval(mass, "kg", (mass - 0.1, mass + 0.1)))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load("iiwa14")
+
+
+def test_a_verdict_reads_back_as_it_was_saved(tmp_path):
+    steps = Interval((1.0, 2.0), "N m", ((0.9, 1.1), (1.9, 2.1)))
+    saved = verdict(payload(1.0), found("presliding_hysteresis", (4,), steps=steps))
+    saved.save(tmp_path / "verdict.json")
+    read = verdict_in(tmp_path)
+    assert read.as_values() == saved.as_values()
+    assert read.findings == saved.findings
+    assert read.identified == saved.identified
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"schema": 99}', '{"schema": 1, "fit": {}}'])
+def test_what_is_no_verdict_is_refused_by_name(content, tmp_path):
+    (tmp_path / "verdict.json").write_text(content)
+    with pytest.raises(ConfigError, match=r"verdict\.json"):
+        verdict_in(tmp_path)
+
+
+def test_equal_diagnoses_agree(model):
+    page = comparison(model, ("monday", "tuesday"), [verdict(payload(1.0))] * 2)
+    assert page.title.startswith("monday and tuesday agree")
+    assert "<b>differs</b>" not in page.html()
+
+
+def test_what_changed_what_is_new_and_what_is_gone_is_said(model):
+    first = verdict(payload(1.0), found("backlash", (3,)))
+    second = verdict(payload(1.5), found("torque_offset", (2,)))
+    page = comparison(model, ("a<b", "tuesday"), [first, second])
+    text = page.html()
+    assert "differ in payload at the flange, backlash joint 3, torque offset joint 2" in page.title
+    for said in ("1.00 kg [0.90, 1.10]", "1.50 kg [1.40, 1.60]", "backlash gone",
+                 "torque offset new", "payload changed"):  # fmt: skip
+        assert said in text
+    assert "a<b" not in text
+
+
+def test_arms_of_other_joints_are_refused(model):
+    other = replace(verdict(), fit=Fit((1.0,), (1.0,), (1.0,), 0.0, (0.0, 0.0)))
+    with pytest.raises(ConfigError, match="7 and 1 joints"):
+        comparison(model, ("a", "b"), [verdict(), other])
+
+
+def test_values_are_json(tmp_path):
+    verdict(payload(1.0)).save(tmp_path / "verdict.json")
+    assert (
+        json.loads((tmp_path / "verdict.json").read_text())["fit"]["reducible_error_removed"]
+        is None
+    )
