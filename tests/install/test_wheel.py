@@ -46,7 +46,8 @@ def limo(wheel, tmp_path_factory):
     run([str(home / "bin" / "pip"), "--disable-pip-version-check", "install", "--quiet",
          "--no-deps", str(wheel)])  # fmt: skip
     here = {str(Path(found.locate_file("")).resolve()) for found in distributions()}
-    (site / "dependencies.pth").write_text("\n".join(sorted(p for p in here if "-packages" in p)))
+    lines = [f"import site; site.addsitedir({p!r})" for p in sorted(here) if "-packages" in p]
+    (site / "dependencies.pth").write_text("\n".join(lines) + "\n")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     elsewhere = tmp_path_factory.mktemp("elsewhere")
 
