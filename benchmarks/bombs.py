@@ -2,8 +2,8 @@
 
     python benchmarks/bombs.py
 
-Each file is refused with one line, in at most 2 s of CPU time and 500 MB, Python and its libraries
-included; the first row is a command that is given no file at all.
+Each file is refused with one line, within 2 s of CPU time beyond that of a command whose file is not
+there (the first row), and 500 MB in all. Words on the command line choose what is tried.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 SECONDS, MEGABYTES = 2.0, 500.0
-PATIENCE = 12.0  # [s], after which a command is ended
+PATIENCE = 60.0  # [s], after which a command is ended
 RECORDED = "tests/regression/data/iiwa14_excited.parquet"
 MCAP = b"\x89MCAP0\r\n"
 
@@ -124,15 +124,20 @@ def main() -> None:
     """Try all, and print beside the bars."""
     os.chdir(Path(__file__).parents[1])
     print(f"{'what':32} {'CPU [s]':>8} {'[s]':>7} {'[MB]':>6} {'lines':>5}  said")
-    met = True
+    met, first = True, 0.0
     with tempfile.TemporaryDirectory() as folder:
         for what, command in bombs(Path(folder)):
-            met &= _tried(what, command)
-    print(f"bars: {SECONDS:g} s of CPU time, {MEGABYTES:g} MB, one line")
+            if first and sys.argv[1:] and not any(word in what for word in sys.argv[1:]):
+                continue
+            refused, seconds = _tried(what, command)
+            first = first or seconds
+            met &= refused and seconds <= first + SECONDS
+    print(f"bars: {first + SECONDS:.1f} s of CPU time, {MEGABYTES:g} MB, one line")
     sys.exit(not met)
 
 
-def _tried(what: str, command: tuple[str, ...]) -> bool:
+def _tried(what: str, command: tuple[str, ...]) -> tuple[bool, float]:
+    """Run a command; say whether it refused in one line, and the CPU time it took [s]."""
     began = time.monotonic()
     with tempfile.TemporaryFile("w+") as said:
         running = subprocess.Popen((*LIMO, *command), stdout=said, stderr=said)
@@ -155,7 +160,7 @@ def _tried(what: str, command: tuple[str, ...]) -> bool:
         flush=True,
     )
     refused = running.returncode > 0 and len(lines) == 1
-    return refused and seconds <= SECONDS and megabytes <= MEGABYTES
+    return refused and megabytes <= MEGABYTES, seconds
 
 
 if __name__ == "__main__":
