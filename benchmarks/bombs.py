@@ -2,8 +2,8 @@
 
     python benchmarks/bombs.py
 
-Each file is refused with one line, within 2 s of CPU time beyond that of a command whose file is not
-there (the first row), and 500 MB in all. Words on the command line choose what is tried.
+Each file is refused with one line, within 2 s of CPU time beyond that of a command whose file is
+not there (the first row), and 500 MB in all. Words on the command line choose what is tried.
 """
 
 from __future__ import annotations
