@@ -116,5 +116,6 @@ def _table(verdict: Verdict) -> list[str]:
             texts = [text + " *"[j in worse] for j, text in enumerate(texts, start=1)]
         first, _, second = heading.rpartition(" ")
         cells.append([first, second, *texts])
-    said = (coverage(verdict), WORSE if worse else "")
-    return ["", "held-out RMSE [N m]", *_aligned(cells), *filter(None, said)]
+    said = (coverage(verdict) if verdict.rows.fitted else "", WORSE if worse else "")
+    unit = verdict.fit.unit
+    return ["", f"held-out RMSE [{unit}]", *_aligned(cells), *filter(None, said)]

@@ -128,6 +128,7 @@ class Fit:
     heldout_rmse_tolerances: tuple[float, ...] = ()  # values moved inside tolerances, no effect
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
+    unit: str = "N m"  # of all errors; rad where commands and positions alone were recorded
 
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:

@@ -4,6 +4,8 @@ The torque of a drive, a function of command, position and velocity, takes the p
 one. Masses that are known, and the gravity on them, give the scale.
 """
 
+from estimators.drives.diagnosis import diagnose_drives
 from estimators.drives.forward import free_run
+from estimators.drives.identification import identify_drives
 
-__all__ = ["free_run"]
+__all__ = ["diagnose_drives", "free_run", "identify_drives"]

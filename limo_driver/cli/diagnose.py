@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from estimators.diagnosis.result import Diagnosis
+    from estimators.drives.result import DriveDiagnosis
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -56,6 +57,9 @@ def command(
     status 0, whatever it finds; where one of its stages failed, the verdict says so, and the status
     is 1.
 
+    Recordings of commands and positions without torque identify drives and friction; errors are
+    then those of the closed loop simulated forward from the commands, in rad.
+
     Without a sim.yaml, --robot will do: friction is identified beside everything else, and the
     inertias of the description are trusted to --inertia-tolerance, so that a payload or a wrong
     link shows.
@@ -70,6 +74,7 @@ def command(
     import json
     import sys
 
+    from estimators.diagnosis.result import Diagnosis
     from estimators.diagnosis.saving import FILES, save
     from estimators.telemetry import telemetry_in
     from limo_driver.console.progress import progress_bar
@@ -90,7 +95,10 @@ def command(
             progress=lambda stage, part: progress(stage, _DIAGNOSED * part),
         )
         progress("writing", _DIAGNOSED)
-        found, written = save(found, out)
+        if isinstance(found, Diagnosis):
+            found, written = save(found, out)
+        else:
+            written = found.save(out)
         progress("done", 1.0)
     if as_json:
         sys.stdout.write(json.dumps(found.verdict.as_values(), indent=1) + "\n")
@@ -98,7 +106,7 @@ def command(
         for recording in measured:
             for item in (*recording.warnings, *recording.left_out):
                 notes.print(f"{recording.source}: {item}")
-            if robot is not None:
+            if robot is not None and recording.has_torque:
                 for item in telemetry_in(found.simulation, recording):
                     notes.print(f"{recording.source}: {item}")
         _show(found, written)
@@ -126,7 +134,7 @@ def _start(
     from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
-    from limo_driver.workflow.learning import nominal
+    from limo_driver.workflow.learning import described, nominal
     from limo_driver.workflow.reading import read
 
     if (sim is None) == (robot is None):
@@ -139,10 +147,12 @@ def _start(
     for note in model.notes:
         notes.print(f"{robot}: {note}")
     measured = [read(path, model, mapping) for path in recordings]
+    if not any(recording.has_torque for recording in measured):
+        return described(model, tolerances[0]), measured
     return nominal(model, (), *tolerances), measured
 
 
-def _export(found: Diagnosis, to: Path, *, as_json: bool) -> None:
+def _export(found: Diagnosis | DriveDiagnosis, to: Path, *, as_json: bool) -> None:
     """Write the improved simulation into a copy of the robot's own file."""
     from limo_driver.cli.export import show
     from limo_driver.workflow.exporting import export
@@ -153,7 +163,7 @@ def _export(found: Diagnosis, to: Path, *, as_json: bool) -> None:
         show(written)
 
 
-def _show(found: Diagnosis, written: Sequence[Path]) -> None:
+def _show(found: Diagnosis | DriveDiagnosis, written: Sequence[Path]) -> None:
     from limo_driver.console.terminal import terminal
 
     console = terminal()

@@ -59,6 +59,9 @@ def command(  # one argument for each option
     inertias of all links, which keep the values of the robot description where the motion does not
     excite them.
 
+    Recordings of commands and positions without torque identify drives and friction instead, beside
+    the inertias of the description, whose weight gives the scale.
+
     Examples:
         limo identify run.parquet --robot iiwa14 --out sim.yaml
         limo identify a.csv b.csv --robot arm.urdf --moving-only --bandwidth 8 \
@@ -80,6 +83,9 @@ def command(  # one argument for each option
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
     rows = Rows(bandwidth, moving_only, weighting)
     measured = [read(path, model, mapping) for path in recordings]
+    if not any(recording.has_torque for recording in measured):
+        _identify_drives(model, measured, out, as_json=as_json)
+        return
     found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
     found.simulation.save(out)
     if as_json:
@@ -121,6 +127,24 @@ def _identify(
             tolerance,
             progress=lambda samples: progress.advance(task, samples),
         )
+
+
+def _identify_drives(
+    model: RobotModel, measured: list[Recording], out: Path, *, as_json: bool
+) -> None:
+    """Identify drives and friction of an arm that tells no torque."""
+    import json
+
+    from limo_driver.console.terminal import terminal
+    from limo_driver.workflow.learning import identify_drives
+
+    found = identify_drives(model, measured)
+    found.simulation.save(out)
+    if as_json:
+        terminal().print_json(json.dumps(found.as_values()))
+        return
+    _say_what_was_left_out(measured, terminal(stderr=True, soft_wrap=True))
+    terminal(soft_wrap=True).print(f"{found}\nwrote {out}")
 
 
 def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.result import Diagnosis, Replay
     from estimators.diagnosis.verdict import Verdict
+    from estimators.drives.result import DriveDiagnosis
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -32,8 +33,11 @@ def diagnose(
     *,
     bandwidth: float = BANDWIDTH,
     progress: Callable[[str, float], None] | None = None,
-) -> Diagnosis:
+) -> Diagnosis | DriveDiagnosis:
     """Find where a simulation and recordings differ, which physics is missing, and add it.
+
+    Where no torque was recorded, commands and positions identify the drives; errors are then those
+    of the closed loop simulated forward [rad], and the result is a `DriveDiagnosis`.
 
     Args:
         simulation: What is believed of the arm, with its tolerances, or its file.
@@ -60,9 +64,12 @@ def diagnose(
     from estimators.diagnosis.stages import Attempts, forward, quiet
 
     tell = forward(progress or quiet)
-    found = diagnosed(
-        simulation_of(simulation), recordings_of(recordings), bandwidth, forward(tell, _DIAGNOSED)
-    )
+    known, measured = simulation_of(simulation), recordings_of(recordings)
+    if measured and not any(recording.has_torque for recording in measured):
+        from estimators.drives import diagnose_drives
+
+        return diagnose_drives(known, measured, tell)
+    found = diagnosed(known, measured, bandwidth, forward(tell, _DIAGNOSED))
     attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
     found = attempts.at("next motion", lambda: with_next_motion(found), _without_motion(found))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation, Tolerances
+from limo_driver.physics.described import described_effects
+from limo_driver.physics.drives import described_drives
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.workflow.inputs import (
     expected,
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from estimators.base import Estimate
+    from estimators.drives.identification import DriveIdentification
     from estimators.evaluation import Evaluation
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
@@ -119,6 +122,53 @@ def nominal(
     found = identify(model, measured).simulation
     known = replace(found.tolerances, inertia=inertia_tolerance, gain=gain_tolerance)
     return Simulation(model.name, found.effects, tolerances=known)
+
+
+def identify_drives(
+    robot: Simulation | RobotModel | Path | str,
+    recordings: Recording | Path | str | Iterable[Recording | Path | str],
+) -> DriveIdentification:
+    """Identify drives and friction of an arm that tells commands and positions, and no torque.
+
+    Args:
+        robot: Its rigid body, whose weight gives the scale: a simulation, a model, a built-in name
+            or the path of a description.
+        recordings: With commands: one or several, or their files.
+
+    Returns:
+        A simulation that can be run forward, and how sure its values are.
+
+    Raises:
+        ConfigError: There is no such robot.
+        RecordingError: A recording has no commands, is given twice, or its commands are no
+            set-points in rad.
+    """
+    from estimators.drives import identify_drives as identified
+    from estimators.drives.checks import check_commands
+    from estimators.recordings import check_different
+
+    known = robot if isinstance(robot, Simulation) else described(model_of(robot))
+    measured = recordings_of(recordings)
+    for recording in measured:
+        recording.check_robot(known.model)
+    check_different(measured)
+    check_commands(measured)
+    return identified(known, measured)
+
+
+def described(robot: RobotModel, inertia_tolerance: float = 0.05) -> Simulation:
+    """Return a robot as its description states it: with friction, armature and drives.
+
+    Args:
+        robot: The model.
+        inertia_tolerance: How far its inertias may be off, relative, 1 sigma.
+    """
+    return Simulation(
+        robot.name,
+        described_effects(robot),
+        tolerances=Tolerances(inertia=inertia_tolerance),
+        drives=described_drives(robot),
+    )
 
 
 def predict(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from limo_driver.recordings.recording import Recording
@@ -33,14 +34,29 @@ def write_arm(path, *, friction=0.0, limit=50.0):
     return path
 
 
-def commands(duration, rate):
+def commands(duration, rate, pace=1.0):
     """Return times (T,) [s] and a wide motion of both joints, (T, 2) [rad]."""
     time = np.arange(round(duration * rate)) / rate
-    shoulder = -0.6 + 0.5 * np.sin(2.1 * time) + 0.2 * np.sin(5.3 * time)
-    elbow = 0.8 * np.sin(1.3 * time + 0.4)
+    t = pace * time
+    shoulder = -0.6 + 0.5 * np.sin(2.1 * t) + 0.2 * np.sin(5.3 * t)
+    elbow = 0.8 * np.sin(1.3 * t + 0.4)
     return time, np.stack([shoulder, elbow], axis=1)
 
 
 def recorded(time, command, position):
     """Return a recording without torque."""
     return Recording.from_arrays(time, position, command=command)
+
+
+def simulated(path, time, command):
+    """Return where MuJoCo moves the arm, (T, 2) [rad], each command in force until the next one."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = command[0]
+    position = np.empty_like(command)
+    steps = round(float(time[1] - time[0]) / model.opt.timestep)
+    for k, wanted in enumerate(command):
+        position[k] = data.qpos
+        data.ctrl[:] = wanted
+        mujoco.mj_step(model, data, steps)
+    return position

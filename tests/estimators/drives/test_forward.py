@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
-from servo_arms import commands, recorded, write_arm
+from servo_arms import commands, recorded, simulated, write_arm
 
 from estimators.drives import free_run
 from limo_driver.errors import ConfigError, RecordingError
@@ -18,19 +17,6 @@ from limo_driver.physics import (
     PreslidingHysteresis,
     Simulation,
 )
-
-
-def simulated_by_mujoco(path, time, command):
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    data.qpos[:] = command[0]
-    position = np.empty_like(command)
-    steps = round(float(time[1] - time[0]) / model.opt.timestep)
-    for k, wanted in enumerate(command):
-        position[k] = data.qpos
-        data.ctrl[:] = wanted
-        mujoco.mj_step(model, data, steps)
-    return position
 
 
 @pytest.fixture
@@ -51,7 +37,7 @@ def held(simulation, command, duration=4.0, start=(0.0, 0.0)):
 def test_it_moves_as_in_mujoco(tmp_path, limit):
     path = write_arm(tmp_path / "arm.xml", limit=limit)
     time, command = commands(6.0, 200.0)
-    theirs = simulated_by_mujoco(path, time, command)
+    theirs = simulated(path, time, command)
 
     ours = free_run(Simulation.load(path), recorded(time, command, theirs))
 

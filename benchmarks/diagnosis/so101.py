@@ -1,0 +1,170 @@
+"""An arm that tells no torque: the SO-101's commands and positions, fitted on half of its motions.
+
+Held out are the other motions: the closed loop is simulated forward from their commands alone, and
+compared with where the arm was. Beside limo stand
+
+- the vendor's MJCF as it is;
+- a PACE-style fit: armature, viscous and Coulomb friction, bias and one delay of each joint by
+  CMA-ES on the free-running position error, with the gains of the vendor's MJCF, and once more with
+  the gain that the vendor guesses in `joints_properties.xml`;
+- limo without one of what it identified (ablation).
+
+All run on the same forward simulation and the same data; one run prints one table. The folder with
+the recordings is named by LIMO_DATA, or is ../shared/data.
+
+    python benchmarks/diagnosis/so101.py [--minutes 10]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+from estimators.drives import diagnose_drives, free_run, identify_drives
+from estimators.drives.fit import COULOMB, DAMPING, errors, value_in, with_values
+from estimators.drives.identification import with_rows
+from estimators.drives.one_joint import loaded_joints
+from estimators.drives.plant import rows_of
+from limo_driver.physics import Simulation
+from limo_driver.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.drives.one_joint import LoadedJoint
+    from limo_driver.types import FloatArray
+
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+SO101 = DATA / "so101"
+GUESSED = 17.8  # [N m/rad], the gain of the vendor's joints_properties.xml
+EVALUATIONS = 600  # of CMA-ES for each joint, about what limo's own fit takes
+REVERTED = {
+    "kp": ("kp",),
+    "damping": (DAMPING,),
+    "dry friction": (COULOMB, "stribeck", "by_load"),
+    "delay": ("delay",),
+    "armature": ("inertia",),
+    "offset": ("offset",),
+}
+
+
+def main() -> None:
+    """Fit, test and print."""
+    options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    options.add_argument("--minutes", type=float, default=10.0, help="of data, for the timing")
+    minutes = options.parse_args().minutes
+    vendor = Simulation.load(SO101 / "robot" / "so101_new_calib.xml")
+    recordings = [Recording.load(path) for path in sorted(SO101.glob("*.parquet"))]
+    seen, unseen = recordings[0::2], recordings[1::2]
+    free_run(vendor, seen[0][:200])  # compiled
+    print(f"{len(seen)} motions fitted, {len(unseen)} held out; mean absolute error [rad]")
+    a = report("(a) vendor's MJCF as it is", vendor, unseen)
+    begun = time.perf_counter()
+    ours = identify_drives(vendor, seen).simulation
+    spent = time.perf_counter() - begun
+    limo = report(f"limo, fitted in {spent:.0f} s", ours, unseen)
+    begun = time.perf_counter()
+    b = report("(b) PACE-style, gains of the MJCF", pace(vendor, seen), unseen)
+    servos = tuple(replace(drive, kp=GUESSED, kd=0.0) for drive in vendor.drives)
+    guessed = pace(replace(vendor, drives=servos), seen)
+    better = report(f"(b') PACE-style, gain {GUESSED}", guessed, unseen)
+    print(f"both PACE-style fits took {time.perf_counter() - begun:.0f} s")
+    print(f"limo is {a / limo:.2f} x better than (a), bar 2; {b / limo:.2f} x than (b), bar 1.3;")
+    print(f"{better / limo:.2f} x than (b'), whose gain is nearly right")
+    for name, constants in REVERTED.items():
+        report(f"limo with {name} as stated", reverted(ours, vendor, constants), unseen)
+    speed(ours, unseen)
+    timing(vendor, recordings, 60.0 * minutes)
+
+
+def report(name: str, simulation: Simulation, recordings: Sequence[Recording]) -> float:
+    """Print the errors of each joint and their mean, and return that [rad]."""
+    error = np.concatenate([np.abs(free_run(simulation, r) - r.position) for r in recordings])
+    joints = "  ".join(f"{value:.5f}" for value in error.mean(axis=0))
+    print(f"{name:40s} {error.mean():.5f}   joints {joints}", flush=True)
+    return float(error.mean())
+
+
+def pace(simulation: Simulation, recordings: Sequence[Recording]) -> Simulation:
+    """Fit armature, viscous and Coulomb friction, bias and one delay of each joint by CMA-ES."""
+    parts, rows = loaded_joints(simulation.body, recordings), rows_of(simulation)
+    return with_rows(
+        simulation, [_pace_joint(own, row) for own, row in zip(parts, rows, strict=True)]
+    )
+
+
+def _pace_joint(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import cma
+
+    def of(x: FloatArray) -> FloatArray:
+        inertia, damping, coulomb, delay = np.exp(x[:4]).tolist()
+        return with_values(
+            row,
+            {
+                "inertia": inertia,
+                DAMPING: damping,
+                COULOMB: coulomb,
+                "delay": min(delay, 0.5),
+                "offset": float(x[4]),
+            },
+        )
+
+    start = np.append(np.log([0.03, 0.6, 0.1, 0.02]), 0.0)
+    search = cma.CMAEvolutionStrategy(
+        start, 0.5, {"maxfevals": EVALUATIONS, "verbose": -9, "seed": 1}
+    )
+
+    def cost(x: FloatArray) -> float:
+        return 1e4 * float(np.mean(errors(parts, of(x)) ** 2))
+
+    search.optimize(cost)
+    return of(np.array(search.result.xbest))
+
+
+def reverted(ours: Simulation, vendor: Simulation, constants: Sequence[str]) -> Simulation:
+    """Return limo's simulation with some constants as the vendor states them."""
+    rows, stated = rows_of(ours), rows_of(vendor)
+    mixed = [
+        with_values(own, {name: value_in(theirs, name) for name in constants})
+        for own, theirs in zip(rows, stated, strict=True)
+    ]
+    return with_rows(ours, mixed)
+
+
+def speed(simulation: Simulation, recordings: Sequence[Recording]) -> None:
+    """Print how fast the whole arm is simulated forward."""
+    begun = time.process_time()
+    for recording in recordings:
+        free_run(simulation, recording)
+    spent = time.process_time() - begun
+    duration = sum(recording.duration for recording in recordings)
+    print(f"forward at {duration / spent:.0f} x real time of one core, bar 100")
+
+
+def timing(simulation: Simulation, recordings: Sequence[Recording], wanted: float) -> None:
+    """Print how long a diagnosis of so many seconds of data takes."""
+    chosen: list[Recording] = []
+    for recording in recordings:
+        if sum(item.duration for item in chosen) < wanted:
+            chosen.append(recording)
+    begun, used = time.perf_counter(), time.process_time()
+    found = diagnose_drives(simulation, chosen)
+    wall, cpu = time.perf_counter() - begun, time.process_time() - used
+    duration = sum(item.duration for item in chosen) / 60
+    print(f"{duration:.1f} min diagnosed in {wall:.0f} s, {cpu:.0f} s of processor; bar 60 s")
+    print(found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""What is wrong with commands: other units, joints or times, and drives that do not follow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.drives.forward import commands_of
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_MOVES: Final = 0.05  # [rad], range of a joint that can be judged
+_DEGREES: Final = (50.0, 66.0)  # range of commands over that of positions; 57.3 are degrees
+_NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
+_LATEST: Final = 0.5  # [s], by which command and position may be shifted
+_ALIKE, _UNLIKE = 0.8, 0.4  # correlations
+_STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
+_LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
+
+
+def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Refuse commands that are not set-points of their joints in rad; tell what is odd otherwise.
+
+    Args:
+        recordings: With commands.
+
+    Returns:
+        One sentence for each joint that stalled, or moved although its command rested.
+
+    Raises:
+        RecordingError: Names what the commands seem to be.
+    """
+    for recording in recordings:
+        mistake = _mistake(recording)
+        if mistake:
+            raise RecordingError(mistake, path=recording.source or None)
+    return tuple(text for recording in recordings for text in _odd(recording))
+
+
+def _mistake(recording: Recording) -> str:
+    command, position = commands_of(recording), recording.position
+    told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
+    judged = np.flatnonzero((does > _MOVES) & (told > 0))
+    for j in judged.tolist():
+        factor = float(told[j] / does[j])
+        degrees = _DEGREES[0] < factor < _DEGREES[1]
+        if factor > _NORMALISED:
+            what = "in degrees" if degrees else "normalised, as -100 to 100"
+            return (
+                f"command_{j + 1} spans {told[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
+                f"rad; expected set-points in rad; are the commands {what}?"
+            )
+    steps = np.diff(position, axis=0)
+    for j in judged.tolist():
+        own = _correlation(command[:-1, j], position[:-1, j])
+        if own < _UNLIKE and _correlation(command[:-1, j], steps[:, j]) > _ALIKE:
+            return (
+                f"command_{j + 1} follows the change of position_{j + 1}, not the position; "
+                "expected set-points; are the commands deltas?"
+            )
+    for j in judged.tolist():
+        alike = [_correlation(command[:, k], position[:, j]) for k in range(recording.n)]
+        k = int(np.argmax(alike))
+        if alike[j] < _UNLIKE and alike[k] > _ALIKE:
+            return (
+                f"position_{j + 1} follows command_{k + 1}, not command_{j + 1}; "
+                "are joints exchanged?"
+            )
+        if alike[j] < -_ALIKE:
+            return (
+                f"position_{j + 1} moves against command_{j + 1}; has one of them the other sign?"
+            )
+    shifts = [_shift(recording, j) for j in judged.tolist()]
+    if shifts and np.median(shifts) < -1.0 / recording.rate:
+        return (
+            f"commands come {-float(np.median(shifts)):.3g} s later than the positions that "
+            "follow them; expected the set-point in force at each row"
+        )
+    return ""
+
+
+def _shift(recording: Recording, j: int) -> float:
+    """Return by how much the position is later than the command [s]."""
+    reach = max(1, round(_LATEST * recording.rate))
+    pace = np.diff(commands_of(recording)[:, j]), np.diff(recording.position[:, j])
+    smooth = [np.convolve(x, np.ones(5) / 5, "same") for x in pace]
+    if smooth[0].size < 4 * reach:
+        return 0.0
+    ahead = smooth[0][reach:-reach]
+    scores = [
+        _correlation(ahead, smooth[1][reach + k : smooth[1].size - reach + k])
+        for k in range(-reach, reach + 1)
+    ]
+    return (int(np.argmax(scores)) - reach) / recording.rate
+
+
+def _odd(recording: Recording) -> Iterator[str]:
+    """Yield what a joint did that no servo in order does."""
+    command, position, time = commands_of(recording), recording.position, recording.time
+    span, lasting = _STALLED
+    rows = max(2, round(lasting * recording.rate))
+    for j in range(recording.n):
+        for start in range(0, time.size - rows, rows):
+            part = slice(start, start + rows)
+            asked, did = command[part, j], position[part, j]
+            error, moved = np.abs(asked - did), float(np.ptp(did))
+            where = f"{recording.source or 'recording'}, {time[start]:.1f} s"
+            if moved < 0.002 and float(error.min()) > span:  # noqa: PLR2004  # [rad], at rest
+                yield (
+                    f"joint {j + 1} is stalled {error.mean():.2f} rad from its command ({where})"
+                )
+                break
+            if np.ptp(asked) == 0 and np.ptp(command[max(0, start - rows) : start + rows, j]) == 0:
+                away = error[-1] - error[0]
+                if moved > _LOOSE and away > _LOOSE:
+                    yield (
+                        f"joint {j + 1} moves away from a command that rests; was its torque "
+                        f"disabled? ({where})"
+                    )
+                    break
+
+
+def _correlation(x: FloatArray, y: FloatArray) -> float:
+    x, y = x - x.mean(), y - y.mean()
+    power = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / power if power > 0 else 0.0

@@ -1,0 +1,326 @@
+"""Diagnosis of an arm that tells no torque: its drives and friction, and what each of them removes.
+
+The score is what users see: the position error of the closed loop simulated forward from the
+commands alone, on motion that nothing was fitted to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.stages import quiet
+from estimators.diagnosis.verdict import (
+    BeforeAfter,
+    Finding,
+    Fit,
+    Identified,
+    Interval,
+    NotObservable,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
+from estimators.drives.checks import check_commands
+from estimators.drives.conventions import conventions_of
+from estimators.drives.fit import COULOMB, DAMPING, errors, value_in, with_values
+from estimators.drives.forward import free_run
+from estimators.drives.identification import SURE, identify_drives, with_servos
+from estimators.drives.one_joint import loaded_joints
+from estimators.drives.plant import rows_of
+from estimators.drives.result import DriveDiagnosis
+from estimators.drives.wording import sags, undecided
+from estimators.recordings import check_different
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.stages import Progress
+    from estimators.drives.fit import JointFit
+    from estimators.drives.identification import DriveIdentification
+    from estimators.drives.one_joint import LoadedJoint
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
+_SEEN: Final = 0.02  # of a joint's held-out error, that a finding has to remove at least
+_NEAR_FLOOR: Final = 3.0  # floors, below which nothing is left to be explained
+_LEAST: Final = 1e-9
+
+# What is said of each: the effect, the constants that are its values, with their units.
+_KINDS: Final[dict[str, dict[str, str]]] = {
+    "position_servo": {"kp": "N m/rad"},
+    "drive_delay": {"delay": "s"},
+    "coulomb_friction": {COULOMB: "N m"},
+    "viscous_friction": {DAMPING: "N m s/rad"},
+    "armature": {"inertia": "kg m^2"},
+    "torque_offset": {"offset": "N m"},
+    "stribeck_friction": {"stribeck": "N m", "v_s": "rad/s"},
+    "load_dependent_friction": {"by_load": "1"},
+    "dead_band": {"dead_band": "rad"},
+    "profile_speed": {"speed": "rad/s"},
+}
+_NAMES: Final = {COULOMB: "tau_c", DAMPING: "f_v", "by_load": "coefficient", "stribeck": "tau_s"}
+
+
+def diagnose_drives(
+    simulation: Simulation, recordings: Sequence[Recording], progress: Progress = quiet
+) -> DriveDiagnosis:
+    """Find which drives and which friction an arm has, from commands and positions alone.
+
+    Args:
+        simulation: The rigid body, and what is believed of the drives.
+        recordings: One or more of that arm, with commands.
+        progress: Told the stage and the part that is done.
+
+    Returns:
+        The verdict, and a simulation that can be run forward from commands.
+
+    Raises:
+        ConfigError: The simulation has an effect that cannot be run forward.
+        RecordingError: A recording is of another robot, given twice, or its commands are not
+            set-points of its joints in rad.
+    """
+    progress("reading motion", 0.0)
+    if not recordings:
+        raise RecordingError("no recording to diagnose")
+    for recording in recordings:
+        recording.check_robot(simulation.model)
+    check_different(recordings)
+    odd = check_commands(recordings)
+    given = with_servos(simulation)
+    seen, unseen = split(recordings)
+    progress("fitting drives and friction", 0.05)
+    proof = identify_drives(given, seen)
+    progress("proving on held-out motion", 0.5)
+    before, after = (_errors(one, unseen) for one in (given, proof.simulation))
+    progress("fitting to all motion", 0.55)
+    final = identify_drives(given, recordings)
+    progress("comparing", 0.9)
+    delay = float(np.median([fit.value("delay") for fit in final.fits]))
+    notes = (
+        *odd,
+        conventions_of(given.body, recordings, delay).sentence(),
+        *_about_scale(final),
+        *sags(final),
+    )
+    verdict = _verdict(simulation, given, proof, final, recordings, unseen, before, after, notes)
+    progress("done", 1.0)
+    return DriveDiagnosis(
+        verdict,
+        simulation,
+        final.simulation,
+        tuple(recordings),
+        held_out_error=(
+            tuple(np.abs(before).mean(axis=0).tolist()),
+            tuple(np.abs(after).mean(axis=0).tolist()),
+        ),
+    )
+
+
+def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """Return what is fitted to and what is held out: every other recording, or halves of one."""
+    if len(recordings) > 1:
+        return list(recordings[0::2]), list(recordings[1::2])
+    (one,) = recordings
+    middle = len(one) // 2
+    return [one[:middle]], [one[middle:]]
+
+
+def _errors(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArray:
+    """Return free-running position errors of all rows, (K, n) [rad]."""
+    return np.concatenate([free_run(simulation, r) - r.position for r in recordings])
+
+
+def _verdict(
+    stated: Simulation,
+    given: Simulation,
+    proof: DriveIdentification,
+    final: DriveIdentification,
+    recordings: Sequence[Recording],
+    unseen: Sequence[Recording],
+    before: FloatArray,
+    after: FloatArray,
+    notes: tuple[str, ...],
+) -> Verdict:
+    rmse_before, rmse_after = (np.sqrt(np.mean(e**2, axis=0)) for e in (before, after))
+    floor = np.array([_resolution(recordings, j) for j in range(given.model.n)]) / np.sqrt(12.0)
+    reducible = float(np.sum(np.maximum(rmse_before**2 - floor**2, 0.0)))
+    removed = float(np.sum(rmse_before**2) - np.sum(rmse_after**2)) / max(reducible, _LEAST)
+    findings = _findings(stated, given, proof, final, unseen, reducible)
+    left = np.flatnonzero(rmse_after > _NEAR_FLOOR * floor)
+    summary = "consistent" if not findings else "partly_explained" if left.size else "explained"
+    if findings and removed <= 0.0:
+        summary = "unexplained"
+    rows = [len(r) for r in unseen]
+    blocks = _by_recording(before, after, rows, reducible)
+    return Verdict(
+        verdict=summary,
+        findings=findings,
+        unexplained=Unexplained(
+            tuple(int(j) + 1 for j in left),
+            tuple(
+                float(min(1.0, rmse_after[j] ** 2 / max(rmse_before[j] ** 2, _LEAST))) for j in left
+            ),
+        ),
+        not_observable=tuple(
+            NotObservable(effect, reason)
+            for effect, reason in undecided(final, min(r.rate for r in recordings))
+        ),
+        next_motion=None,
+        fit=Fit(
+            tuple(rmse_before.tolist()),
+            tuple(rmse_after.tolist()),
+            tuple(floor.tolist()),
+            removed,
+            blocks,
+            unit="rad",
+        ),
+        rows=RowCount(
+            used=sum(map(len, recordings)),
+            left_out={item.reason: len(item.rows) for r in recordings for item in r.left_out},
+            total=sum(map(len, recordings)),
+            held_out=sum(rows),
+            judged=(sum(rows),) * given.model.n,
+        ),
+        notes=notes,
+        identified=tuple(
+            Identified(effect, joint, _parameters(fit, _KINDS[effect]))
+            for joint, fit in enumerate(final.fits, start=1)
+            for effect in list(_KINDS)[:6]
+            if _is_known(fit, _KINDS[effect])
+        ),
+    )
+
+
+def _findings(
+    stated: Simulation,
+    given: Simulation,
+    proof: DriveIdentification,
+    final: DriveIdentification,
+    unseen: Sequence[Recording],
+    reducible: float,
+) -> tuple[Finding, ...]:
+    """Return what differs from what is stated, and what each takes of the held-out error."""
+    parts, nominal = loaded_joints(given.body, unseen), rows_of(given)
+    served = {drive.joint for drive in stated.drives}
+    found: list[tuple[float, Finding]] = []
+    for j, fit in enumerate(final.fits):
+        best = proof.fits[j].row
+        full = _mse(parts[j], best)
+        for effect, units in _KINDS.items():
+            extra = effect in final.extras[j]
+            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, stated)
+            if not (extra or wrong) or (extra and effect not in proof.extras[j]):
+                continue
+            without = _without(best, nominal[j], effect, units)
+            lost = _mse(parts[j], without) - full
+            if lost <= _SEEN * full:
+                continue
+            n = given.model.n
+            rmse = np.zeros((2, n))
+            rmse[:, j] = np.sqrt([full + lost, full])
+            finding = Finding(
+                effect=effect,
+                kind="missing" if extra else "wrong_parameter",
+                joints=(j + 1,),
+                equivalent=("asymmetric_friction",) if effect == "torque_offset" else (),
+                confidence=float(min(0.99, lost / (lost + full))),
+                parameters=_parameters(fit, units),
+                where=Where(),
+                share=lost,
+                heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
+                evidence=(
+                    f"without it, the held-out error of joint {j + 1} is "
+                    f"{np.sqrt(full + lost):.4f} rad, with it {np.sqrt(full):.4f} rad"
+                ),
+            )
+            found.append((lost, finding))
+    total = max(sum(lost for lost, _ in found), reducible, _LEAST)
+    ranked = sorted(found, key=lambda item: -item[0])
+    return tuple(replace(finding, share=lost / total) for lost, finding in ranked)
+
+
+def _is_wrong(
+    fit: JointFit, nominal: FloatArray, units: dict[str, str], stated: Simulation
+) -> bool:
+    """Say whether stated values are beyond their tolerance."""
+    tolerance = stated.tolerances.drive
+    for name in units:
+        if not _is_known(fit, {name: ""}):
+            return False
+        value, believed = fit.value(name), value_in(nominal, name)
+        if name == DAMPING:
+            believed += value_in(nominal, "kd")
+        deviation = fit.deviation[name]
+        if name == "offset":
+            if abs(value - believed) > _FOUND * deviation:
+                return True
+        else:
+            apart = abs(np.log(max(value, _LEAST) / max(believed, 1e-3 * value, _LEAST)))
+            if apart > _FOUND * float(np.hypot(deviation, tolerance)):
+                return True
+    return False
+
+
+def _is_known(fit: JointFit, units: dict[str, str]) -> bool:
+    """Say whether values were fitted, and the motion shows them."""
+    return all(0.0 < fit.deviation.get(name, 0.0) < SURE for name in units)
+
+
+def _without(
+    row: FloatArray, nominal: FloatArray, effect: str, units: dict[str, str]
+) -> FloatArray:
+    """Return the constants with those of one effect as they are stated."""
+    values = {name: value_in(nominal, name) for name in units}
+    if effect == "viscous_friction":
+        values[DAMPING] += value_in(nominal, "kd")
+    if effect == "stribeck_friction":
+        values["v_s"] = 1.0
+    return with_values(row, values)
+
+
+def _mse(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
+    return float(np.mean(errors(parts, row) ** 2))
+
+
+def _parameters(fit: JointFit, units: dict[str, str]) -> dict[str, Interval]:
+    return {
+        _NAMES.get(name, name): Interval(fit.value(name), unit, fit.interval(name))
+        for name, unit in units.items()
+    }
+
+
+def _resolution(recordings: Sequence[Recording], j: int) -> float:
+    """Return the step of an encoder [rad]; 0 if it has none that shows."""
+    steps = np.concatenate([np.abs(np.diff(r.position[:, j])) for r in recordings])
+    steps = steps[steps > _LEAST]
+    return float(np.percentile(steps, 1)) if steps.size else 0.0
+
+
+def _by_recording(
+    before: FloatArray, after: FloatArray, rows: Sequence[int], reducible: float
+) -> tuple[float, float]:
+    """Return the 95 % interval of what is removed, from resampled recordings held out."""
+    bounds = np.cumsum([0, *rows])
+    gain = np.add.reduceat((before**2 - after**2).sum(axis=1), bounds[:-1])
+    drawn = np.random.default_rng(0).integers(0, len(rows), (1000, len(rows)))
+    mean = gain[drawn].sum(axis=1) / np.array(rows)[drawn].sum(axis=1)
+    low, high = np.percentile(mean / max(reducible, _LEAST), (2.5, 97.5))
+    return float(low), float(high)
+
+
+def _about_scale(final: DriveIdentification) -> tuple[str, ...]:
+    joints = [j for j, scaled in enumerate(final.scaled, start=1) if not scaled]
+    if not joints:
+        return ()
+    named = ", ".join(map(str, joints))
+    return (
+        f"Gravity never loads joint{'s' * (len(joints) > 1)} {named}: of kp, friction, damping and "
+        "inertia only the ratios are known there; kp is taken from the other joints.",
+    )

@@ -1,0 +1,197 @@
+"""One joint and its drive, fitted so that the joint simulated forward follows the recorded one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from estimators.drives.columns import NAMES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from estimators.drives.one_joint import LoadedJoint
+    from limo_driver.types import FloatArray
+
+DAMPING, COULOMB = "damping", "coulomb"  # columns that recordings cannot tell apart, as one
+_TIED: Final = {COULOMB: ("plus", "minus"), DAMPING: ("viscous_plus", "viscous_minus")}
+BASE: Final = ("kp", DAMPING, COULOMB, "delay", "inertia", "offset")
+_SIGNED: Final = ("offset", "zero")
+_ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
+_STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
+_EVALUATIONS: Final = 25
+_LEAST: Final = 1e-6  # in the unit of each: the logarithm of nothing is needed
+_CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is believed of one parameter before any data."""
+
+    value: float
+    deviation: float  # in the unit of the value, or of its logarithm where it cannot be negative
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Constants of one joint, and how sure they are."""
+
+    row: FloatArray  # (columns,)
+    names: tuple[str, ...]  # what was fitted
+    deviation: Mapping[str, float]  # one sigma: of the logarithm, or of a signed value in its unit
+    error: FloatArray  # simulated minus recorded position of the rows it was fitted to [rad]
+
+    def value(self, name: str) -> float:
+        """Return a fitted value."""
+        return value_in(self.row, name)
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """Return the 95 % interval of a value."""
+        value, reach = self.value(name), 1.96 * self.deviation[name]
+        if name in _SIGNED:
+            return value - reach, value + reach
+        return value * float(np.exp(-reach)), value * float(np.exp(reach))
+
+    @property
+    def mean_error(self) -> float:
+        """Mean absolute error [rad]."""
+        return float(np.abs(self.error).mean())
+
+
+def value_in(row: FloatArray, name: str) -> float:
+    """Return one of the constants, by name."""
+    return float(row[NAMES.index(_TIED.get(name, (name,))[0])])
+
+
+def with_values(row: FloatArray, values: Mapping[str, float]) -> FloatArray:
+    """Return constants with some replaced, by name."""
+    new = row.copy()
+    for name, value in values.items():
+        for column in _TIED.get(name, (name,)):
+            new[NAMES.index(column)] = value
+    return new
+
+
+def errors(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
+    """Return simulated minus recorded positions of all stretches [rad]."""
+    return np.concatenate([part.simulate(row) - part.position for part in parts])
+
+
+def fit_joint(
+    parts: Sequence[LoadedJoint],
+    row: FloatArray,
+    names: Sequence[str] = BASE,
+    priors: Mapping[str, Prior] | None = None,
+    evaluations: int = _EVALUATIONS,
+) -> JointFit:
+    """Fit some constants of a joint to its recorded motion.
+
+    Errors beyond `_ROBUST` count less than their square: contact, somebody's hand and what else no
+    constant explains are rare and large.
+
+    Args:
+        parts: Recorded stretches.
+        row: All constants; those fitted start from here.
+        names: Of the constants to be fitted.
+        priors: What is believed of some of them.
+        evaluations: Of the whole motion, at most, but for those that slopes take.
+
+    Returns:
+        The constants, with deviations from the curvature at the best, for as many independent
+        errors as their correlation leaves.
+    """
+    known = {name: prior for name, prior in (priors or {}).items() if name in names}
+    held = sum(part.time.size for part in parts)
+
+    def of(x: FloatArray) -> FloatArray:
+        return with_values(
+            row,
+            {
+                name: float(value if name in _SIGNED else np.exp(value))
+                for name, value in zip(names, x, strict=True)
+            },
+        )
+
+    def objective(x: FloatArray, weight: float) -> FloatArray:
+        believed = [
+            weight * (x[names.index(name)] - _inner(name, prior.value)) / prior.deviation
+            for name, prior in known.items()
+        ]
+        return np.append(errors(parts, of(x)), believed)
+
+    def slopes(x: FloatArray, weight: float) -> FloatArray:
+        here = objective(x, weight)
+        moved = [objective(x + step, weight) - here for step in _STEP * np.eye(x.size)]
+        return np.stack(moved, axis=1) / _STEP
+
+    start = np.array([_inner(name, value_in(row, name)) for name in names])
+    weight = _ROBUST * np.sqrt(held / max(_independent_of(parts), 1.0))
+    names = tuple(names)
+    found = least_squares(
+        objective,
+        start,
+        slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
+        loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
+        f_scale=_ROBUST,
+        x_scale=np.where([name in _SIGNED for name in names], 0.1, 0.3),
+        max_nfev=evaluations,
+        args=(weight,),
+    )
+    best = of(found.x)
+    error = errors(parts, best)
+    spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
+    scale = float(spread) * np.sqrt(error.size / independent(error))
+    normal = found.jac[:held].T @ found.jac[:held]
+    for name, prior in known.items():
+        at = names.index(name)
+        normal[at, at] += (scale / prior.deviation) ** 2
+    covariance = np.linalg.pinv(normal, hermitian=True) * scale**2
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return JointFit(best, names, dict(zip(names, deviation.tolist(), strict=True)), error)
+
+
+def _robust(held: int, squares: FloatArray) -> FloatArray:
+    """Return a loss of squared errors and its first two derivatives, (3, N): robust in the data.
+
+    Args:
+        held: How many of them are errors.
+        squares: Of errors, then of what was believed before, in units of `_ROBUST`.
+    """
+    root = np.sqrt(1.0 + squares)
+    loss = np.stack([2.0 * (root - 1.0), 1.0 / root, -0.5 / root**3])
+    loss[0, held:], loss[1, held:], loss[2, held:] = squares[held:], 1.0, 0.0
+    return loss
+
+
+def refitted(fit: JointFit, parts: Sequence[LoadedJoint]) -> JointFit:
+    """Return the same constants with the errors of other stretches."""
+    return replace(fit, error=errors(parts, fit.row))
+
+
+def independent(error: FloatArray) -> float:
+    """Return how many independent errors would say as much as these correlated ones, (T,)."""
+    centred = error - error.mean()
+    power = float(centred @ centred)
+    if power == 0.0:
+        return 1.0
+    total, lag = 1.0, 1
+    while lag < centred.size // 4:
+        correlation = float(centred[lag:] @ centred[:-lag]) / power
+        if correlation < _CORRELATED:
+            break
+        total += 2.0 * correlation * (lag if lag > 1 else 1)
+        lag *= 2
+    return max(error.size / total, 1.0)
+
+
+def _independent_of(parts: Sequence[LoadedJoint]) -> float:
+    """Return the same before any fit: one in half a second."""
+    return sum(2.0 * float(part.time[-1] - part.time[0]) for part in parts)
+
+
+def _inner(name: str, value: float) -> float:
+    return value if name in _SIGNED else float(np.log(max(value, _LEAST)))

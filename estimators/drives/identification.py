@@ -1,0 +1,234 @@
+"""Drives and friction of an arm, identified from commands and positions alone.
+
+The masses of the robot's description are taken for known. Gravity on them is the only torque in
+newton metres that such recordings hold: it gives the scale of a joint's gain, friction and inertia.
+Where gravity hardly loads a joint, only their ratios are known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from estimators.drives.extras import every_joint
+from estimators.drives.fit import BASE, COULOMB, DAMPING, Prior, value_in, with_values
+from estimators.drives.one_joint import loaded_joints
+from estimators.drives.plant import rows_of
+from limo_driver.display import Displayed
+from limo_driver.physics import (
+    Armature,
+    AsymmetricFriction,
+    CoulombFriction,
+    LoadDependentFriction,
+    PositionServo,
+    StribeckFriction,
+    TorqueOffset,
+    ViscousFriction,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from estimators.drives.fit import JointFit
+    from limo_driver.model import RobotModel
+    from limo_driver.physics import Drive, Effect, Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_LOADED: Final = 0.05  # of the largest load of the arm, from which on gravity gives a scale
+_WEIGHTLESS: Final = 1e-6  # [N m]
+_OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
+_TYPICAL: Final = {"kp": 15.0, DAMPING: 1.0, COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
+SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
+_FITTED: Final = (
+    Armature,
+    AsymmetricFriction,
+    CoulombFriction,
+    LoadDependentFriction,
+    StribeckFriction,
+    TorqueOffset,
+    ViscousFriction,
+)
+
+
+@dataclass(frozen=True, repr=False)
+class DriveIdentification(Displayed):
+    """Drives and friction of n joints."""
+
+    simulation: Simulation
+    fits: tuple[JointFit, ...]
+    extras: tuple[tuple[str, ...], ...]  # of each joint, effects beyond the usual ones
+    scaled: tuple[bool, ...]  # whether gravity gives the scale of a joint
+
+    def headline(self) -> str:
+        """Say of what it is, and how far the simulated joints stay from the recorded ones."""
+        error = float(np.mean([fit.mean_error for fit in self.fits]))
+        return (
+            f"drives and friction of {self.simulation.model.n} joints; each simulated forward from "
+            f"its commands is {error:.4f} rad from where it was"
+        )
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the usual constants of each joint, and how sure the gain is."""
+        fits = self.fits
+        return {
+            "joint": self.simulation.model.joint_names,
+            "kp [N m/rad]": [fit.value("kp") for fit in fits],
+            "95 %": [
+                "{:.3g} to {:.3g}".format(*fit.interval("kp")) if "kp" in fit.names else "ratios"
+                for fit in fits
+            ],
+            "damping [N m s/rad]": [fit.value(DAMPING) for fit in fits],
+            "dry friction [N m]": [fit.value(COULOMB) for fit in fits],
+            "delay [s]": [fit.value("delay") for fit in fits],
+            "offset [N m]": [fit.value("offset") for fit in fits],
+            "error [rad]": [fit.mean_error for fit in fits],
+            "beside": [", ".join(own) or "-" for own in self.extras],
+        }
+
+    def as_values(self) -> dict[str, Any]:
+        """Return the constants of each joint with their 95 % intervals, for JSON."""
+        return {
+            "joints": [
+                {
+                    "scale_known": scaled,
+                    "beside": list(own),
+                    "error": fit.mean_error,
+                    "values": {name: [fit.value(name), *fit.interval(name)] for name in fit.names},
+                }
+                for fit, own, scaled in zip(self.fits, self.extras, self.scaled, strict=True)
+            ]
+        }
+
+    @property
+    def undecided(self) -> tuple[tuple[int, str], ...]:
+        """Joints, 1-based, and constants that recordings at this rate do not show."""
+        return tuple(
+            (joint, name)
+            for joint, fit in enumerate(self.fits, start=1)
+            for name in ("delay", "inertia")
+            if fit.deviation.get(name, 0.0) > SURE or fit.deviation.get(name) == 0.0
+        )
+
+
+def identify_drives(simulation: Simulation, recordings: Sequence[Recording]) -> DriveIdentification:
+    """Identify drives and friction.
+
+    Args:
+        simulation: The rigid body, and what is believed of the drives; a joint without one gets a
+            position servo.
+        recordings: With commands, of that robot.
+
+    Returns:
+        A simulation that can be run forward, and how sure its values are.
+
+    Raises:
+        ConfigError: The simulation has an effect that cannot be run forward.
+        RecordingError: A recording has no commands.
+    """
+    given = with_servos(simulation)
+    parts = loaded_joints(given.body, recordings)
+    stated = rows_of(given)
+    load = _weight(given.body, recordings)
+    scaled = load >= max(_LOADED * float(load.max()), _WEIGHTLESS)
+    rows = np.stack([_start(row) for row in stated])
+    n = len(rows)
+    found: dict[int, tuple[JointFit, tuple[str, ...]]] = {}
+    first = np.flatnonzero(scaled).tolist()
+    for joints in (first, [j for j in range(n) if j not in first]):
+        if joints != first:  # servos are of one kind more often than not
+            kp = [found[j][0].value("kp") for j in first] or [_TYPICAL["kp"]]
+            typical = float(np.exp(np.mean(np.log(kp))))
+            for j in joints:
+                rows[j] = _rescaled(rows[j], typical)
+        priors = [
+            {"offset": Prior(0.0, _OFFSET * float(load[j]))} if scaled[j] else {} for j in joints
+        ]
+        names = BASE if joints == first else BASE[1:]  # all but the gain
+        done = every_joint([parts[j] for j in joints], rows[joints], names, priors)
+        found |= dict(zip(joints, done, strict=True))
+    fits = tuple(found[j][0] for j in range(n))
+    extras = tuple(found[j][1] for j in range(n))
+    return DriveIdentification(
+        with_rows(given, [fit.row for fit in fits]), fits, extras, tuple(scaled.tolist())
+    )
+
+
+def _weight(body: RobotModel, recordings: Sequence[Recording]) -> FloatArray:
+    """Return the largest torque of gravity on each joint, (n,) [N m]."""
+    return np.max(
+        [np.abs(body.gravity_torque(each.position)).max(axis=0) for each in recordings], axis=0
+    )
+
+
+def with_servos(simulation: Simulation) -> Simulation:
+    """Return the same with a typical position servo at each joint that has none."""
+    served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
+    more = tuple(
+        PositionServo(joint=j, kp=_TYPICAL["kp"])
+        for j in range(1, simulation.model.n + 1)
+        if j not in served
+    )
+    return replace(simulation, drives=(*simulation.drives, *more)) if more else simulation
+
+
+def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
+    """Return a simulation with the constants that were fitted.
+
+    Damping of the servo and viscous friction of the joint act alike: what fits start without, the
+    first of them, is left out.
+    """
+    kept = tuple(effect for effect in simulation.effects if not isinstance(effect, _FITTED))
+    effects = tuple(effect for j, row in enumerate(rows, start=1) for effect in _effects(j, row))
+    drives = tuple(_driven(drive, rows[drive.joint - 1]) for drive in simulation.drives)
+    return replace(simulation, effects=(*effects, *kept), drives=drives)
+
+
+def _driven(drive: Drive, row: FloatArray) -> Drive:
+    if not isinstance(drive, PositionServo):
+        return drive
+    speed = value_in(row, "speed")
+    return replace(
+        drive,
+        kp=value_in(row, "kp"),
+        kd=value_in(row, "kd"),
+        delay=value_in(row, "delay"),
+        dead_band=value_in(row, "dead_band"),
+        speed=speed if np.isfinite(speed) else None,
+    )
+
+
+def _effects(joint: int, row: FloatArray) -> list[Effect]:
+    def value(name: str) -> float:
+        return value_in(row, name)
+
+    plus, minus = value("plus"), value("minus")
+    found: list[Effect] = [
+        CoulombFriction(joint=joint, tau_c=plus)
+        if plus == minus
+        else AsymmetricFriction(joint=joint, tau_plus=plus, tau_minus=minus),
+        ViscousFriction(joint=joint, f_v=value(DAMPING)),
+        Armature(joint=joint, inertia=value("inertia")),
+        TorqueOffset(joint=joint, offset=value("offset")),
+    ]
+    if value("stribeck") > 0.0:
+        tau_s, v_s, delta = value("stribeck"), value("v_s"), value("delta")
+        found.append(StribeckFriction(joint=joint, tau_s=tau_s, v_s=v_s, delta=delta))
+    if value("by_load") > 0.0:
+        found.append(LoadDependentFriction(joint=joint, coefficient=value("by_load")))
+    return found
+
+
+def _start(row: FloatArray) -> FloatArray:
+    """Return constants to start from: a hobby servo's, with the limits that were stated."""
+    start = {"kd": 0.0, "stribeck": 0.0, "by_load": 0.0, "offset": 0.0, "dead_band": 0.0}
+    return with_values(row, {**start, **_TYPICAL, "speed": np.inf})
+
+
+def _rescaled(row: FloatArray, kp: float) -> FloatArray:
+    """Return the constants of a joint whose gain is another, at the same ratios."""
+    factor = kp / value_in(row, "kp")
+    scaled = {name: factor * value_in(row, name) for name in ("kp", DAMPING, COULOMB, "inertia")}
+    return with_values(row, scaled)

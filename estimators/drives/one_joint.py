@@ -1,0 +1,111 @@
+"""One joint simulated forward in an arm whose other joints move as recorded.
+
+A thousand times faster than the whole arm, for fits: what the other joints do enters as the load of
+the rigid body, computed once along the recorded motion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.drives.columns import DELAY
+from estimators.drives.forward import ROUNDING, commands_of
+from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity
+from limo_driver.compiled import compiled
+from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+FIT_STEP: Final = 0.01  # [s], at most; the whole arm takes shorter ones
+
+
+@dataclass(frozen=True)
+class LoadedJoint:
+    """Recorded motion of one joint over T samples without a gap, and what loads it."""
+
+    time: FloatArray  # (T,) [s]
+    command: FloatArray  # (T,) [rad]
+    position: FloatArray  # (T,) [rad]
+    velocity: FloatArray  # (T,) [rad/s], zero-phase
+    load: FloatArray  # (T,) [N m], rigid body without the joint's own acceleration
+    inertia: FloatArray  # (T,) [kg m²], rigid body about the joint
+
+    def simulate(self, row: FloatArray) -> FloatArray:
+        """Return the positions that a joint of these constants takes, (T,) [rad]."""
+        return _advance_one(row, self.time, self.command, self.position[0], self.load, self.inertia)
+
+
+def loaded_joints(
+    body: RobotModel, recordings: Sequence[Recording], bandwidth: float = BANDWIDTH
+) -> list[list[LoadedJoint]]:
+    """Return the stretches of each joint.
+
+    Args:
+        body: The rigid body.
+        recordings: With commands.
+        bandwidth: Of the zero-phase filter on the motion that loads are computed of [Hz].
+
+    Returns:
+        For each joint (0-based), its stretches without a gap.
+    """
+    found: list[list[LoadedJoint]] = [[] for _ in range(body.n)]
+    for recording in recordings:
+        command = commands_of(recording)
+        width = min(bandwidth, SAFE_BANDWIDTH * recording.slowest_rate)
+        motion = recording.motion(width)
+        total = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        for j in range(body.n):
+            inertia = body.inertia_of(motion.position, j)[:, j]
+            load = total[:, j] - inertia * motion.acceleration[:, j]
+            for rows in recording.segments:
+                parts = (
+                    recording.time,
+                    command[:, j],
+                    recording.position[:, j],
+                    motion.velocity[:, j],
+                    load,
+                    inertia,
+                )
+                found[j].append(LoadedJoint(*(np.ascontiguousarray(x[rows]) for x in parts)))
+    return found
+
+
+@compiled(reads=("row", "time", "command", "load", "inertia"), nogil=True)
+def _advance_one(
+    row: FloatArray,
+    time: FloatArray,
+    command: FloatArray,
+    start: float,
+    load: FloatArray,
+    inertia: FloatArray,
+) -> FloatArray:
+    """Return the positions (T,) [rad] of one stretch."""
+    result = np.empty(time.size)
+    q, v, integral, at = start, 0.0, 0.0, 0
+    target, pace, delay = command[0], 0.0, row[DELAY]
+    result[0] = start
+    for i in range(time.size - 1):
+        steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - ROUNDING))
+        h = (time[i + 1] - time[i]) / steps
+        for s in range(steps):
+            begin = time[i] + h * s - delay
+            wanted, at = commanded(time, command, at, begin, begin + h)
+            target, pace = led(row, wanted, target, pace, h)
+            error = error_of(row, target, q)
+            integral = integrated(row, integral, error, h)
+            part = (s + 0.5) / steps
+            now = load[i] + part * (load[i + 1] - load[i])
+            v, mean = next_velocity(row, q, v, error, integral, inertia[i], now, h)
+            q += h * mean
+        result[i + 1] = q
+    return result

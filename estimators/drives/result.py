@@ -1,0 +1,83 @@
+"""DriveDiagnosis: what was found of an arm that tells no torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from estimators.diagnosis.headline import headline
+from estimators.diagnosis.summary import lines_of
+from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION, REPORT, VERDICT
+from limo_driver.display import Displayed
+from limo_driver.outputs import require_folder
+from limo_driver.pages import Page
+from limo_driver.pages.markup import paragraph, section
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from estimators.diagnosis.stages import Failure
+    from estimators.diagnosis.verdict import Finding, Verdict
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+
+
+@dataclass(frozen=True, repr=False)
+class DriveDiagnosis(Displayed):
+    """Verdict, improved simulation and evidence of an arm that tells commands and positions."""
+
+    verdict: Verdict
+    before: Simulation
+    after: Simulation
+    recordings: tuple[Recording, ...]
+    held_out_error: tuple[tuple[float, ...], tuple[float, ...]]  # mean absolute, [rad] by joint
+    failures: tuple[Failure, ...] = ()
+
+    @property
+    def simulation(self) -> Simulation:
+        """The improved simulation, which can be run forward from commands."""
+        return self.after
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What differs from what was stated, as the verdict has it."""
+        return self.verdict.findings
+
+    def headline(self) -> str:
+        """Say the verdict in one sentence."""
+        return headline(self.verdict)
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the free-running errors of each joint on motion that nothing was fitted to."""
+        given, improved = self.held_out_error
+        return {
+            "joint": self.before.model.joint_names,
+            "held-out |error| given [rad]": given,
+            "improved [rad]": improved,
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(lines_of(self.verdict))
+
+    def save(self, folder: Path | str) -> tuple[Path, ...]:
+        """Write verdict.json, sim.yaml and report.html, and return their paths.
+
+        Args:
+            folder: Made if it is not there.
+
+        Raises:
+            ConfigError: The folder cannot be written to.
+        """
+        out = Path(folder)
+        require_folder(out, "the diagnosis", (VERDICT, IMPROVED, REPORT, NEXT_MOTION))
+        (out / NEXT_MOTION).unlink(missing_ok=True)
+        self.verdict.save(out / VERDICT)
+        self.after.save(out / IMPROVED)
+        lines = str(self).splitlines()
+        body = section("What was found", paragraph(escape(lines[0])), "found") + section(
+            "Evidence", f"<pre>{escape(chr(10).join(lines[1:]))}</pre>", "evidence"
+        )
+        Page(headline(self.verdict), body).save(out / REPORT)
+        return out / VERDICT, out / IMPROVED, out / REPORT

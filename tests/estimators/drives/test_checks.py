@@ -1,0 +1,74 @@
+"""Commands that are not set-points of their joints are told by name."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from servo_arms import commands, recorded
+
+from estimators.drives.checks import check_commands
+from limo_driver.errors import RecordingError
+
+TIME, COMMAND = commands(20.0, 50.0)
+LATE = 4  # rows
+
+
+def followed(command):
+    """Return positions that follow commands a few rows later."""
+    return np.concatenate([np.tile(command[:1], (LATE, 1)), command[:-LATE]])
+
+
+def exchanged(command):
+    return command[:, ::-1]
+
+
+def deltas(command):
+    return np.gradient(followed(command), axis=0)
+
+
+def early(command):
+    return np.concatenate([command[:1].repeat(3 * LATE, axis=0), command[: -3 * LATE]])
+
+
+@pytest.mark.parametrize(
+    ("mistake", "message"),
+    [
+        (np.rad2deg, "are the commands in degrees?"),
+        (lambda c: 100.0 * c / np.abs(c).max(), "are the commands normalised, as -100 to 100?"),
+        (deltas, "are the commands deltas?"),
+        (exchanged, "are joints exchanged?"),
+        (np.negative, "has one of them the other sign?"),
+        (early, "later than the positions"),
+    ],
+)
+def test_a_mistake_is_refused_by_name(mistake, message):
+    recording = recorded(TIME, mistake(COMMAND), followed(COMMAND))
+
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        check_commands([recording])
+
+
+def test_set_points_are_taken():
+    assert check_commands([recorded(TIME, COMMAND, followed(COMMAND))]) == ()
+
+
+def test_a_stalled_servo_is_told():
+    position = followed(COMMAND)
+    position[500:, 1] = position[500, 1]
+
+    (said,) = check_commands([recorded(TIME, COMMAND, position)])
+
+    assert said.startswith("joint 2 is stalled")
+
+
+def test_a_servo_without_torque_is_told():
+    command, position = COMMAND.copy(), followed(COMMAND)
+    command[600:] = command[600]
+    position[600:] = command[600]
+    position[700:800, 0] += 0.8 * np.sin(np.pi * np.arange(100) / 100.0)
+
+    (said,) = check_commands([recorded(TIME, command, position)])
+
+    assert "joint 1 moves away from a command that rests; was its torque disabled?" in said

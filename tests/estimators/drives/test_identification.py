@@ -1,0 +1,129 @@
+"""Drives and friction of an arm that MuJoCo moves, from commands and positions alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
+
+from estimators.drives import diagnose_drives, free_run, identify_drives
+from estimators.drives.conventions import conventions_of
+from estimators.drives.fit import independent
+from limo_driver.physics import GravityDirection, Simulation
+
+RATE = 100.0
+FRICTION = 0.25  # [N m]
+STEP = 2 * np.pi / 4096  # [rad], of the encoder
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return write_arm(tmp_path_factory.mktemp("arm") / "arm.xml", friction=FRICTION)
+
+
+@pytest.fixture(scope="module")
+def recordings(arm):
+    """Two motions of the arm behind encoders of 12 bit."""
+    found = []
+    for pace in (1.0, 0.6):
+        time, command = commands(30.0, RATE, pace)
+        position = STEP * np.round(simulated(arm, time, command) / STEP)
+        found.append(recorded(time, command, position))
+    return found
+
+
+@pytest.fixture(scope="module")
+def bare(arm):
+    """Return the rigid body alone: nothing is known of drives and friction."""
+    return Simulation(str(arm))
+
+
+@pytest.fixture(scope="module")
+def found(bare, recordings):
+    return identify_drives(bare, recordings[:1])
+
+
+def test_gains_and_friction_are_found_in_newton_metres(found):
+    for joint, fit in enumerate(found.fits):
+        assert fit.value("kp") == pytest.approx(KP[joint], rel=0.1)
+        assert fit.value("coulomb") == pytest.approx(FRICTION, rel=0.2)
+        assert fit.value("damping") == pytest.approx(KD[joint] + DAMPING, rel=0.2)
+    assert found.scaled == (True, True)
+
+
+def test_other_motion_is_predicted_from_commands(found, recordings):
+    error = np.abs(free_run(found.simulation, recordings[1]) - recordings[1].position)
+    lag = np.abs(recordings[1].command - recordings[1].position)
+
+    assert error.mean() < 2 * STEP
+    assert error.mean() < 0.05 * lag.mean()
+
+
+def test_the_armature_is_within_its_interval_or_said_to_be_undecided(found):
+    for joint, fit in enumerate(found.fits, start=1):
+        low, high = fit.interval("inertia")
+        assert (joint, "inertia") in found.undecided or low < 1.5 * ARMATURE < 3.0 * high
+
+
+def test_without_gravity_only_ratios_are_known(bare, recordings):
+    weightless = replace(bare, effects=(GravityDirection(gravity=(0.0, 0.0, 0.0)),))
+
+    ratios = identify_drives(weightless, recordings[:1])
+
+    assert ratios.scaled == (False, False)
+    assert all("kp" not in fit.names for fit in ratios.fits)
+
+
+def test_gravity_tells_a_joint_that_counts_the_other_way(bare, recordings):
+    turned = [recorded(r.time, r.command * [1, -1], r.position * [1, -1]) for r in recordings]
+
+    assert conventions_of(bare.body, recordings).as_described
+    told = conventions_of(bare.body, turned)
+    assert told.best.sign == (1, -1)
+    assert "joint 2: position counts against the joint" in told.sentence()
+
+
+def test_a_diagnosis_scores_positions(bare, recordings, tmp_path):
+    diagnosis = diagnose_drives(bare, recordings)
+
+    assert diagnosis.verdict.fit.unit == "rad"
+    assert max(diagnosis.verdict.fit.heldout_rmse_after) < 3 * STEP
+    assert min(diagnosis.verdict.fit.heldout_rmse_before) > 10 * STEP
+    assert {item.effect for item in diagnosis.verdict.identified} >= {
+        "position_servo",
+        "coulomb_friction",
+    }
+    assert any("sags" in note for note in diagnosis.verdict.notes)
+    diagnosis.save(tmp_path / "out")
+    assert Simulation.load(tmp_path / "out" / "sim.yaml").drives == diagnosis.simulation.drives
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "verdict.json",
+        "sim.yaml",
+        "report.html",
+    }
+
+
+def test_a_wrong_gain_is_a_finding(found, recordings):
+    wrong = replace(
+        found.simulation,
+        drives=tuple(
+            replace(drive, kp=5 * drive.kp) if drive.joint == 1 else drive
+            for drive in found.simulation.drives
+        ),
+    )
+
+    verdict = diagnose_drives(wrong, recordings).verdict
+
+    assert [(x.effect, x.kind, x.joints) for x in verdict.findings] == [
+        ("position_servo", "wrong_parameter", (1,))
+    ]
+
+
+def test_correlated_errors_count_less():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=4000)
+
+    assert independent(white) > 2000
+    assert independent(np.repeat(white[:40], 100)) < 200
