@@ -21,6 +21,7 @@ import argparse
 import os
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 SO101 = DATA / "so101"
 GUESSED = 17.8  # [N m/rad], the gain of the vendor's joints_properties.xml
-EVALUATIONS = 600  # of CMA-ES for each joint, about what limo's own fit takes
+EVALUATIONS = 400  # of CMA-ES for each joint, about what limo's own fit takes
 REVERTED = {
     "kp": ("kp",),
     "damping": (DAMPING,),
@@ -97,9 +98,8 @@ def report(name: str, simulation: Simulation, recordings: Sequence[Recording]) -
 def pace(simulation: Simulation, recordings: Sequence[Recording]) -> Simulation:
     """Fit armature, viscous and Coulomb friction, bias and one delay of each joint by CMA-ES."""
     parts, rows = loaded_joints(simulation.body, recordings), rows_of(simulation)
-    return with_rows(
-        simulation, [_pace_joint(own, row) for own, row in zip(parts, rows, strict=True)]
-    )
+    with ThreadPoolExecutor() as pool:
+        return with_rows(simulation, list(pool.map(_pace_joint, parts, rows)))
 
 
 def _pace_joint(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
@@ -108,7 +108,7 @@ def _pace_joint(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
         import cma
 
     def of(x: FloatArray) -> FloatArray:
-        inertia, damping, coulomb, delay = np.exp(x[:4]).tolist()
+        inertia, damping, coulomb, delay = np.exp(np.clip(x[:4], -12.0, 5.0)).tolist()
         return with_values(
             row,
             {

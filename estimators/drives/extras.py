@@ -64,11 +64,7 @@ def grown(
     """
     seen, unseen = apart(parts)
     found: list[str] = []
-    starts = [
-        fit_joint(seen, with_values(row, start), names, priors, _SCREENING) for start in _STARTS
-    ]
-    best = min(starts, key=lambda fit: fit.mean_error)
-    best = fit_joint(seen, best.row, names, priors)
+    best = _best(seen, row, names, priors)
     score = _score(unseen, best.row)
     while len(found) < MOST:
         tried = [
@@ -97,7 +93,7 @@ def grown(
         extra, best = tried[at]
         score, names = scores[at], best.names
         found.append(extra.effect)
-    return fit_joint(parts, best.row, best.names, priors), tuple(found)
+    return _best(parts, best.row, best.names, priors), tuple(found)
 
 
 def every_joint(
@@ -128,6 +124,20 @@ def _pieces(part: LoadedJoint) -> list[LoadedJoint]:
         replace(part, **{name: values[a:b] for name, values in arrays.items()})
         for a, b in pairwise(bounds)
     ]
+
+
+def _best(
+    parts: Sequence[LoadedJoint],
+    row: FloatArray,
+    names: tuple[str, ...],
+    priors: Mapping[str, Prior],
+) -> JointFit:
+    """Return the best fit of those that begin with each of the lags."""
+    begun = [
+        fit_joint(parts, with_values(row, start), names, priors, _SCREENING) for start in _STARTS
+    ]
+    best = min(begun, key=lambda fit: fit.mean_error)
+    return fit_joint(parts, best.row, names, priors)
 
 
 def _score(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
