@@ -255,6 +255,12 @@ def _in_time(judged: _Judged, progress: Progress) -> _Judged:
     if late is None:
         return judged
     again = _Judged.of(*settled_around(*late, progress))
+    # times that are tried lie far apart: what stood for the difference to the true one goes, or is
+    # another effect, but there is no more than before
+    nearer = _Judged.of(*settled_around(again.problem, again.solution, progress))
+    larger = len(nearer.solution.members) > len(again.solution.members)
+    if not larger and not worse(nearer.problem, nearer.proven, again.proven, again.remaining):
+        again = nearer
     found = {effect for effect, _ in again.places(again.named)}
     if TimeDelay.name not in found:
         return judged

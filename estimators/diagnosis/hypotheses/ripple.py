@@ -93,7 +93,7 @@ class _Angle:
     position: FloatArray  # (R,) [rad]
     speed: FloatArray  # (R,) [rad/s]
     residual: FloatArray  # (R,) less what `known` explains [N m]
-    known: FloatArray  # (R, c) low-order dependence on position, and lines found before
+    known: FloatArray  # (R, c) orthonormal: dependence on position, lines found before
     bandwidth: float  # [Hz]
 
     @classmethod
@@ -103,7 +103,8 @@ class _Angle:
         """Take the rows of one joint (0-based)."""
         rows = observed.moving[:, joint]
         q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
-        known = _shape(q, v, knots)
+        shape = _shape(q, v, knots)
+        known = _orthonormal(shape, np.linalg.norm(shape, axis=0))
         y = residual[rows, joint]
         if y.size:  # a short burst is no line, yet would have power in all of them
             middle = float(np.median(y))
@@ -147,13 +148,26 @@ class _Angle:
         cycles = first + step * np.arange(count, dtype=np.float64)
         return Spectrum(cycles, amount, np.maximum(noise, RIPPLE.tiny))
 
-    def without(self, cycles: float) -> _Angle:
-        """Take one line out."""
+    def _waves(self, cycles: float) -> FloatArray:
+        """Return what one line adds to all that is known, orthonormal, (R, at most 2)."""
         gain = self.passed(np.array([cycles]))[:, 0]
         angle = cycles * self.position
         waves = np.stack([gain * np.sin(angle), gain * np.cos(angle)], axis=1)
-        known = np.concatenate([self.known, waves], axis=1)
-        return replace(self, residual=_rest(self.residual, known), known=known)
+        return _orthonormal(_rest(waves, self.known), np.linalg.norm(waves, axis=0))
+
+    def without(self, *lines: float) -> _Angle:
+        """Take lines out, one after the other [1/rev]."""
+        less = self
+        for cycles in lines:
+            waves = less._waves(cycles)
+            known = np.concatenate([less.known, waves], axis=1)
+            less = replace(less, residual=_rest(less.residual, waves), known=known)
+        return less
+
+    def left(self, cycles: float) -> float:
+        """Return the energy without one line more."""
+        waves = self._waves(cycles)
+        return self.energy - float(np.sum((waves.T @ self.residual) ** 2))
 
     @property
     def energy(self) -> float:
@@ -162,10 +176,16 @@ class _Angle:
 
 
 def _rest(values: FloatArray, known: FloatArray) -> FloatArray:
-    """Return what columns do not explain."""
-    gram = known.T @ known
-    ridge = 1e-9 * max(float(np.trace(gram)), RIPPLE.tiny) * np.eye(gram.shape[0])
-    return values - known @ np.linalg.solve(gram + ridge, known.T @ values)
+    """Return what orthonormal columns do not explain."""
+    return values - known @ (known.T @ values)
+
+
+def _orthonormal(columns: FloatArray, size: FloatArray) -> FloatArray:
+    """Return orthonormal columns of the same span, without what is but rounding of a size (c,)."""
+    if not columns.size or not size.any():
+        return columns[:, :0]
+    basis, values, _ = np.linalg.svd(columns, full_matrices=False)
+    return basis[:, values > RIPPLE.dependent * size.max()]
 
 
 def _shape(q: FloatArray, v: FloatArray, knots: int) -> FloatArray:
@@ -178,24 +198,46 @@ def _shape(q: FloatArray, v: FloatArray, knots: int) -> FloatArray:
 
 
 def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
-    """Return the cycles per revolution of the significant lines, strongest first."""
+    """Return the cycles per revolution of the significant lines, strongest first.
+
+    Over a range of few revolutions lines overlap. The first one found is blurred by all others, and
+    what it leaves of itself would look like a line beside it; so with each new one all are refined.
+    """
     if angle.range <= 0 or RIPPLE.least_periods * 2 * np.pi / angle.range > RIPPLE.most_cycles:
         return ()
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
     first = RIPPLE.least_periods * RIPPLE.oversampling * step
     count = int((RIPPLE.most_cycles - first) / step)
     threshold = float(np.log(joints * count / RIPPLE.false_lines))
-    found: list[float] = []
+    found: tuple[float, ...] = ()
+    rest = angle
     while len(found) < limit:
-        spectrum = angle.power(first, step, count)
+        spectrum = rest.power(first, step, count)
         best = float(spectrum.cycles[np.argmax(spectrum.above)])
-        line = _refined(angle, best, step)
-        rest = angle.without(line)
-        if _stands_out(angle, rest, line, step) < threshold:
+        more = _together(angle, (*found, _refined(rest, best, step)), step)
+        before = angle.without(*more[:-1])
+        rest = before.without(more[-1])
+        if _stands_out(before, rest, more[-1], step) < threshold:
             break
-        found.append(line)
-        angle = rest
-    return tuple(found)
+        found = more
+    return found
+
+
+def _together(angle: _Angle, lines: tuple[float, ...], step: float) -> tuple[float, ...]:
+    """Refine lines beside one another, in turn, until they stay.
+
+    Source: Li and Stoica, "Efficient mixed-spectrum estimation with applications to target feature
+    extraction", IEEE Trans. Signal Processing 44(2), 1996 (RELAX).
+    """
+    for _ in range(RIPPLE.sweeps if lines[1:] else 0):
+        before = lines
+        for k, line in enumerate(lines):
+            others = (*lines[:k], *lines[k + 1 :])
+            refined = _refined(angle.without(*others), line, 0.5 * step)
+            lines = (*lines[:k], refined, *lines[k + 1 :])
+        if max(abs(a - b) for a, b in zip(lines, before, strict=True)) < RIPPLE.stays * step:
+            break
+    return lines
 
 
 def _slow_line(angle: _Angle) -> float | None:
@@ -204,16 +246,16 @@ def _slow_line(angle: _Angle) -> float | None:
         return None
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
     near = step * np.arange(*(RIPPLE.oversampling * np.array(RIPPLE.few_periods)))
-    energy = [angle.without(float(cycles)).energy for cycles in near]
+    energy = [angle.left(float(cycles)) for cycles in near]
     line = _refined(angle, float(near[int(np.argmin(energy))]), step)
-    return line if angle.without(line).energy < (1.0 - RIPPLE.least_part) * angle.energy else None
+    return line if angle.left(line) < (1.0 - RIPPLE.least_part) * angle.energy else None
 
 
 def _refined(angle: _Angle, cycles: float, step: float) -> float:
     """Return the line near grid point `cycles` that leaves least; in the end by a parabola."""
     for width in (step, step / 5):
         near = cycles + width * np.linspace(-1.0, 1.0, 5)
-        energy = np.array([angle.without(float(N)).energy for N in near])
+        energy = np.array([angle.left(float(N)) for N in near])
         middle = int(np.clip(np.argmin(energy), 1, near.size - 2))
         a, b, c = energy[middle - 1 : middle + 2]
         curvature = a - 2 * b + c

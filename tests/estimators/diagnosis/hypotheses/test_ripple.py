@@ -58,6 +58,20 @@ def test_all_lines_of_a_motor_are_found() -> None:
     assert [N for N in cycles if min(abs(line - N) for line in found) > 0.3 * resolution] == []
 
 
+def test_lines_that_overlap_are_found_and_no_others() -> None:
+    """A line blurs its neighbours, and what is left of itself then looks like more of them."""
+    cycles = (20.0, 24.0, 28.0, 56.0, 60.0)
+    amplitude = (0.4, 0.12, 0.16, 0.26, 0.14)
+    o = observed(
+        TorqueRipple(joint=2, cycles_per_rev=cycles, amplitude=amplitude, phase=(0.5,) * 5)
+    )
+
+    found = max((h.settings for h in ripples(o, o.residual) if h.joints == (1,)), key=len)
+
+    resolution = 2 * np.pi / np.ptp(motion(1).position[:, 1])  # [1/rev]
+    assert sorted(found) == pytest.approx(cycles, abs=resolution)
+
+
 def test_lines_are_found_beside_those_that_are_known() -> None:
     true = TorqueRipple(joint=2, cycles_per_rev=(40.0,), amplitude=(0.05,), phase=(1.0,))
     o = observed(true)
