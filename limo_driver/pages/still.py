@@ -47,6 +47,7 @@ def still(view: ArmView, name: str) -> str:
         drawn.append((seen.depth(pose[None, :3, 3]), _ring(view, seen, pose, j, colour)))
     order = sorted(range(len(drawn)), key=lambda k: drawn[k][0])
     shapes = "".join(drawn[k][1] for k in order)
+    shapes += "".join(_number(seen, pose, j) for j, pose in enumerate(poses))
     return (
         f'<svg class="still" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
         f'aria-label="The arm with what was found at its joints">{shapes}{_texts(view, seen)}</svg>'
@@ -113,11 +114,12 @@ def _ring(view: ArmView, seen: _Camera, pose: FloatArray, j: int, colour: str) -
     circle = view.rings[j] * (np.cos(turn) * first[0] + np.sin(turn) * first[1])
     flat = seen.flat(circle @ pose[:3, :3].T + pose[:3, 3])
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat)
-    middle = seen.flat(pose[None, :3, 3])[0]
-    return (
-        f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="7"/>'
-        f'<text x="{middle[0]:.1f}" y="{middle[1] + 5:.1f}" class="joint">{j + 1}</text>'
-    )
+    return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="7"/>'
+
+
+def _number(seen: _Camera, pose: FloatArray, j: int) -> str:
+    x, y = seen.flat(pose[None, :3, 3])[0]
+    return f'<text x="{x:.1f}" y="{y + 5:.1f}" class="joint">{j + 1}</text>'
 
 
 def _texts(view: ArmView, seen: _Camera) -> str:

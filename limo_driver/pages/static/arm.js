@@ -1,4 +1,5 @@
 // The arm in 3-D: links, a ring at each joint, translucent ghosts, arrows, and texts at their places.
+const CROWDED = 3; // texts beyond which a narrow stage shows none: they would hide the arm
 const SCALE = ["#8fa3b5", "#e3b04b", "#d9730d", "#b3261e"]; // as in still.py
 const MOST = 100; // noise floors of an error that has the last colour
 
@@ -193,6 +194,7 @@ class ArmScene {
   render() {
     const width = this.stage.clientWidth, height = this.stage.clientHeight;
     if (!width) return;
+    this.stage.classList.toggle("crowded", this.labels.length > CROWDED && width < 520);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
