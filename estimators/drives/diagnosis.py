@@ -257,6 +257,8 @@ def _is_wrong(
         value, believed = fit.value(name), value_in(nominal, name)
         if name == DAMPING:
             believed += value_in(nominal, "kd")
+        if not np.isfinite(believed):  # stated to be without limit
+            return True
         deviation = fit.deviation[name]
         if name == "offset":
             if abs(value - believed) > _FOUND * deviation:

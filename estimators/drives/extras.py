@@ -17,7 +17,7 @@ from estimators.drives.fit import DAMPING, errors, fit_joint, with_values
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.drives.fit import JointFit, Prior
+    from estimators.drives.fit import BelievedValue, JointFit
     from estimators.drives.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
@@ -49,7 +49,7 @@ def grown(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
     names: tuple[str, ...],
-    priors: Mapping[str, Prior],
+    priors: Mapping[str, BelievedValue],
 ) -> tuple[JointFit, tuple[str, ...]]:
     """Fit a joint with the effects that its motion supports.
 
@@ -100,7 +100,7 @@ def every_joint(
     parts: Sequence[Sequence[LoadedJoint]],
     rows: FloatArray,
     names: tuple[str, ...],
-    priors: Sequence[Mapping[str, Prior]],
+    priors: Sequence[Mapping[str, BelievedValue]],
 ) -> list[tuple[JointFit, tuple[str, ...]]]:
     """Fit several joints side by side; the compiled loops let each other run."""
     with ThreadPoolExecutor() as pool:
@@ -130,7 +130,7 @@ def _best(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
     names: tuple[str, ...],
-    priors: Mapping[str, Prior],
+    priors: Mapping[str, BelievedValue],
 ) -> JointFit:
     """Return the best fit of those that begin with each of the lags."""
     begun = [

@@ -29,7 +29,7 @@ _CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
 
 
 @dataclass(frozen=True)
-class Prior:
+class BelievedValue:
     """What is believed of one parameter before any data."""
 
     value: float
@@ -85,7 +85,7 @@ def fit_joint(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
     names: Sequence[str] = BASE,
-    priors: Mapping[str, Prior] | None = None,
+    priors: Mapping[str, BelievedValue] | None = None,
     evaluations: int = _EVALUATIONS,
 ) -> JointFit:
     """Fit some constants of a joint to its recorded motion.

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimators.drives.columns import DELAY, ZERO
 from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity
-from estimators.drives.plant import DrivenArm
+from estimators.drives.plant import ServoArm
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
 from limo_driver.errors import RecordingError
@@ -48,10 +48,10 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
         RecordingError: The recording is of another robot, or has no commands.
     """
     recording.check_robot(simulation.model)
-    return run_forward(DrivenArm.of(simulation), recording)
+    return run_forward(ServoArm.of(simulation), recording)
 
 
-def run_forward(arm: DrivenArm, recording: Recording) -> FloatArray:
+def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
     """Do as `free_run` does, with an arm that is taken apart already."""
     command = commands_of(recording)
     position = np.empty_like(recording.position)

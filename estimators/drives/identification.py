@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.drives.extras import every_joint
-from estimators.drives.fit import BASE, COULOMB, DAMPING, Prior, value_in, with_values
+from estimators.drives.fit import BASE, COULOMB, DAMPING, BelievedValue, value_in, with_values
 from estimators.drives.one_joint import loaded_joints
 from estimators.drives.plant import rows_of
 from limo_driver.display import Displayed
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from estimators.drives.fit import JointFit
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Drive, Effect, Simulation
+    from limo_driver.physics import Effect, JointDrive, Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -144,7 +144,8 @@ def identify_drives(simulation: Simulation, recordings: Sequence[Recording]) -> 
             for j in joints:
                 rows[j] = _rescaled(rows[j], typical)
         priors = [
-            {"offset": Prior(0.0, _OFFSET * float(load[j]))} if scaled[j] else {} for j in joints
+            {"offset": BelievedValue(0.0, _OFFSET * float(load[j]))} if scaled[j] else {}
+            for j in joints
         ]
         names = BASE if joints == first else BASE[1:]  # all but the gain
         done = every_joint([parts[j] for j in joints], rows[joints], names, priors)
@@ -186,7 +187,7 @@ def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
     return replace(simulation, effects=(*effects, *kept), drives=drives)
 
 
-def _driven(drive: Drive, row: FloatArray) -> Drive:
+def _driven(drive: JointDrive, row: FloatArray) -> JointDrive:
     if not isinstance(drive, PositionServo):
         return drive
     speed = value_in(row, "speed")

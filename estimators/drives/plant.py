@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Drive, Effect, Simulation
+    from limo_driver.physics import Effect, JointDrive, Simulation
     from limo_driver.types import FloatArray
 
 _Values = dict[str, float]  # by column
 
 
 @dataclass(frozen=True)
-class DrivenArm:
+class ServoArm:
     """An arm of n joints, each behind a drive, as compiled code takes it."""
 
     chain: RegressorChain
@@ -48,7 +48,7 @@ class DrivenArm:
     rows: FloatArray  # (n, columns)
 
     @classmethod
-    def of(cls, simulation: Simulation) -> DrivenArm:
+    def of(cls, simulation: Simulation) -> ServoArm:
         """Take a simulation apart.
 
         Raises:
@@ -57,7 +57,7 @@ class DrivenArm:
         return cls.with_rows(simulation.body, rows_of(simulation))
 
     @classmethod
-    def with_rows(cls, body: RobotModel, rows: FloatArray) -> DrivenArm:
+    def with_rows(cls, body: RobotModel, rows: FloatArray) -> ServoArm:
         """Return an arm of known constants."""
         return cls(RegressorChain.of(body), link_parameters(body), rows)
 
@@ -93,7 +93,7 @@ def _enter(row: FloatArray, values: _Values) -> None:
         row[NAMES.index(name)] = value
 
 
-def _of_drive(drive: Drive) -> _Values:
+def _of_drive(drive: JointDrive) -> _Values:
     if isinstance(drive, DcMotor):
         return {"stall": drive.stall, "fading": drive.fading}
     given = {name: getattr(drive, name, None) for name in NAMES}

@@ -11,7 +11,7 @@ from limo_driver.physics.changing_friction import (
 from limo_driver.physics.coupling import JointCoupling
 from limo_driver.physics.delay import TimeDelay
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.drives import DcMotor, Drive, PositionServo
+from limo_driver.physics.drives import DcMotor, JointDrive, PositionServo
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
@@ -58,7 +58,6 @@ __all__ = [
     "CoulombFriction",
     "DcMotor",
     "Description",
-    "Drive",
     "Effect",
     "EncoderOffset",
     "ExternalContact",
@@ -66,6 +65,7 @@ __all__ = [
     "GravityDirection",
     "Hypothesis",
     "JointCoupling",
+    "JointDrive",
     "JointEffect",
     "JointElasticity",
     "LoadDependentFriction",

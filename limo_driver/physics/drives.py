@@ -19,7 +19,7 @@ LONGEST_DELAY: Final = 1.0  # [s]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drive(Declared):
+class JointDrive(Declared):
     """What a drive declares: its kind, and the joint that it moves."""
 
     name: ClassVar[str]  # the identifier in sim.yaml
@@ -32,7 +32,7 @@ class Drive(Declared):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PositionServo(Drive):
+class PositionServo(JointDrive):
     """A position controller with the gear behind it.
 
     tau = kp e + ki ∫e dt + punch sign(e) - kd dq, within the torque limit, where e is the set-point
@@ -73,7 +73,7 @@ class PositionServo(Drive):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DcMotor(Drive):
+class DcMotor(JointDrive):
     """The motor behind a servo: its torque fades with the speed, as its voltage is limited.
 
     |tau + (kt gear)² dq / resistance| ≤ kt gear supply / resistance
@@ -96,10 +96,10 @@ class DcMotor(Drive):
         return (self.kt * self.gear) ** 2 / self.resistance
 
 
-DRIVES: Final[dict[str, type[Drive]]] = {kind.name: kind for kind in (PositionServo, DcMotor)}
+DRIVES: Final[dict[str, type[JointDrive]]] = {kind.name: kind for kind in (PositionServo, DcMotor)}
 
 
-def described_drives(model: RobotModel) -> tuple[Drive, ...]:
+def described_drives(model: RobotModel) -> tuple[JointDrive, ...]:
     """Return the position servos that a robot's description states.
 
     Args:

@@ -39,7 +39,7 @@ from limo_driver.recordings.recording import Recording
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from limo_driver.physics.drives import Drive
+    from limo_driver.physics.drives import JointDrive
     from limo_driver.recordings.differentiation import Derivatives
     from limo_driver.types import FloatArray, JointSample, Motion
 
@@ -78,7 +78,7 @@ class Simulation(Displayed):
     inertials: Mapping[str, Inertial] = field(default_factory=dict)
     tolerances: Tolerances = field(default_factory=Tolerances)
     sensors: Sensors = field(default_factory=Sensors)
-    drives: tuple[Drive, ...] = ()
+    drives: tuple[JointDrive, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_drives()

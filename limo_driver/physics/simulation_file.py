@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.declarations import Given
-    from limo_driver.physics.drives import Drive
+    from limo_driver.physics.drives import JointDrive
     from limo_driver.physics.effect import Effect
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
@@ -49,7 +49,7 @@ class SimulationFile:
     inertials: Mapping[str, Inertial]  # by link
     tolerances: Tolerances
     sensors: Sensors
-    drives: tuple[Drive, ...] = ()
+    drives: tuple[JointDrive, ...] = ()
 
 
 def load(path: Path) -> SimulationFile:
@@ -136,14 +136,14 @@ def _shortened(value: Any) -> Any:  # noqa: ANN401  # values of YAML
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
-def _drives(given: Given, model: RobotModel) -> tuple[Drive, ...]:
+def _drives(given: Given, model: RobotModel) -> tuple[JointDrive, ...]:
     if "drives" not in given:
         return described_drives(model)
     entries = given["drives"].sections()
     return tuple(entry.make_one_of("drive", DRIVES, model.n) for entry in entries)
 
 
-def _drive_entry(drive: Drive) -> dict[str, Any]:
+def _drive_entry(drive: JointDrive) -> dict[str, Any]:
     """Return what differs from the defaults; a drive has a default where it may do without."""
     values = {
         item.name: getattr(drive, item.name)
