@@ -29,6 +29,7 @@ _MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the mot
 _INDEPENDENT: Final = 2.0  # errors in a second
 _MOST_SIGNS: Final = 5  # joints that gravity loads, of which all signs are tried
 _DESCRIBED: Final = np.log(100.0)  # prior odds of the description against each other convention
+_SURELY: Final = 10.0  # natural logarithm of odds; friction that holds a joint mimics some gravity
 _TURNS: Final = (np.pi / 2, -np.pi / 2, np.pi)  # [rad], zeros of other conventions
 
 
@@ -67,7 +68,8 @@ class Conventions:
             for j, s, z in zip(range(1, 99), self.best.sign, self.best.zero, strict=False)
             if s < 0 or z
         ]
-        return f"Gravity speaks for other signs or zeros: {'; '.join(changes)} ({sure})."
+        speaks = "speaks" if self.log_odds > _SURELY else "may speak, and does not decide,"
+        return f"Gravity {speaks} for other signs or zeros: {'; '.join(changes)} ({sure})."
 
 
 @dataclass(frozen=True)
