@@ -17,7 +17,7 @@ from limo_driver.kinematics import KinematicChain
 from limopa.capsules import clearances
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
 
@@ -31,6 +31,7 @@ NEAR = 0.02  # [m], as near as capsules around neighbouring shapes come
 ROUNDING = 1e-9  # [rad]
 _SLIDE_MARGIN = 0.1  # of the range of a joint that slides, kept at most from either end
 _WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
+_LISTED = 4  # links that a message names
 PROBES = 1000  # random configurations that show which pairs do
 
 
@@ -141,6 +142,34 @@ class Feasibility:
             left.append(space.radius - far)
         return np.concatenate(left, axis=1)
 
+    def blocked(self, position: FloatArray) -> tuple[Condition, str] | None:
+        """Return what no motion of the joints can mend, as far as configurations show it.
+
+        A link in the table, or two links in each other, in all of them, and by more than the
+        distance varies among them.
+
+        Args:
+            position: Random configurations, (T, n) [rad].
+
+        Returns:
+            The condition and who breaks it by how much; None if nothing is so.
+        """
+        gap, lowest = self._clearances(position)
+        table, need = self.surroundings.table_height, self.surroundings.clearance
+        low = lowest[:, self._above_table] - table - need
+        if stuck := _hopeless(low):
+            bodies = np.flatnonzero(self._above_table)[stuck]
+            links = dict.fromkeys(self.capsules[k].link for k in bodies)
+            return (
+                Condition.TABLE,
+                f"{_listed(links)} cannot be lifted off the table at {table:g} m",
+            )
+        if stuck := _hopeless(gap - need):
+            names = [(self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[stuck]]
+            pairs = dict.fromkeys(f"{one} and {other}" for one, other in names)
+            return Condition.SELF_COLLISION, f"{_listed(pairs)} cannot be kept {need:g} m apart"
+        return None
+
     def check_path(self, path: Path) -> tuple[Condition, ...]:
         """Return the conditions that a path breaks; empty if it is feasible.
 
@@ -237,6 +266,19 @@ class Feasibility:
                     offset += float(max(abs(self.lower[j]), abs(self.upper[j])))
                 reach[above] = max(reach[above], offset + reach[j])
         return np.where(self._slides, 1.0, reach)
+
+
+def _hopeless(margin: FloatArray) -> list[int]:
+    """Return the columns, of (T, m) [m], that are negative by more than they vary."""
+    if not margin.size:
+        return []
+    best, worst = margin.max(axis=0), margin.min(axis=0)
+    return np.flatnonzero(best + (best - worst) < 0).tolist()
+
+
+def _listed(names: Iterable[str]) -> str:
+    first, more = (found := list(names))[:_LISTED], len(found) - _LISTED
+    return ", ".join(first) + (f" and {more} more" if more > 0 else "")
 
 
 def _require_velocity(model: RobotModel) -> None:

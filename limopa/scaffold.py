@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from limopa.feasibility import Feasibility
 
 BATCH = 512  # candidates checked at once
+HOPELESS = 1024  # first draws in vain, after which it is asked whether any draw can help
 
 
 class ScaffoldSampler:
@@ -44,8 +45,9 @@ class ScaffoldSampler:
         """Draw `count` feasible configurations, (count, n) [rad].
 
         Raises:
-            InfeasiblePathError: None of `candidates` draws in a row is feasible; the error names
-                the condition that rejected most.
+            InfeasiblePathError: None of `candidates` draws in a row is feasible, and the error
+                names the condition that rejected most; or the first draws show a link that no
+                motion frees, which the error names.
         """
         in_vain = 0
         while len(self._ready) < count:
@@ -53,6 +55,8 @@ class ScaffoldSampler:
             in_vain = 0 if len(found) else in_vain + BATCH
             if in_vain >= self.candidates:
                 raise self._infeasible(in_vain)
+            if in_vain == self.drawn == HOPELESS:
+                self._require_hope()
             self._ready = np.concatenate([self._ready, found])
         chosen, self._ready = self._ready[:count], self._ready[count:]
         return chosen
@@ -66,6 +70,21 @@ class ScaffoldSampler:
             {str(name): int(rows.sum()) for name, rows in verdict.broken.items()}
         )
         return position[verdict.feasible]
+
+    def _require_hope(self) -> None:
+        """Refuse a robot that is blocked by what none of its joints moves."""
+        space = self.feasibility
+        probes = np.random.default_rng(0).uniform(
+            space.lower, space.upper, (BATCH, len(space.lower))
+        )  # not of the sampler's own stream, so that a plan does not depend on this
+        if blocked := space.blocked(probes):
+            condition, what = blocked
+            raise InfeasiblePathError(
+                condition,
+                f"none of {self.drawn} random configurations is a feasible scaffold: {what}, "
+                "however the joints move; choose the joints of the arm (`robot.urdf#arm_*`), or "
+                "change the surroundings",
+            )
 
     def _infeasible(self, in_vain: int) -> InfeasiblePathError:
         condition, _ = self.rejections.most_common(1)[0]

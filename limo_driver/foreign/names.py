@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from limo_driver.foreign.units import CURRENTS, WRITTEN, quantity_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 TIME, POSITION, VELOCITY, ACCELERATION = "time", "position", "velocity", "acceleration"
 TORQUE, CURRENT, TEMPERATURE, NOTHING = "torque", "current", "temperature", ""
@@ -44,6 +44,14 @@ _NO_JOINT: Final = (
     "voltage mode status safety digital analog index bits"
 )
 _ELSEWHERE: Final = frozenset(_NO_JOINT.split())
+# what a name may say beside its joint without being another robot's
+_NO_ROBOT: Final = (
+    "joint joints jnt axis axes ax motor motors drive link arm manipulator robot left right side "
+    "state states data value values list array vector log channel signal topic msg raw filtered "
+    "filt filter lowpass encoder sensor input in per rot rotation load abs total num idx "
+    "controller control"
+)
+_USUAL: Final = frozenset(_NO_ROBOT.split())
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°")
 _SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s"}
@@ -97,6 +105,18 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
         quantity = NOTHING
     ranks = [_RANK[word] for word in words if word in _RANK]
     return Name(column, quantity, max(ranks, default=PLAIN), joint, unit, words)
+
+
+def strange_words(name: Name, own: Iterable[str]) -> tuple[str, ...]:
+    """Return the words of a name that say of which other robot it may be.
+
+    Args:
+        name: Of a column of a joint.
+        own: Words of the robot: where the name has one of them, no word is strange.
+    """
+    known = _QUANTITY.keys() | _RANK.keys() | _USUAL | WRITTEN.keys()
+    said = [word for word in name.family if len(word) > 1 and word.isalpha() and word not in known]
+    return () if name.joint is None or set(own) & set(said) else tuple(said)
 
 
 def _joint_in(

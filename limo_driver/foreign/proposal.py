@@ -29,6 +29,8 @@ from limo_driver.foreign.names import (
     TEMPERATURE,
     TORQUE,
     VELOCITY,
+    strange_words,
+    words_of,
 )
 from limo_driver.foreign.table import shortened
 from limo_driver.foreign.times import time_columns
@@ -71,6 +73,7 @@ class _Draft:
     families: list[ColumnFamily]
     taken: list[Taken] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
+    asked: set[str] = field(default_factory=set)  # words that may be another robot's
 
     def values(self, family: ColumnFamily) -> FloatArray:
         """Return the columns of a family as the log has them, (T, n)."""
@@ -88,7 +91,21 @@ class _Draft:
                 f"{quantity}: the columns {shortened(list(family.columns))} do not name joints of "
                 f"{self.model.name}: are they in the order {', '.join(self.model.joint_names)}?"
             )
+        self._ask_of_another_robot(quantity, family)
         return Channels(columns=family.columns, unit=unit)
+
+    def _ask_of_another_robot(self, quantity: str, family: ColumnFamily) -> None:
+        """Ask, once for each of them, about words that may be the name of another robot."""
+        stated = (self.model.name, *self.model.joint_names)
+        own = [word for text in stated for word in words_of(text)]
+        strange = dict.fromkeys(w for name in family.names for w in strange_words(name, own))
+        if new := [word for word in strange if word not in self.asked]:
+            self.asked.update(new)
+            self.questions.append(
+                f"{quantity}: the columns {family} name {', '.join(new)}, which {self.model.name} "
+                f"does not (its joints are {', '.join(self.model.joint_names)}): are they of this "
+                "robot?"
+            )
 
 
 def propose(table: LogTable, model: RobotModel) -> Proposal:

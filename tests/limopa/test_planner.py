@@ -185,6 +185,22 @@ def test_an_infeasible_request_names_the_condition(iiwa, request_, condition):
     assert caught.value.condition == condition
 
 
+def test_what_no_motion_mends_is_said_after_a_few_draws(iiwa):
+    request = PlanRequest(surroundings=Surroundings(table_height=2.0))  # links reach 1.3 m
+    with pytest.raises(InfeasiblePathError, match=r"of 1024 random .*cannot be lifted off the tab"):
+        plan(iiwa, request)
+
+
+def test_only_links_that_nothing_frees_block(iiwa):
+    free = Feasibility(iiwa, Surroundings(), Workspace())
+    at = np.random.default_rng(0).uniform(free.lower, free.upper, (200, 7))
+    assert free.blocked(at) is None
+    far = Surroundings(clearance=1.0, table_height=-9.0)
+    condition, said = Feasibility(iiwa, far, Workspace()).blocked(at)
+    assert condition == "self-collision"
+    assert said.endswith("cannot be kept 1 m apart")
+
+
 def test_another_robot_can_be_planned_for(panda):
     planned = plan(panda, QUICK, seed=0)
     peaks = planned.trajectory.peaks()

@@ -46,10 +46,11 @@ def report(diagnosis: Diagnosis) -> Page:
     """Return the page of a diagnosis."""
     charts = Charts()
     view, on_the_arm = arm(diagnosis, charts)
+    worth, worth_in_full = telemetry(diagnosis)
     body = (
-        overview(diagnosis, charts, on_the_arm)
+        overview(diagnosis, charts, worth + on_the_arm)
         + sections.identified(diagnosis)
-        + telemetry(diagnosis)
+        + worth_in_full
         + pushed(diagnosis, charts)
         + sections.where(diagnosis, charts)
         + sections.competing(diagnosis, charts)

@@ -1,4 +1,4 @@
-"""Telemetry, below the verdict: what the recordings are worth."""
+"""Telemetry: what the recordings are worth, in a line near the head and in full below."""
 
 from __future__ import annotations
 
@@ -9,14 +9,38 @@ from estimators.telemetry import telemetry_in
 from limo_driver.pages.markup import section
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from estimators.diagnosis.result import Diagnosis
 
+_ANCHOR = "telemetry"
+_SHOWN = 2  # recordings in the line near the head
 
-def telemetry(diagnosis: Diagnosis) -> str:
-    """Return what to know of each recording before its findings are believed."""
-    lines: list[str] = []
-    for number, recording in enumerate(diagnosis.recordings, start=1):
-        said = "; ".join(telemetry_in(diagnosis.after, recording))
-        lines.append(f"{recording.source or f'recording {number}'}: {said}.")
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return section("Telemetry", f"<ul>{items}</ul>", "telemetry")
+
+def telemetry(diagnosis: Diagnosis) -> tuple[str, str]:
+    """Return what to know of the recordings before any finding is believed.
+
+    Args:
+        diagnosis: What was found.
+
+    Returns:
+        A line that leads to the details, and the section that holds them.
+    """
+    said = {
+        recording.source or f"recording {number}": telemetry_in(diagnosis.after, recording)
+        for number, recording in enumerate(diagnosis.recordings, start=1)
+    }
+    items = "".join(
+        f"<li>{escape(name)}: {escape('; '.join(lines))}.</li>" for name, lines in said.items()
+    )
+    return _line(said), section("Telemetry", f"<ul>{items}</ul>", _ANCHOR)
+
+
+def _line(said: Mapping[str, Sequence[str]]) -> str:
+    """Return the first sentence of the first recordings, and how much more there is to know."""
+    first = "; ".join(lines[0] for lines in list(said.values())[:_SHOWN])
+    more = sum(map(len, said.values())) - min(len(said), _SHOWN)
+    return (
+        f'<p class="lead">Telemetry: {escape(first)}. '
+        f'<a href="#{_ANCHOR}">{more} more to know of the data</a></p>'
+    )

@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from logged import arm, measured, numbered
 
-from limo_driver.errors import RecordingError
+from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.foreign.proposal import propose
 from limo_driver.foreign.table import table_of
 
@@ -127,6 +129,32 @@ def test_names_that_are_no_joints_of_the_robot_are_a_question():
     questions = proposed(**log, tau=TORQUE).mapping.undecided
     assert len(questions) == 1
     assert "do not name joints of iiwa14" in questions[0]
+
+
+@pytest.mark.parametrize("name", ["panda_joint{}", "fr3.joint{}", "robot.xarm.axis[{}]"])
+def test_numbers_of_another_robots_joints_are_a_question_asked_once(name):
+    log = numbered(f"position.{name}", POSITION, 1) | numbered(f"effort.{name}", TORQUE, 1)
+    (question,) = proposed(**log).mapping.undecided
+    other = next(word for word in ("panda", "fr", "xarm") if word in name)
+    assert f"name {other}, which iiwa14 does not (its joints are joint1, " in question
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["q{}", "joint_{}_pos", "A{}", "state.joint{}_pos_raw", "axisQMsr_LBR_iiwa_14_R820_{}"],
+)
+def test_numbers_alone_and_the_robots_own_name_are_no_question(name):
+    log = numbered(f"{name} [rad]", POSITION, 1)
+    assert proposed(**log, tau=TORQUE).mapping.undecided == ()
+
+
+def test_a_mapping_may_state_that_another_name_is_meant():
+    log = numbered("panda_joint{}_pos", POSITION, 1) | numbered("panda_joint{}_tau", TORQUE, 1)
+    found = proposed(**log).mapping
+    with pytest.raises(ConfigError, match="name panda, which iiwa14 does not"):
+        found.columns(table_of({"t": TIME, **log}), arm())
+    stated = replace(found, undecided=()).columns(table_of({"t": TIME, **log}), arm())
+    np.testing.assert_array_equal(stated.position, POSITION)
 
 
 def test_missing_joints_are_named():

@@ -307,7 +307,10 @@ def test_what_is_unknown_has_maps_of_its_own_and_its_times_say_the_recording(dia
 
 
 def test_the_head_says_what_the_recordings_are_worth(page):
-    _, _, after = page.partition('<section id="telemetry">')
+    first, _, after = page.partition('<section id="telemetry">')
+    line = first.index("Telemetry: sampled at")
+    assert first.index("<h1>") < line < first.index('<section id="errors">')
+    assert '<a href="#telemetry">' in first[line:]
     head, _, rest = after.partition("</section>")
     assert "sampled at" in head
     assert "side of the gear" in head
