@@ -1,0 +1,178 @@
+"""Errors of a correct simulation on its own arm, at rest and in motion, over the torque's noise.
+
+An iiwa 14 with Coulomb and viscous friction performs a planned motion in MuJoCo at 1 kHz, with
+several seconds at rest before and behind it. The simulation that predicts is the one that drove it,
+so what differs is what the sensors add: noise of the torque, steps and noise of the encoder.
+Errors are RMS over the noise of the torque behind the same filter, of all joints.
+
+- `predict`: what `limo predict` says, compared behind the filter.
+- `exact velocity`: the same with the velocity of positions without error.
+- `half a cycle on`: the same with that velocity half a cycle of the simulated arm later, where its
+  integrator takes friction. What is left is of position and acceleration.
+- `live`: what a stream says 0.1 s late, and its torque behind the stream's own filter.
+
+Rows are split by the true speed: at rest, moving, and between, which is to start, stop or reverse.
+
+    python benchmarks/estimators/rest.py [--seed 0]
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import limo_driver as limo
+from backends.mujoco_sim.robot import MujocoRobot
+from estimators.simulation_only import SimulationOnly
+from estimators.stream import Stream
+from limo_driver.physics import CoulombFriction, Sensors, Simulation, ViscousFriction
+from limo_driver.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
+
+PERIOD = 1e-3  # [s]
+BEFORE, AFTER = 4.0, 6.0  # [s] at rest
+DELAY = 0.1  # [s] of the stream
+COULOMB = (2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35)  # [N m]
+VISCOUS = (4.0, 4.2, 2.4, 2.6, 1.2, 0.7, 0.6)  # [N m s/rad]
+TORQUE_NOISE = (0.05, 0.05, 0.04, 0.04, 0.03, 0.02, 0.02)  # [N m]
+ENCODERS = ((1e-5, 0.0), (1e-5, 3e-6), (0.0, 1e-5))  # [rad] step, and noise before it
+RATES = (1000, 250)  # [Hz] of the recording
+BANDWIDTHS = (10.0, 20.0)  # [Hz]
+STILL, MOVING = 1e-4, 1e-2  # [rad/s]
+BAR = 1.15
+
+
+@dataclass(frozen=True)
+class Run:
+    """An arm's whole run every `PERIOD`: what it did, and what its torque sensor said."""
+
+    simulation: Simulation
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad], without error
+    torque: FloatArray  # (T, n) [N m], measured
+    noise: FloatArray  # (T, n) [N m], what of it is noise
+
+    @classmethod
+    def of(cls, seed: int) -> Run:
+        """Plan a motion and let the arm perform it."""
+        simulation = Simulation(
+            "iiwa14",
+            (
+                *(CoulombFriction(joint=j, tau_c=c) for j, c in enumerate(COULOMB, start=1)),
+                *(ViscousFriction(joint=j, f_v=v) for j, v in enumerate(VISCOUS, start=1)),
+            ),
+            sensors=Sensors(torque_noise=TORQUE_NOISE),
+        )
+        plan = limo.plan("iiwa14", limo.PlanRequest(scaffolds=3), seed=seed)
+        path = plan.trajectory.resample(PERIOD).position
+        rests = (round(BEFORE / PERIOD), round(AFTER / PERIOD))
+        with MujocoRobot(simulation, initial_position=path[0], seed=seed) as robot:
+            robot.receive()
+            run = robot.run(np.pad(path, (rests, (0, 0)), mode="edge"))
+        noise = run.torque - run.true_torque
+        return cls(simulation, run.time, run.true_motion.position, run.torque, noise)
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocity of the positions without error, (T, n) [rad/s]."""
+        return np.gradient(self.position, PERIOD, axis=0)
+
+    @property
+    def later(self) -> FloatArray:
+        """The same half a cycle later, (T, n) [rad/s]."""
+        return np.diff(self.position, axis=0, append=self.position[-1:]) / PERIOD
+
+    def recorded(self, rate: int, step: float, noise: float, seed: int) -> Recorded:
+        """Return what a log at `rate` [Hz] has of it, with an encoder's step and noise [rad]."""
+        drawn = noise * np.random.default_rng(seed).standard_normal(self.position.shape)
+        position = Sensors(encoder_resolution=(step,)).measure_position(self.position + drawn)
+        rows = slice(None, None, round(1 / (PERIOD * rate)))
+        return Recorded(
+            self.simulation,
+            Recording.from_arrays(self.time[rows], position[rows], self.torque[rows]),
+            self.noise[rows],
+            self.velocity[rows],
+            self.later[rows],
+        )
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording and what is true of it."""
+
+    simulation: Simulation
+    recording: Recording
+    noise: FloatArray  # (T, n) [N m], of its torque
+    velocity: FloatArray  # (T, n) [rad/s], without error
+    later: FloatArray  # (T, n) [rad/s], the same half a cycle later
+
+    def errors(self, bandwidth: float) -> dict[str, FloatArray]:
+        """Return the errors of each way to predict, (T, n) each, over the noise; NaN at edges."""
+        recording, simulation = self.recording, self.simulation
+        filtered = recording.filtered_torque(bandwidth)
+        inside = ~recording.edges(bandwidth)
+        noise = recording.filtered(self.noise, bandwidth)[inside]
+        floor = np.sqrt(np.mean(noise**2, axis=0))
+        sharp = recording.sharp_motion(bandwidth)
+        result = {"predict": simulation.predict(recording, bandwidth)}
+        for way, velocity in (("exact velocity", self.velocity), ("half a cycle on", self.later)):
+            known = replace(sharp, velocity=velocity)
+            result[way] = simulation.predict_stretches(known, recording.segments, bandwidth)
+        result = {k: recording.filtered(v, bandwidth) - filtered for k, v in result.items()}
+        result["live"] = self._live(bandwidth)
+        return {k: np.where(inside[:, None], v / floor, np.nan) for k, v in result.items()}
+
+    def _live(self, bandwidth: float) -> FloatArray:
+        """Return what a stream errs at each instant, (T, n) [N m]; NaN where it says nothing."""
+        recording = self.recording
+        stream = Stream(SimulationOnly(self.simulation, bandwidth), recording.rate, DELAY)
+        said, _ = stream.advance(
+            stream.init(), recording.time, recording.position, recording.torque
+        )
+        assert said.measured is not None  # torque was given
+        late, error = stream.differentiator.samples, np.full(recording.torque.shape, np.nan)
+        error[:-late] = (said.torque - said.measured)[late:]
+        return error
+
+    def rows(self) -> dict[str, NDArray[np.bool_]]:
+        """Return the rows of each kind, (T, n)."""
+        speed = np.abs(self.velocity)
+        return {
+            "all": np.ones(speed.shape, dtype=bool),
+            "rest": speed < STILL,
+            "between": (speed >= STILL) & (speed < MOVING),
+            "moving": speed >= MOVING,
+        }
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
+    parser.add_argument("--seed", type=int, default=0)
+    seed = parser.parse_args().seed
+    run = Run.of(seed)
+    print("RMS error of a correct simulation over the noise of the torque")
+    print(f"bar: at most {BAR} over all rows, by `predict` and `live`\n")
+    for rate in RATES:
+        for step, noise in ENCODERS:
+            case = run.recorded(rate, step, noise, seed)
+            rows = case.rows()
+            for bandwidth in BANDWIDTHS:
+                print(f"{rate} Hz, encoder step {step:g} and noise {noise:g} rad, {bandwidth:g} Hz")
+                for way, error in case.errors(bandwidth).items():
+                    parts = [
+                        f"{kind} {np.sqrt(np.nanmean(error[here] ** 2)):5.2f}"
+                        for kind, here in rows.items()
+                    ]
+                    print(f"    {way:15}", "   ".join(parts))
+
+
+if __name__ == "__main__":
+    main()
