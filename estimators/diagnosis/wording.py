@@ -59,7 +59,7 @@ def listed(texts: Sequence[str]) -> str:
 def likelier(lead: float) -> str:
     """Say evidence [nat] as odds; completes "the recordings are …"."""
     if lead > math.log(_COUNTED):
-        return "likelier, beyond doubt,"
+        return "beyond doubt likelier"
     odds = math.exp(lead)
     digits = max(0, math.floor(math.log10(odds)) - 1)
     return f"{round(odds, -digits):,.0f} times likelier".replace(",", "\N{NO-BREAK SPACE}")

@@ -7,5 +7,6 @@ one. Masses that are known, and the gravity on them, give the scale.
 from estimators.drives.diagnosis import diagnose_drives
 from estimators.drives.forward import free_run
 from estimators.drives.identification import identify_drives
+from estimators.drives.result import DriveDiagnosis
 
-__all__ = ["diagnose_drives", "free_run", "identify_drives"]
+__all__ = ["DriveDiagnosis", "diagnose_drives", "free_run", "identify_drives"]

@@ -79,8 +79,7 @@ def command(
         limo controller --fri 2.7 --mode torque --period-ms 1 --duration 10 --json
         limo controller --client 192.168.1.5:30200 --sim sim.yaml \
             --scenario lossy.yaml
-        limo controller --io FRI.Clock:bool:input:1 --io FRI.Seconds:digital:output \
-            --transformation PickPos
+        limo controller --io FRI.Clock:bool:input:1 --transformation PickPos
     """
     from backends.fri.codec.version import FriVersion
     from backends.fri.simulator.controller import SimulatedController

@@ -65,7 +65,7 @@ def command(
     Examples:
         limo predict run.parquet --sim sim.yaml --out torque.parquet
         limo predict run.parquet --model model/ --delay 0.1 --out torque.parquet
-        limo predict run.parquet --sim sim.yaml --free-running --out position.parquet
+        limo predict run.parquet --sim sim.yaml --free-running --out moved.parquet
     """
     import json
 

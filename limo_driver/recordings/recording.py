@@ -250,7 +250,7 @@ class Recording(Displayed):
         if not self.has_torque:
             raise RecordingError(
                 "lacks torque_1: it holds commands and positions alone, which only identify, "
-                "diagnose and predict --free-running can use",
+                "diagnose and a free-running prediction can use",
                 path=self.source or None,
             )
 

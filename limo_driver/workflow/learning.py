@@ -236,7 +236,7 @@ def predict_forward(
         RecordingError: The recording has no commands, or is of another robot.
 
     Example:
-        >>> limo.predict_forward("sim.yaml", "run.parquet")
+        >>> limo.predict_forward("servos.yaml", "commanded.parquet")
     """
     from estimators.drives import free_run
 

@@ -13,9 +13,10 @@ import shutil
 import subprocess
 import sys
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -24,7 +25,7 @@ from backends.can.config import ArmConfig
 from backends.can.simulator.scenario import BusScenario
 from backends.fri.simulator.scenario import ControllerScenario
 from limo_driver.foreign import LogMapping
-from limo_driver.physics import Simulation
+from limo_driver.physics import CoulombFriction, Simulation
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
@@ -63,6 +64,15 @@ ip link set net0 up
 ip route add 224.0.0.0/4 dev net0
 set -euo pipefail
 """
+# The arm of a reader whose servos tell no torque.
+SERVO_ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="upper" pos="0 0 0.1">
+  <joint name="lift" axis="0 1 0" range="-1.5 1.5"/>
+  <inertial pos="0.06 0 0" mass="0.2" diaginertia="2e-4 3e-4 3e-4"/>
+  <body name="lower" pos="0.12 0 0"><joint name="bend" axis="0 1 0" range="-2 2"/>
+    <inertial pos="0.05 0 0" mass="0.12" diaginertia="1e-4 2e-4 2e-4"/>
+  </body></body></worldbody>
+  <actuator><position joint="lift" kp="18" kv="0.6" forcerange="-3.3 3.3"/>
+    <position joint="bend" kp="18" kv="0.6" forcerange="-3.3 3.3"/></actuator></mujoco>"""
 ALONE = ["unshare", "--map-root-user", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
 
 
@@ -125,6 +135,9 @@ def test_yaml_is_what_its_reader_reads(block, tmp_path):
         assert ControllerScenario.load(path)
     elif block.document == "your_data.md":
         assert LogMapping.load(path)
+    elif block.document == "without_torque.md":
+        (tmp_path / "arm.xml").write_text(SERVO_ARM, encoding="utf-8")
+        assert Simulation.load(path).drives
     else:
         assert Simulation.load(path).effects
 
@@ -174,6 +187,7 @@ def having(tmp_path_factory):
     for day, name in (("monday", "run"), ("tuesday", "other"), ("wednesday", "other")):
         recorded = pq.read_table(folder / f"{name}.parquet")  # of a logger that knows no robot
         pq.write_table(recorded.replace_schema_metadata(None), folder / f"{day}.parquet")
+    move_by_servos(folder)
     same = {
         "test.parquet": "other.parquet",
         "motion.traj.parquet": "limo.traj.parquet",
@@ -187,6 +201,21 @@ def having(tmp_path_factory):
     return folder
 
 
+def move_by_servos(folder):
+    """Write the arm without torques, and what it recorded."""
+    (folder / "arm.xml").write_text(SERVO_ARM, encoding="utf-8")
+    friction = [CoulombFriction(joint=joint, tau_c=0.05) for joint in (1, 2)]
+    arm = Simulation.load(folder / "arm.xml")
+    arm = replace(arm, effects=(*arm.effects, *friction))
+    time = np.arange(0.0, 20.0, 0.02)
+    for name, pace in (("moves", 1.0), ("more_moves", 1.3)):
+        slow, fast = (np.sin(pace * np.outer(time, rates)) for rates in ([0.9, 1.4], [2.1, 3.2]))
+        command = 0.5 * (slow + fast)
+        told = limo.Recording.from_arrays(time, command, command=command)
+        moved = limo.predict_forward(arm, told)
+        limo.Recording.from_arrays(time, moved, command=command).save(folder / f"{name}.parquet")
+
+
 HAS = {  # a reader of each document; the rest comes from its own blocks
     "README.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf",
     "can.md": "arm.yaml sim.yaml motion.traj.parquet",
@@ -195,6 +224,7 @@ HAS = {  # a reader of each document; the rest comes from its own blocks
     "fri_controller.md": "sim.yaml lossy.yaml",
     "models.md": "model newer run.parquet test.parquet",
     "streaming.md": "limo.traj.parquet model",
+    "without_torque.md": "arm.xml moves.parquet more_moves.parquet",
     "workflow.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf believed.yaml",
 }
 

@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 
 import limo_driver as limo
-from limo_driver.physics import CoulombFriction
+from limo_driver.physics import CoulombFriction, PositionServo
 
 PUBLIC = (
     "limo_driver",
     "limo_driver.types",
     "limo_driver.model",
     "limo_driver.trajectory",
+    "limo_driver.robot.robot",
     "limo_driver.recordings.recording",
     "limo_driver.foreign",
     "limo_driver.exports",
@@ -33,6 +34,7 @@ PUBLIC = (
     "estimators.rigid_body",
     "estimators.hybrid",
     "estimators.diagnosis",
+    "estimators.drives",
     "estimators.service",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
@@ -141,6 +143,10 @@ def folder(tmp_path_factory):
     motion = limo.Motion.from_positions(t, 0.2 * (1 - np.cos(np.pi * t / 2))[:, None] * np.ones(7))
     torque = sim.predict(motion)
     limo.Recording.from_arrays(t, motion.position, torque).save(folder / "run.parquet")
+    servos = tuple(PositionServo(joint=joint, kp=2000.0, kd=100.0) for joint in range(1, 8))
+    limo.Simulation("iiwa14", drives=servos).save(folder / "servos.yaml")
+    commanded = limo.Recording.from_arrays(t, motion.position, command=motion.position)
+    commanded.save(folder / "commanded.parquet")
     rest = np.zeros_like(motion.position)
     trajectory = limo.Trajectory(t, motion.position, rest, rest, robot="iiwa14")
     trajectory.first(0.5).save(folder / "limo.traj.parquet")

@@ -41,7 +41,7 @@ def parse_io(text: str) -> IoValue:
     """
     name, *rest = text.split(":")
     if not 2 <= len(rest) <= 3 or rest[0] not in _TYPES or rest[1] not in _DIRECTIONS:  # noqa: PLR2004
-        raise ConfigError(f"--io {text!r} has to be {_EXPECTED}")
+        raise ConfigError(f"IO {text!r} has to be {_EXPECTED}")
     kind, direction = _TYPES[rest[0]], _DIRECTIONS[rest[1]]
     check_signal_name(name)
     number = rest[2] if len(rest) > 2 else "0"  # noqa: PLR2004
@@ -55,7 +55,7 @@ def parse_io(text: str) -> IoValue:
             raise ValueError
         return IoValue(name, kind, direction, digital=int(number))
     except ValueError:
-        raise ConfigError(f"--io {text!r}: {number!r} is no value of a {rest[0]} IO") from None
+        raise ConfigError(f"IO {text!r}: {number!r} is no value of a {rest[0]} IO") from None
 
 
 def check_signal_name(name: str) -> None:

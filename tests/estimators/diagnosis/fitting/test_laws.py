@@ -72,7 +72,7 @@ def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
     (finding,) = diagnose(given, [seen(true)]).verdict.findings
     assert finding.effect == hidden.name
     assert f"Its law is {law}, " in finding.evidence
-    assert "times likelier than" in finding.evidence
+    assert "likelier than" in finding.evidence.split("Its law is")[1]
 
 
 def test_laws_that_come_to_the_same_are_not_told_apart(given, seen):
@@ -88,7 +88,7 @@ def test_odds_are_those_of_the_evidence():
     laws = (LawEvidence("Dahl", 50.0), LawEvidence("LuGre", 50.0 - np.log(120.0)))
     assert sentence_of(laws) == " Its law is Dahl, 120 times likelier than LuGre."
     assert sentence_of((laws[0], LawEvidence("LuGre", -50.0))).endswith(
-        "10^43 times likelier than LuGre."
+        "Dahl, beyond doubt likelier than LuGre."
     )
     assert sentence_of((laws[0], LawEvidence("LuGre", 49.0))).endswith(
         "(Dahl, LuGre) these recordings cannot tell."

@@ -265,7 +265,7 @@ def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(
     top = diagnosis.explanations[1].log_evidence
     behind = [(top - item.log_evidence) / np.log(10) for item in diagnosis.explanations]
     assert bars["x"] == pytest.approx(behind, rel=1e-3)  # differences, which bars can show
-    assert "likelier, beyond doubt" in page
+    assert "beyond doubt likelier" in page
     assert "does not hold on motion held out" in page
 
 

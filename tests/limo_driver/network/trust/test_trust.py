@@ -216,12 +216,15 @@ class TestModels:
         another = own.rpartition(":")[0] + f":{free_port()}"
         second = first.with_name("second.json5")
         second.write_text(text.replace(own, another))
-        with Witness(network["driver"]), open_session(config=second) as session:
-            wait_until(lambda: list(session.info.peers_zid()))
-            token = claim(network["service"], Keys("star"), "service")
-            with pytest.raises(ConfigError, match="another service of an arm called 'star'"):
-                claim(session, Keys("star"), "service")
-            token.undeclare()
+        try:
+            with Witness(network["driver"]), open_session(config=second) as session:
+                wait_until(lambda: list(session.info.peers_zid()))
+                token = claim(network["service"], Keys("star"), "service")
+                with pytest.raises(ConfigError, match="another service of an arm called 'star'"):
+                    claim(session, Keys("star"), "service")
+                token.undeclare()
+        finally:
+            second.unlink()
 
 
 def ask(session, key):
