@@ -14,6 +14,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
     [
         ("predict_torque", "beyond the rigid body"),
         ("creep_and_reverse", "the arm holds"),
+        ("your_csv", "questions: none"),
+        ("your_mjcf", "better/model.xml: changed; MuJoCo alone needs what limo predicts, to 0.0"),
+        ("your_bag", "left aside: 2000 messages of finger_left, finger_right on /joint_states"),
         pytest.param(
             "diagnose_simulated",
             "Payload of 0.776 kg [0.675, 0.878] at the flange; presliding hysteresis at joint 4.",
