@@ -66,7 +66,7 @@ def why_not_ready(message: Monitoring | None, waited: float, malformed: str) -> 
     Args:
         message: The robot's last one; None if it is silent.
         waited: How long was waited [s].
-        malformed: What was wrong with the last datagram that could not be used.
+        malformed: What was wrong with the last datagram that could not be used, or who sent it.
     """
     if message is None or message.connection is None:
         why = f": {malformed}" if malformed else ""

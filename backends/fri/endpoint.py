@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import math
 import socket
 import struct
 import time
@@ -19,7 +18,6 @@ _KERNEL_TIME: Final = 35  # SO_TIMESTAMPNS of Linux, which the module socket doe
 _TIMESPEC: Final = struct.Struct("@qq")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
 _LAST_PORT: Final = 0xFFFF
-SILENCE: Final = 1.0  # [s] of the robot, after which it may speak from another port
 MOST_FOREIGN: Final = 1000  # datagrams that are read past when no time is left
 _OLDEST: Final = 10.0  # [s]; a greater age is a step of the clock
 
@@ -37,8 +35,8 @@ class Endpoint:
 
     The port is not shared: with a second listener, one of the two would hear nothing. Without a
     host, the first sender of a valid message becomes the robot by `settle`. From then on it is an
-    address and a port; another port of its address is heard once the robot is silent for 1 s, as
-    after a restart.
+    address and a port for as long as this is open, however long it is silent: one that restarted on
+    another port could not be told from a forger.
 
     Args:
         host: Address or name of the robot; any sender if not given.
@@ -57,7 +55,6 @@ class Endpoint:
         self.peer: Address | None = None  # where answers go
         self.foreign = 0  # datagrams from anybody else
         self.last_foreign = ""  # their last sender
-        self._heard = -math.inf  # when the robot was, last [s]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind(("0.0.0.0", port))  # noqa: S104  # the robot may be on any network
@@ -83,7 +80,8 @@ class Endpoint:
                 raise ConnectionLostError(f"UDP port {self.port}: {error}") from None
             if self._is_robot(sender):
                 return Datagram(data, sender, _age(extra))
-            self.ignore(sender)
+            self.foreign += 1
+            self.last_foreign = f"{sender[0]}:{sender[1]}"
             foreign -= time.monotonic() >= deadline  # the robot's packet may wait behind them
         return None
 
@@ -98,20 +96,13 @@ class Endpoint:
 
     def settle(self, sender: Address) -> None:
         """Take a sender for the robot: nobody else is listened to any more."""
-        self.robot, self.peer, self._heard = sender[0], sender, time.monotonic()
-
-    def ignore(self, sender: Address) -> None:
-        """Count a datagram of somebody who is not the robot."""
-        self.foreign += 1
-        self.last_foreign = f"{sender[0]}:{sender[1]}"
+        self.robot, self.peer = sender[0], sender
 
     def _is_robot(self, sender: Address) -> bool:
         """Say whether a sender may be the robot."""
-        if sender == self.peer:
-            return True
-        if self.robot is not None and sender[0] != self.robot:
-            return False
-        return self.peer is None or time.monotonic() > self._heard + SILENCE
+        if self.peer is not None:
+            return sender == self.peer
+        return self.robot is None or sender[0] == self.robot
 
     def send(self, data: bytes) -> bool:
         """Answer the robot; False if the network did not take it."""

@@ -73,7 +73,8 @@ class FriRobot(Robot):
     measured pose, so that an arm that was pushed aside does not jump. Leaving COMMANDING_ACTIVE is
     a hold, which ends only by `resume`. Where packets stay away for longer than a period and 10 ms,
     states are stale, and what is sent then reaches nobody: the set-point waits for the next packet.
-    One sender is the robot, an address and a port; what others send is counted and has no effect.
+    One sender is the robot, an address and a port; what others send is counted and has no effect,
+    and a robot that restarted on another port has to be opened again.
     While it is commanded, a pose that the arm cannot have got to since the last one is ignored,
     too: a jump needs a new session. After a stall of this machine, packets that others have
     followed already are not returned, and answered with what was said last: set-points that pile up
@@ -243,7 +244,7 @@ class FriRobot(Robot):
         while not self._takes_commands():
             if time.monotonic() > deadline:
                 last = None if self._missed else self._message
-                raise BackendError(why_not_ready(last, timeout, self.malformed))
+                raise BackendError(why_not_ready(last, timeout, self.malformed or self._others()))
 
     def _takes_commands(self) -> bool:
         """Wait for a cycle; say whether the session is active in it."""
@@ -252,6 +253,16 @@ class FriRobot(Robot):
         except CycleTimeoutError:  # since it was opened: it may well come later
             return False
         return fresh and self._session.state is _ACTIVE
+
+    def _others(self) -> str:
+        """Say who else sent; empty if nobody did."""
+        if not self.foreign:
+            return ""
+        (host, port), last = self._link.endpoint.peer or ("", 0), self._link.endpoint.last_foreign
+        return (
+            f"{self.foreign} datagrams came from others, the last from {last}, and {host}:{port} "
+            "is the robot; if it restarted on another port, open it again"
+        )
 
     def _of_data(self, name: str) -> FloatArray:
         values = getattr(self.monitoring.data, name, None)
@@ -328,9 +339,6 @@ class FriRobot(Robot):
         problem = "" if familiar and measured is not None else incomplete(message)
         if problem or measured is None:
             return self._refuse(problem)
-        if datagram.sender != self._link.endpoint.peer and not self._plausible.begins(message):
-            self._link.endpoint.ignore(datagram.sender)  # a robot that restarted begins anew
-            return None
         if not familiar:
             if not self._link.fits(message):
                 return self._refuse_pace(message)
@@ -347,7 +355,6 @@ class FriRobot(Robot):
         before, order = self._session.state, self._session.take(message)
         if order is Order.OLD:
             return None
-        self._link.endpoint.settle(datagram.sender)
         self._arrived, self._message = time.monotonic() - datagram.age, message
         self._position, self._torque = position, torque
         self._velocity.update(self._session.time, position)

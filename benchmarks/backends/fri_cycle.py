@@ -63,9 +63,6 @@ class Fed:
             return None
         return Datagram(self.packets[self.at - 1], self.peer, 0.0)
 
-    def settle(self, _sender: object) -> None:
-        """Do as the socket does."""
-
     def send(self, _data: bytes) -> bool:
         """Note when the answer came."""
         self.sent = time.perf_counter()

@@ -4,8 +4,9 @@
 
 The forger knows all but the robot's port: it sends valid messages of every session state with
 shifted poses, restarted counters, other paces and clocks, and noise, to the driver's port, about
-ten for each packet of the robot. The bar: no state that it told, no hold, no set-point off the
-motion that was commanded, no answer to the forger. All that was ignored is counted.
+ten for each packet of the robot. In the last fifth of them the robot is silent, and the forger is
+all that is heard. The bar: no state that it told, no hold, no set-point off the motion that was
+commanded, no answer to the forger, no end of the session. All that was ignored is counted.
 """
 
 # ruff: noqa: E402  # what tests share is found once its folders are on the path
@@ -38,6 +39,7 @@ from backends.fri.codec.codec import encode_monitoring
 from limo_driver.types import PositionCommand
 
 BURST = 10  # forged packets in one go
+SPOKEN = 0.8  # of the cycles, before the robot falls silent
 AMPLITUDE, TURN = 0.05, 1000  # [rad], cycles
 
 
@@ -106,10 +108,15 @@ def main(
             child.stdout.readline()
             effects, cycles = 0, 0
             state = robot.receive()
+            speaks = round(SPOKEN * (packets // BURST))
             for cycles in range(packets // BURST):
                 child.stdin.write("\n")
                 child.stdin.flush()
                 child.stdout.readline()
+                if cycles >= speaks:
+                    robot.lose_measurements(1)
+                    effects += not robot.receive().stale
+                    continue
                 goal = np.array(POSE) + AMPLITUDE * (1 - np.cos(2 * np.pi * cycles / TURN))
                 sent = robot.send(PositionCommand(position=goal, valid_for=1.0))
                 effects += bool(np.abs(sent.position - goal).max() > 1e-9 or sent.limited_by)

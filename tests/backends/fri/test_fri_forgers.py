@@ -2,17 +2,20 @@
 
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fri_messages import POSE
 from robot_commands import position
-from stepped_arm import SteppedArm, stepped
+from stepped_arm import SteppedArm, stepped, wake
 
+from backends.fri import endpoint
 from backends.fri.codec.messages import CommandMode, SessionState
-from limo_driver.errors import HoldingError
+from limo_driver.errors import BackendError, HoldingError
 from limo_driver.types import TorqueCommand
 
 ACTIVE = SessionState.COMMANDING_ACTIVE
@@ -111,22 +114,54 @@ def test_an_arm_that_really_jumped_is_taken_up_in_a_new_session():
             robot.send(position(arm.position))
 
 
-def test_a_robot_that_restarted_may_speak_from_another_port():
-    """Once the old one is silent, and with a new session."""
+@pytest.mark.parametrize("pace", [(1, 1), (5, 3)])
+@pytest.mark.parametrize("state", list(SessionState))
+def test_nobody_else_is_heard_however_long_the_robot_is_silent(forger, monkeypatch, state, pace):
+    """Whatever it says: a robot that restarted elsewhere could not be told from a forger."""
     with stepped() as robot:
         moving(robot)
-        again = SteppedArm(port=robot.arm.port, state=ACTIVE)
-        again.sequence, again.ns = robot.arm.sequence + 5, robot.arm.ns + 2 * 10**9
-        endpoint = robot._link.endpoint
-        endpoint._heard -= 2.0  # a second has passed, and one more
-        robot.arm.cycle = again.send
-        assert robot.receive().stale  # it is commanded already: none that begins anew
-        again.sequence, again.state = again.sequence + 1, SessionState.MONITORING_WAIT
+        arm, peer, before = robot.arm, robot._link.endpoint.peer, robot.foreign
+        forger.port, forger.state = arm.port, state
+        forger.period_ms, forger.multiplier = pace
+        forger.ns = arm.ns + 3600 * 10**9
+        hour = SimpleNamespace(monotonic=lambda: time.monotonic() + 3600.0, time_ns=time.time_ns)
+        monkeypatch.setattr(endpoint, "time", hour)
+        monkeypatch.setattr(arm, "cycle", forger.send)
+        for _ in range(5):
+            assert robot.receive().stale
+        assert robot.foreign == before + 5
+        assert robot._link.endpoint.peer == peer
+        monkeypatch.undo()
+        state = robot.receive()
+        assert not state.stale
+        assert not state.holding
+        assert np.abs(robot.send(position(arm.position)).position - POSE).max() < 1e-4
+        assert forger.listen() == []
+
+
+def test_a_robot_that_restarted_is_taken_up_from_its_own_port():
+    with stepped() as robot:
+        moving(robot)
+        arm = robot.arm
+        arm.sequence, arm.ns, arm.state = -1, arm.ns + 2 * 10**9, SessionState.MONITORING_WAIT
         state = robot.receive()
         assert not state.stale
         assert state.holding
-        assert endpoint.peer == again.socket.getsockname()
-        again.close()
+        assert robot.figures.restarts == 1
+
+
+def test_a_robot_that_restarted_elsewhere_is_taken_up_when_it_is_opened_again(forger):
+    with stepped() as robot:
+        moving(robot)
+        forger.port, forger.state = robot.arm.port, SessionState.MONITORING_WAIT
+        forger.sequence, forger.ns = robot.arm.sequence + 1, robot.arm.ns + 2 * 10**9
+        robot.arm.cycle = forger.send
+        assert robot.receive().stale
+        with pytest.raises(BackendError, match=r"if it restarted on another port, open it again"):
+            robot.wait_until_ready(timeout=0.0)
+    with wake(forger) as robot:
+        forger.cycle()
+        assert not robot.receive().stale
 
 
 @pytest.mark.parametrize("mode", [CommandMode.POSITION, CommandMode.TORQUE])
