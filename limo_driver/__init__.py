@@ -11,8 +11,8 @@ found.save("diagnosis/")
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
 and commands. What to do with them: inspect, read, plan, excite, run, identify, predict,
-predict_forward, train, evaluate, diagnose, export, serve. Requests and settings say how:
-PlanRequest, Rows, ...
+predict_forward, train, evaluate, diagnose, diagnose_fleet, export, serve. Requests and settings
+say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from limo_driver.workflow.diagnosing import diagnose
     from limo_driver.workflow.embedding import export_c
     from limo_driver.workflow.exporting import export
+    from limo_driver.workflow.fleets import diagnose_fleet
     from limo_driver.workflow.inspecting import inspect
     from limo_driver.workflow.learning import (
         evaluate,
@@ -96,6 +97,7 @@ _HOME = {
     "Workspace": "limopa",
     "WrenchCommand": "limo_driver.types",
     "diagnose": "limo_driver.workflow.diagnosing",
+    "diagnose_fleet": "limo_driver.workflow.fleets",
     "evaluate": "limo_driver.workflow.learning",
     "excite": "limo_driver.workflow.planning",
     "export": "limo_driver.workflow.exporting",
@@ -144,6 +146,7 @@ __all__ = [
     "Workspace",
     "WrenchCommand",
     "diagnose",
+    "diagnose_fleet",
     "evaluate",
     "excite",
     "export",

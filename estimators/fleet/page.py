@@ -1,0 +1,250 @@
+"""The page of a fleet: odd arms, drifts, spread of unit to unit, and the worst recordings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from html import escape
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.headline import headline
+from estimators.diagnosis.verdict import REPORT
+from estimators.fleet.result import changed
+from estimators.fleet.settings import FLEET
+from estimators.fleet.table import place_in_short
+from limo_driver.pages import Charts, Page
+from limo_driver.pages.markup import UNSAID, folded, number, paragraph, section, table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from estimators.fleet.result import FleetDiagnosis
+    from estimators.fleet.row import FleetRow
+    from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
+    from limo_driver.pages.markup import Figure
+    from limo_driver.types import FloatArray
+
+_ODD, _ALIKE = "#d9730d", "#0b559f"
+_DRAWN: Final = 6  # drifts that have a chart
+
+
+def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
+    """Return the page of a fleet.
+
+    Args:
+        fleet: What was found.
+        folder: The page will lie in; links to reports are relative to it.
+    """
+    charts = Charts()
+    title = str(fleet).splitlines()[0]
+    lead = (
+        "An arm is odd where its median is more than "
+        f"{FLEET.odd:g} robust standard deviations from that of the arms, in which a difference of "
+        f"{FLEET.least:.0%} counts as one at least. Arms are the folders that recordings lie in."
+    )
+    body = (
+        f'<header><p class="crumb">Fleet of {escape(fleet.robot)}</p><h1>{escape(title)}</h1>'
+        f"{''.join(map(paragraph, str(fleet).splitlines()[1:]))}</header>"
+        + section("Which arm is the odd one out", _odd(fleet.standings, charts), "odd", lead)
+        + section("What drifts over dates", _drifts(fleet, charts), "drift")
+        + section("Unit against unit", _spreads(fleet.spreads, charts), "spread")
+        + section("What was found", _findings(fleet.rows), "found")
+        + section("The worst recordings", _worst(fleet.rows, folder), "worst")
+        + section("Recordings without a verdict", _failed(fleet.failed), "failed")
+    )
+    return Page(title, body, charts)
+
+
+def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
+    if not standings:
+        return paragraph(f"Fewer than {FLEET.arms} arms: none can be told from the others.")
+    sides = ((_ALIKE, "like the others", False), (_ODD, "odd", True))
+    data = [
+        _dots(
+            [item.z for item in own],
+            [item.arm for item in own],
+            [item.series.name for item in own],
+            name,
+            colour,
+        )
+        for colour, name, odd in sides
+        if (own := [item for item in standings if item.odd == odd])
+    ]
+    layout = _layout("robust standard deviations from the median arm", "")
+    figure = {"data": data, "layout": layout, "height": _height(i.arm for i in standings)}
+    rows = [
+        [
+            escape(item.arm),
+            escape(item.series.name),
+            escape(item.series.unit),
+            number(item.median),
+            number(item.fleet),
+            f"{item.z:+.1f}",
+        ]
+        for item in standings
+        if item.odd
+    ]
+    heads = ("arm", "quantity", "unit", "median", "fleet", "z")
+    listed = table(heads, rows, 3) if rows else paragraph("No arm is odd.")
+    return charts.place(figure, "Each error and value of each arm, against all arms") + listed
+
+
+def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
+    if not any(np.isfinite(item.days).any() for item in fleet.series):
+        return paragraph("No recording has a date in its path, such as 2026-03-01.")
+    if not fleet.drifts:
+        return paragraph("Nothing changes over dates beyond chance.")
+    heads = ("arm", "quantity", "change over the dates (95 %)", "p")
+    rows = [
+        [escape(d.arm), escape(d.series.name), escape(changed(d)), number(d.p, 2)]
+        for d in fleet.drifts
+    ]
+    return table(heads, rows, 3) + "".join(
+        charts.place(_over_days(item), f"{item.arm}: {item.series.name}")
+        for item in fleet.drifts[:_DRAWN]
+    )
+
+
+def _over_days(item: FleetDrift) -> Figure:
+    series = item.series
+    order = np.argsort(series.days)
+    dots = {
+        "type": "scatter",
+        "mode": "lines+markers",
+        "x": series.days[order].tolist(),
+        "y": series.values[order].tolist(),
+        "line": {"color": "#c9ced4"},
+        "marker": {"size": 8, "color": _ODD},
+        "showlegend": False,
+    }
+    unit = f" [{series.unit}]" if series.unit else ""
+    layout = _layout("days since the first recording of the fleet", f"{series.name}{unit}")
+    return {"data": [dots], "layout": layout, "height": 240}
+
+
+def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
+    if not spreads:
+        return ""
+    widest = max((s for s in spreads if s.series.ratio), key=lambda s: s.deviation)
+    low, high = np.array(widest.intervals).T
+    means = np.array(widest.means)
+    dots = _dots(widest.means, widest.arms, widest.arms, widest.series.name, _ALIKE)
+    dots["error_x"] = {
+        "type": "data",
+        "symmetric": False,
+        "array": _numbers(high - means),
+        "arrayminus": _numbers(means - low),
+        "color": _ALIKE,
+    }
+    figure = {
+        "data": [dots],
+        "layout": _layout(f"{widest.series.name} [{widest.series.unit}]", ""),
+        "height": _height(widest.arms),
+    }
+    rows = [
+        [
+            escape(s.series.name),
+            "relative" if s.series.ratio else escape(s.series.unit),
+            str(len(s.arms)),
+            number(s.deviation),
+            f"{number(s.interval[0])} to {number(s.interval[1])}",
+        ]
+        for s in spreads
+    ]
+    heads = ("quantity", "unit", "arms", "standard deviation between arms", "95 %")
+    caption = "The error in which arms differ most: mean of each arm, with 95 % interval"
+    return charts.place(figure, caption) + folded("All quantities", table(heads, rows, 2))
+
+
+def _findings(rows: Sequence[FleetRow]) -> str:
+    recordings = Counter(row.arm for row in rows if row.diagnosed)
+    found = Counter(
+        (place_in_short(item), row.arm)
+        for row in rows
+        if row.verdict is not None
+        for item in row.verdict.findings
+    )
+    listed = [
+        [escape(effect), escape(arm), f"{count} of {recordings[arm]}"]
+        for (effect, arm), count in sorted(found.items(), key=lambda item: (-item[1], item[0]))
+    ]
+    return table(("effect@joint", "arm", "recordings"), listed, 2) if listed else ""
+
+
+def _worst(rows: Sequence[FleetRow], folder: Path) -> str:
+    ranked = sorted((row for row in rows if row.diagnosed), key=lambda row: -_floors(row))
+    return table(
+        ("recording", "arm", "date", "verdict", "error in noise floors"),
+        [
+            [
+                _linked(row, folder),
+                escape(row.arm),
+                UNSAID if row.date is None else f"{row.date:%Y-%m-%d}",
+                escape(headline(row.verdict)),
+                number(_floors(row)),
+            ]
+            for row in ranked[: FLEET.worst]
+            if row.verdict is not None
+        ],
+        4,
+    )
+
+
+def _floors(row: FleetRow) -> float:
+    """Return the largest error of a joint, in its noise floors."""
+    if row.verdict is None:
+        return 0.0
+    fit = row.verdict.fit
+    pairs = zip(fit.heldout_rmse_before, fit.noise_floor, strict=True)
+    return max((error / floor for error, floor in pairs if floor > 0), default=0.0)
+
+
+def _linked(row: FleetRow, folder: Path) -> str:
+    name = escape(str(row.recording))
+    if row.folder is None or not (row.folder / REPORT).exists():
+        return name
+    return f'<a href="{(row.folder / REPORT).relative_to(folder).as_posix()}">{name}</a>'
+
+
+def _failed(rows: Sequence[FleetRow]) -> str:
+    listed = [[escape(str(row.recording)), escape(row.error)] for row in rows]
+    return table(("recording", "why"), listed) if listed else ""
+
+
+def _dots(
+    x: Sequence[float], y: Sequence[str], text: Sequence[str], name: str, colour: str
+) -> Figure:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": list(x),
+        "y": list(y),
+        "text": list(text),
+        "name": name,
+        "marker": {"size": 8, "color": colour, "opacity": 0.7},
+        "hovertemplate": "%{y}, %{text}: %{x:.3g}<extra></extra>",
+    }
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [float(v) if np.isfinite(v) else None for v in values]
+
+
+def _height(arms: Iterable[str]) -> int:
+    return 110 + 22 * len(set(arms))
+
+
+def _layout(x: str, y: str) -> Figure:
+    axis = {"gridcolor": "#eceef0", "zerolinecolor": "#c9ced4", "exponentformat": "none"}
+    return {
+        "xaxis": axis | {"title": {"text": x}},
+        "yaxis": axis | {"title": {"text": y}, "automargin": True},
+        "font": {"family": "inherit", "size": 11.5, "color": "#3d4650"},
+        "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
+        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0},
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "hovermode": "closest",
+    }

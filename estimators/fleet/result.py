@@ -1,0 +1,87 @@
+"""The result of a fleet: its rows, and what they say together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from estimators.fleet.series import series_of
+from estimators.fleet.standing import drifts_of, spreads_of, standings_of
+
+if TYPE_CHECKING:
+    from estimators.fleet.row import FleetRow
+    from estimators.fleet.series import Series
+    from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
+
+
+@dataclass(frozen=True)
+class FleetDiagnosis:
+    """The rows of a fleet, in the order of their recordings, and what they say together."""
+
+    robot: str
+    rows: tuple[FleetRow, ...]
+
+    @cached_property
+    def series(self) -> tuple[Series, ...]:
+        """Errors and values over arms and dates."""
+        return series_of(self.rows)
+
+    @cached_property
+    def drifts(self) -> tuple[FleetDrift, ...]:
+        """What changes over dates, surest first."""
+        return drifts_of(self.series)
+
+    @cached_property
+    def standings(self) -> tuple[ArmStanding, ...]:
+        """How far each arm is from the others, farthest first."""
+        return standings_of(self.series, self.drifts)
+
+    @cached_property
+    def spreads(self) -> tuple[UnitSpread, ...]:
+        """How units differ in each quantity."""
+        return spreads_of(self.series)
+
+    @property
+    def odd(self) -> tuple[str, ...]:
+        """Arms that are the odd ones out, the oddest first."""
+        return tuple(dict.fromkeys(item.arm for item in self.standings if item.odd))
+
+    @property
+    def drifting(self) -> tuple[str, ...]:
+        """Arms of which something drifts, the surest first."""
+        return tuple(dict.fromkeys(item.arm for item in self.drifts))
+
+    @property
+    def failed(self) -> tuple[FleetRow, ...]:
+        """Rows without a verdict."""
+        return tuple(row for row in self.rows if not row.diagnosed)
+
+    def __str__(self) -> str:
+        arms = len({row.arm for row in self.rows if row.diagnosed})
+        done = len(self.rows) - len(self.failed)
+        lines = [f"{done} of {len(self.rows)} recordings diagnosed, of {arms} arms."]
+        seen: set[str] = set()
+        for item in self.standings:
+            if item.odd and item.arm not in seen:
+                seen.add(item.arm)
+                lines.append(
+                    f"odd: {item.arm}, {item.series.name} {item.median:.3g} {item.series.unit} "
+                    f"where the fleet has {item.fleet:.3g} (z = {item.z:+.1f})"
+                )
+        told: set[str] = set()
+        for item in self.drifts:
+            if item.arm not in told:
+                told.add(item.arm)
+                lines.append(f"drifting: {item.arm}, {item.series.name} {changed(item)}")
+        if not seen and not told:
+            lines.append("no arm is odd, and nothing drifts")
+        return "\n".join(lines)
+
+
+def changed(item: FleetDrift) -> str:
+    """Say how much a quantity changed over its dates, with the interval of 95 %."""
+    low, high = item.interval
+    if item.series.ratio:
+        return f"{100 * item.change:+.0f} % ({100 * low:+.0f} to {100 * high:+.0f} %)"
+    return f"{item.change:+.3g} ({low:+.3g} to {high:+.3g}) {item.series.unit}"

@@ -1,0 +1,101 @@
+"""Series: one quantity of a fleet, such as the error of a joint, over arms and dates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from limo_driver.physics import spoken
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from datetime import datetime
+
+    from estimators.diagnosis.verdict import Verdict
+    from estimators.fleet.row import FleetRow
+    from limo_driver.types import FloatArray
+
+_DAY: Final = 86_400.0  # [s]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One quantity, R values in the order of the recordings."""
+
+    name: str  # e.g. "error of joint 3"
+    unit: str
+    ratio: bool  # compared as a ratio rather than a difference: errors are
+    arms: tuple[str, ...]  # (R,)
+    days: FloatArray  # (R,) since the first date of the fleet [days]; NaN without a date
+    values: FloatArray  # (R,) [unit]
+
+    def compared(self) -> FloatArray:
+        """Return the values in which differences count alike, (R,): logarithms of a ratio."""
+        return np.log(np.maximum(self.values, 1e-300)) if self.ratio else self.values
+
+    def of(self, arm: str) -> Series:
+        """Return the values of one arm."""
+        own = np.array([name == arm for name in self.arms])
+        kept = tuple(name for name in self.arms if name == arm)
+        return Series(self.name, self.unit, self.ratio, kept, self.days[own], self.values[own])
+
+    def names(self) -> tuple[str, ...]:
+        """Return the arms, each once, in order."""
+        return tuple(sorted(set(self.arms)))
+
+
+def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
+    """Return the error of each joint, and each value of an effect found or identified.
+
+    Args:
+        rows: Of a fleet; those without a verdict say nothing.
+    """
+    dated = [row.date for row in rows if row.diagnosed and row.date is not None]
+    first = min(dated, default=None)
+    found: dict[tuple[str, str, bool], list[tuple[str, float, float]]] = {}
+    for row in rows:
+        if row.verdict is None:
+            continue
+        day = _days(row.date, first)
+        for name, unit, ratio, value in _quantities(row.verdict):
+            found.setdefault((name, unit, ratio), []).append((row.arm, day, value))
+    return tuple(
+        Series(
+            *about,
+            tuple(arm for arm, _, _ in items),
+            np.array([day for _, day, _ in items]),
+            np.array([value for _, _, value in items]),
+        )
+        for about, items in found.items()
+    )
+
+
+def _days(date: datetime | None, first: datetime | None) -> float:
+    if date is None or first is None:
+        return float("nan")
+    return (date - first).total_seconds() / _DAY
+
+
+def _quantities(verdict: Verdict) -> Iterator[tuple[str, str, bool, float]]:
+    """Give name, unit, whether it is compared as a ratio, and value."""
+    for j, error in enumerate(verdict.fit.heldout_rmse_before, start=1):
+        yield f"error of joint {j}", verdict.fit.unit, True, float(error)
+    for item in (*verdict.findings, *verdict.identified):
+        if item.effect in {CONTACT, UNKNOWN}:
+            continue
+        joints = ", ".join(map(str, item.joints))
+        place = f" of joint {joints}" if joints else ""
+        for name, known in item.parameters.items():
+            for at, value in _numbers(known.value):
+                yield f"{spoken(item.effect)}{place}: {name}{at}", known.unit, False, value
+
+
+def _numbers(value: object, at: str = "") -> Iterator[tuple[str, float]]:
+    if isinstance(value, (tuple, list)):
+        for k, item in enumerate(value, start=1):
+            yield from _numbers(item, f"{at}[{k}]")
+    elif isinstance(value, (int, float)) and np.isfinite(value):
+        yield at, float(value)

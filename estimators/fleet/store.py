@@ -1,0 +1,102 @@
+"""The store of a fleet: a folder for each recording, whose row is written last and in one piece.
+
+A row is there in full or not at all, and on the disk before it is told; so what is finished
+survives the end of any process.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
+
+import yaml
+
+from estimators.diagnosis.reading import verdict_in
+from estimators.diagnosis.verdict import VERDICT
+from limo_driver.errors import ConfigError
+from limo_driver.outputs import sync, whole
+
+if TYPE_CHECKING:
+    from estimators.fleet.row import FleetRow
+    from limo_driver.physics import Simulation
+
+ROW: Final = "row.json"
+DIAGNOSES: Final = "diagnoses"
+_SHOWN: Final = 24  # digits of a key: 96 bits
+
+
+@dataclass(frozen=True)
+class FleetStore:
+    """Rows in a folder, by key."""
+
+    folder: Path
+
+    def place(self, key: str) -> Path:
+        """Return the folder of a diagnosis."""
+        return self.folder / DIAGNOSES / key
+
+    def keep(self, key: str, seconds: float, error: str = "") -> None:
+        """Keep a row; its diagnosis is saved already, or there is an error instead.
+
+        Args:
+            key: Of the recording under this simulation.
+            seconds: That it took.
+            error: Why there is no verdict, in one line.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
+        place = self.place(key)
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+        except OSError as failure:
+            raise ConfigError(f"cannot be written to: {failure.strerror}", path=place) from None
+        with whole(place / ROW) as draft:
+            draft.write_text(json.dumps({"seconds": seconds, "error": error}), encoding="utf-8")
+        sync(place)
+
+    def finished(self, row: FleetRow) -> FleetRow | None:
+        """Return a row with how it ended; None while it has not, or where its files are damaged."""
+        place = self.place(row.key)
+        try:
+            kept: dict[str, Any] = json.loads((place / ROW).read_text(encoding="utf-8"))
+            done = replace(row, seconds=float(kept["seconds"]), error=str(kept["error"]))
+            if done.error:
+                return done
+            return replace(done, verdict=verdict_in(place), folder=place)
+        except (OSError, ValueError, KeyError, TypeError):  # ConfigError is a ValueError
+            return None
+
+
+def key_of(recording: Path, simulation: str) -> str:
+    """Return the key of a recording: it changes with its bytes, the simulation and limo's version.
+
+    Args:
+        recording: File to read.
+        simulation: Digest of the simulation and how it is used.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    digest = sha256(simulation.encode())
+    with recording.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()[:_SHOWN]
+
+
+def digest_of(simulation: Simulation, bandwidth: float) -> str:
+    """Return the digest of a simulation, wherever its files lie, its use, and limo's version."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "sim.yaml"
+        simulation.save(path)
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    del content["robot"]  # a path, which may have moved; what the file says is in the text below
+    model = simulation.model
+    parts = [content, model.name, model.description.text, bandwidth, version("limo"), VERDICT]
+    return sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()

@@ -1,0 +1,161 @@
+"""Processes that diagnose the recordings of a fleet side by side."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import connection, get_context, parent_process
+from threading import Thread
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Final
+
+from limo_driver.errors import ConfigError, LimoError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from multiprocessing.connection import Connection
+    from multiprocessing.context import SpawnProcess
+
+    from estimators.fleet.row import FleetRow
+    from estimators.fleet.store import FleetStore
+    from limo_driver.physics import Simulation
+
+_TRIES: Final = 2  # of a recording whose worker dies
+
+
+@dataclass(frozen=True)
+class FleetJob:
+    """What all diagnoses of a fleet share."""
+
+    simulation: Simulation
+    store: FleetStore
+    bandwidth: float  # [Hz]
+
+
+def run_fleet(
+    job: FleetJob, rows: Iterable[FleetRow], workers: int
+) -> Iterator[tuple[FleetRow, str]]:
+    """Diagnose recordings in worker processes, and give each as it is finished.
+
+    A worker that dies, for want of memory for example, costs nothing but its present recording,
+    which is tried once more. When the caller stops listening, the workers are killed at once.
+
+    Args:
+        job: What all share.
+        rows: Whose recordings are read, in this order.
+        workers: How many run side by side.
+
+    Returns:
+        Rows, and an error of those that the store does not have: their worker died.
+
+    Raises:
+        ConfigError: A worker cannot write.
+    """
+    waiting = deque((row, 1) for row in rows)
+    busy: dict[Connection[Any, Any], _FleetWorker] = {}
+    try:
+        while waiting or busy:
+            while waiting and len(busy) < workers:
+                worker = _FleetWorker(job)
+                worker.start(*waiting.popleft())
+                busy[worker.connection] = worker
+            for ready in connection.wait(list(busy)):
+                worker = busy[ready]  # type: ignore[index]  # only connections were waited for
+                try:
+                    halted = worker.connection.recv()
+                except (EOFError, OSError):
+                    del busy[worker.connection]
+                    status = worker.stop()
+                    if worker.tries < _TRIES:
+                        waiting.appendleft((worker.row, worker.tries + 1))
+                    else:
+                        yield worker.row, f"its process ended with status {status}, twice"
+                    continue
+                if halted:
+                    raise ConfigError(halted)
+                yield worker.row, ""
+                if waiting:
+                    worker.start(*waiting.popleft())
+                else:
+                    busy.pop(worker.connection).stop()
+    finally:
+        for worker in busy.values():
+            worker.stop()
+
+
+class _FleetWorker:
+    """One process and the recording that it diagnoses."""
+
+    row: FleetRow
+    tries: int
+
+    def __init__(self, job: FleetJob) -> None:
+        context = get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process: SpawnProcess = context.Process(target=_work, args=(theirs, job), daemon=True)
+        self.process.start()
+        theirs.close()  # so that the end of the process is the end of the pipe
+
+    def start(self, row: FleetRow, tries: int) -> None:
+        self.row, self.tries = row, tries
+        with suppress(BrokenPipeError):  # it has died, which the next receipt tells
+            self.connection.send(row)
+
+    def stop(self) -> int | None:
+        self.process.kill()
+        self.process.join()
+        self.connection.close()
+        return self.process.exitcode
+
+
+def _work(main: Connection[Any, Any], job: FleetJob) -> None:
+    """Diagnose what comes through the pipe until its other end is closed; tell why, if halted."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which ends this
+    Thread(target=_end_with_parent, daemon=True).start()
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1), suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        while True:
+            row = main.recv()
+            try:
+                diagnose_row(job, row)
+            except LimoError as error:
+                main.send(str(error))
+            else:
+                main.send("")
+
+
+def diagnose_row(job: FleetJob, row: FleetRow) -> None:
+    """Diagnose one recording of a fleet, and keep its row.
+
+    Args:
+        job: What all share.
+        row: Whose recording is read.
+
+    Raises:
+        ConfigError: It cannot be written.
+    """
+    from limo_driver.workflow.diagnosing import diagnose
+    from limo_driver.workflow.reading import read
+
+    start = perf_counter()
+    try:
+        recording = read(row.recording, job.simulation.model)
+        found = diagnose(job.simulation, recording, bandwidth=job.bandwidth)
+    except LimoError as error:
+        line = " ".join(str(error).split()).removeprefix(f"{row.recording}: ")
+        job.store.keep(row.key, perf_counter() - start, line)
+        return
+    found.save(job.store.place(row.key))
+    job.store.keep(row.key, perf_counter() - start)
+
+
+def _end_with_parent() -> None:
+    """End this process when the main one is gone, even in the midst of a diagnosis."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

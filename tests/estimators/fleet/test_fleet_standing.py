@@ -1,0 +1,74 @@
+"""Odd arms and drifts are found in rows that have them, and in no others."""
+
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.verdict import Fit, RowCount, Unexplained, Verdict
+from estimators.fleet import FleetDiagnosis, FleetRow
+from estimators.fleet.page import fleet_page
+from estimators.fleet.row import arm_of, date_of
+
+START = datetime(2026, 3, 1)
+
+
+def row(arm: str, day: int, error: tuple[float, ...]) -> FleetRow:
+    fit = Fit(error, error, (0.01,) * len(error), 0.0, (0.0, 0.0))
+    verdict = Verdict("consistent", (), Unexplained(), (), None, fit, RowCount(1, {}))
+    path = Path(arm) / f"{day}.parquet"
+    return FleetRow(path, f"{arm}{day}", arm, START + timedelta(days=day), verdict=verdict)
+
+
+def fleet(seed: int, odd: float = 1.0, growth: float = 0.0) -> FleetDiagnosis:
+    """Return eight arms of ten days; the third may be odd, and the fifth may drift, at joint 2."""
+    random = np.random.default_rng(seed)
+    units = 0.1 * np.exp(0.15 * random.standard_normal((8, 2)))
+    rows: list[FleetRow] = []
+    for k, unit in enumerate(units):
+        for day in range(10):
+            error = unit * np.exp(0.05 * random.standard_normal(2))
+            error[1] *= (odd if k == 2 else 1.0) * (1 + (growth * day / 9 if k == 4 else 0.0))
+            rows.append(row(f"arm{k}", day, tuple(error)))
+    return FleetDiagnosis("two_links", tuple(rows))
+
+
+def test_of_forty_fleets_of_arms_that_are_alike_hardly_one_has_a_false_alarm():
+    fleets = [fleet(seed) for seed in range(40)]
+    assert sum(bool(item.odd) for item in fleets) <= 1
+    assert sum(bool(item.drifting) for item in fleets) <= 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_odd_arm_and_the_drifting_one_are_named_and_no_other(seed):
+    found = fleet(seed, odd=5.0, growth=1.0)
+    assert found.odd == ("arm2",)
+    assert found.drifting == ("arm4",)
+    (drift,) = found.drifts
+    assert drift.series.name == "error of joint 2"
+    assert drift.interval[0] < 1.0 < drift.interval[1]
+
+
+def test_few_arms_or_dates_say_nothing():
+    rows = [row(f"arm{k}", d, (0.1 * 10**k,)) for k in range(3) for d in range(5)]
+    found = FleetDiagnosis("one", tuple(rows))
+    assert found.standings == ()
+    assert found.drifts == ()
+
+
+def test_the_page_names_them_and_escapes_paths(tmp_path):
+    found = fleet(0, odd=5.0, growth=1.0)
+    bad = FleetRow(Path("<b>.parquet"), "", "arm0", None, error="cannot be read: no such file")
+    html = fleet_page(FleetDiagnosis("two", (*found.rows, bad)), tmp_path).html()
+    assert "odd: arm2, error of joint 2" in html
+    assert "drifting: arm4, error of joint 2" in html
+    assert "&lt;b&gt;.parquet" in html
+
+
+def test_arm_and_date_come_from_the_path():
+    assert arm_of(Path("fleet/arm3/run.parquet")) == "arm3"
+    assert date_of(Path("arm3/2026-03-01.parquet")) == datetime(2026, 3, 1)
+    assert date_of(Path("2025-01-01/20260301_1415.parquet")) == datetime(2026, 3, 1, 14, 15)
+    assert date_of(Path("arm3/2026-13-41.parquet")) is None
+    assert date_of(Path("arm3/serial_820260301.parquet")) is None
