@@ -35,12 +35,14 @@ PUBLIC = (
     "estimators.hybrid",
     "estimators.diagnosis",
     "estimators.drives",
+    "estimators.fleet",
     "estimators.service",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
 # What runs for longer than a moment, needs the network, or a model that was trained before.
 LONG = (
     "diagnose",
+    "diagnose_fleet",
     "identify",
     "nominal",
     "train",
