@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fit import DAMPING, errors, fit_joint, with_values
+from estimators.drives.fit import DAMPING, errors, fit_joint, left_out, with_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -50,6 +51,8 @@ def grown(
     row: FloatArray,
     names: tuple[str, ...],
     priors: Mapping[str, BelievedValue],
+    *,
+    intervals: bool,
 ) -> tuple[JointFit, tuple[str, ...]]:
     """Fit a joint with the effects that its motion supports.
 
@@ -58,6 +61,7 @@ def grown(
         row: Constants to start from.
         names: Of those that are fitted in any case.
         priors: What is believed of some of them.
+        intervals: Whether deviations are taken from motion that is left out.
 
     Returns:
         The fit to all stretches, and the effects that it has beyond the usual ones.
@@ -93,7 +97,8 @@ def grown(
         extra, best = tried[at]
         score, names = scores[at], best.names
         found.append(extra.effect)
-    return _best(parts, best.row, best.names, priors), tuple(found)
+    final = _best(parts, best.row, best.names, priors)
+    return left_out(final, parts, priors) if intervals else final, tuple(found)
 
 
 def every_joint(
@@ -101,10 +106,14 @@ def every_joint(
     rows: FloatArray,
     names: tuple[str, ...],
     priors: Sequence[Mapping[str, BelievedValue]],
+    *,
+    intervals: bool,
 ) -> list[tuple[JointFit, tuple[str, ...]]]:
     """Fit several joints side by side; the compiled loops let each other run."""
     with ThreadPoolExecutor() as pool:
-        return list(pool.map(grown, parts, rows, [names] * len(parts), priors))
+        return list(
+            pool.map(partial(grown, intervals=intervals), parts, rows, [names] * len(parts), priors)
+        )
 
 
 def apart(

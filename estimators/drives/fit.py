@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import t as student_t
 
 from estimators.drives.columns import NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from estimators.drives.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
@@ -24,8 +27,14 @@ _SIGNED: Final = ("offset", "zero")
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
 _STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
 _EVALUATIONS: Final = 25
-_LEAST: Final = 1e-6  # in the unit of each: the logarithm of nothing is needed
+_LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
 _CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
+_BLOCKS: Final = 8  # of motion at most, each left out once
+_FEW: Final = 3  # stretches, below which blocks are of time
+_LEFT_OUT: Final = 3  # evaluations, of a fit that begins at the best of all motion
+
+
+_NORMAL: Final = 1.96  # deviations that hold 95 %
 
 
 @dataclass(frozen=True)
@@ -51,7 +60,7 @@ class JointFit:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a value."""
-        value, reach = self.value(name), 1.96 * self.deviation[name]
+        value, reach = self.value(name), _NORMAL * self.deviation[name]
         if name in _SIGNED:
             return value - reach, value + reach
         return value * float(np.exp(-reach)), value * float(np.exp(reach))
@@ -87,6 +96,7 @@ def fit_joint(
     names: Sequence[str] = BASE,
     priors: Mapping[str, BelievedValue] | None = None,
     evaluations: int = _EVALUATIONS,
+    kept: NDArray[np.bool_] | None = None,
 ) -> JointFit:
     """Fit some constants of a joint to its recorded motion.
 
@@ -99,19 +109,21 @@ def fit_joint(
         names: Of the constants to be fitted.
         priors: What is believed of some of them.
         evaluations: Of the whole motion, at most, but for those that slopes take.
+        kept: Rows of all stretches, in a row, whose errors count; all if not given.
 
     Returns:
         The constants, with deviations from the curvature at the best, for as many independent
         errors as their correlation leaves.
     """
     known = {name: prior for name, prior in (priors or {}).items() if name in names}
-    held = sum(part.time.size for part in parts)
+    rows = slice(None) if kept is None else kept
+    held = sum(part.time.size for part in parts) if kept is None else int(kept.sum())
 
     def of(x: FloatArray) -> FloatArray:
         return with_values(
             row,
             {
-                name: float(value if name in _SIGNED else np.exp(value))
+                name: float(value if name in _SIGNED else np.clip(np.exp(value), _LEAST, _MOST))
                 for name, value in zip(names, x, strict=True)
             },
         )
@@ -121,7 +133,7 @@ def fit_joint(
             weight * (x[names.index(name)] - _inner(name, prior.value)) / prior.deviation
             for name, prior in known.items()
         ]
-        return np.append(errors(parts, of(x)), believed)
+        return np.append(errors(parts, of(x))[rows], believed)
 
     def slopes(x: FloatArray, weight: float) -> FloatArray:
         here = objective(x, weight)
@@ -129,7 +141,7 @@ def fit_joint(
         return np.stack(moved, axis=1) / _STEP
 
     start = np.array([_inner(name, value_in(row, name)) for name in names])
-    weight = _ROBUST * np.sqrt(held / max(_independent_of(parts), 1.0))
+    weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
     names = tuple(names)
     found = least_squares(
         objective,
@@ -142,7 +154,7 @@ def fit_joint(
         args=(weight,),
     )
     best = of(found.x)
-    error = errors(parts, best)
+    error = errors(parts, best)[rows]
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
     scale = float(spread) * np.sqrt(error.size / independent(error))
     normal = found.jac[:held].T @ found.jac[:held]
@@ -152,6 +164,42 @@ def fit_joint(
     covariance = np.linalg.pinv(normal, hermitian=True) * scale**2
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return JointFit(best, names, dict(zip(names, deviation.tolist(), strict=True)), error)
+
+
+def left_out(
+    fit: JointFit, parts: Sequence[LoadedJoint], priors: Mapping[str, BelievedValue] | None = None
+) -> JointFit:
+    """Return a fit whose deviations are those between fits that each leave a block of motion out.
+
+    Curvature at the best says how sure values are if the constants explain all of the motion. Where
+    they do not, values differ from motion to motion by more: the delete-a-group jackknife shows by
+    how much. The larger of both is kept.
+
+    Args:
+        fit: Of all motion.
+        parts: The stretches that it was fitted to.
+        priors: What was believed of some of them.
+    """
+    block = _blocks([part.time.size for part in parts])
+    many = int(block.max()) + 1
+    values = np.empty((many, len(fit.names)))
+    for number in range(many):
+        other = fit_joint(parts, fit.row, fit.names, priors, _LEFT_OUT, block != number)
+        values[number] = [_inner(name, other.value(name)) for name in fit.names]
+    few = float(student_t.ppf(0.975, many - 1)) / _NORMAL  # few blocks are less sure of a spread
+    between = (few * np.sqrt((many - 1) * values.var(axis=0))).tolist()
+    deviation = {
+        name: max(fit.deviation[name], own) for name, own in zip(fit.names, between, strict=True)
+    }
+    return replace(fit, deviation=deviation)
+
+
+def _blocks(sizes: Sequence[int]) -> NDArray[np.int64]:
+    """Return the block of each row, (T,): whole stretches, as what is amiss goes with a motion."""
+    if len(sizes) < _FEW:
+        rows = sum(sizes)
+        return np.arange(rows) * _BLOCKS // rows
+    return np.repeat(np.arange(len(sizes)) % _BLOCKS, sizes)
 
 
 def _robust(held: int, squares: FloatArray) -> FloatArray:

@@ -41,6 +41,8 @@ _LOADED: Final = 0.05  # of the largest load of the arm, from which on gravity g
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
 _TYPICAL: Final = {"kp": 15.0, DAMPING: 1.0, COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
+_USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0}  # deviations of their logarithms
+_QUICK: Final = ("delay", "inertia")  # what acts within a sample of slow recordings
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _FITTED: Final = (
     Armature,
@@ -108,18 +110,22 @@ class DriveIdentification(Displayed):
         return tuple(
             (joint, name)
             for joint, fit in enumerate(self.fits, start=1)
-            for name in ("delay", "inertia")
-            if fit.deviation.get(name, 0.0) > SURE or fit.deviation.get(name) == 0.0
+            for name in _QUICK
+            if not 0.0 < fit.deviation.get(name, 0.0) <= SURE
         )
 
 
-def identify_drives(simulation: Simulation, recordings: Sequence[Recording]) -> DriveIdentification:
+def identify_drives(
+    simulation: Simulation, recordings: Sequence[Recording], *, intervals: bool = True
+) -> DriveIdentification:
     """Identify drives and friction.
 
     Args:
         simulation: The rigid body, and what is believed of the drives; a joint without one gets a
             position servo.
         recordings: With commands, of that robot.
+        intervals: Whether fits that leave motion out tell how sure values are; a third of the time.
+            Without, deviations are those of a model that explains all of the motion.
 
     Returns:
         A simulation that can be run forward, and how sure its values are.
@@ -143,18 +149,34 @@ def identify_drives(simulation: Simulation, recordings: Sequence[Recording]) -> 
             typical = float(np.exp(np.mean(np.log(kp))))
             for j in joints:
                 rows[j] = _rescaled(rows[j], typical)
-        priors = [
-            {"offset": BelievedValue(0.0, _OFFSET * float(load[j]))} if scaled[j] else {}
-            for j in joints
-        ]
+        priors = [_believed(rows[j], float(load[j]) if scaled[j] else None) for j in joints]
         names = BASE if joints == first else BASE[1:]  # all but the gain
-        done = every_joint([parts[j] for j in joints], rows[joints], names, priors)
+        own = [parts[j] for j in joints]
+        done = every_joint(own, rows[joints], names, priors, intervals=intervals)
         found |= dict(zip(joints, done, strict=True))
     fits = tuple(found[j][0] for j in range(n))
     extras = tuple(found[j][1] for j in range(n))
     return DriveIdentification(
         with_rows(given, [fit.row for fit in fits]), fits, extras, tuple(scaled.tolist())
     )
+
+
+def _believed(row: FloatArray, load: float | None) -> dict[str, BelievedValue]:
+    """Return what is believed of a joint before any data.
+
+    Slow motion shows neither delay nor inertia nor, under much friction, damping: without a belief
+    they would run to nothing or to anything, and fast motion would be predicted by these.
+
+    Args:
+        row: The constants that the fit starts from.
+        load: Largest torque of gravity on it [N m], where that gives the scale.
+    """
+    believed = {
+        name: BelievedValue(value_in(row, name), deviation) for name, deviation in _USUAL.items()
+    }
+    if load is not None:
+        believed["offset"] = BelievedValue(0.0, _OFFSET * load)
+    return believed
 
 
 def _weight(body: RobotModel, recordings: Sequence[Recording]) -> FloatArray:

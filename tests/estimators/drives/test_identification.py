@@ -10,7 +10,10 @@ from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated,
 
 from estimators.drives import diagnose_drives, free_run, identify_drives
 from estimators.drives.conventions import conventions_of
-from estimators.drives.fit import independent
+from estimators.drives.diagnosis import removes, split
+from estimators.drives.fit import fit_joint, independent, left_out
+from estimators.drives.one_joint import loaded_joints
+from estimators.drives.plant import rows_of
 from limo_driver.physics import GravityDirection, Simulation
 
 RATE = 100.0
@@ -127,3 +130,44 @@ def test_correlated_errors_count_less():
 
     assert independent(white) > 2000
     assert independent(np.repeat(white[:40], 100)) < 200
+
+
+def test_a_gain_that_differs_from_motion_to_motion_is_less_sure(found, recordings):
+    body, row = found.simulation.body, rows_of(found.simulation)[0]
+    one = recordings[0]
+    weaker = recorded(one.time, one.command + 0.25 * (one.position - one.command), one.position)
+    same, mixed = (
+        fit_joint(parts, row, ("kp", "coulomb"))
+        for parts in (
+            loaded_joints(body, [one] * 4)[0],
+            loaded_joints(body, [one, weaker, one, weaker])[0],
+        )
+    )
+    parts = loaded_joints(body, [one, weaker, one, weaker])[0]
+
+    told = left_out(mixed, parts)
+
+    assert told.deviation["kp"] > 3 * mixed.deviation["kp"]
+    low, high = told.interval("kp")
+    assert low < fit_joint(parts[:1], row, ("kp", "coulomb")).value("kp") < high
+    of_same = left_out(same, loaded_joints(body, [one] * 4)[0])
+    assert of_same.deviation["kp"] < told.deviation["kp"] / 3
+
+
+def test_the_fastest_motion_is_fitted_to(recordings):
+    fast, slow = recordings
+
+    assert split([slow, fast]) == ([fast], [slow])
+    assert split([fast, slow]) == ([fast], [slow])
+
+
+def test_confidence_is_how_often_a_finding_removes_a_tenth():
+    rng = np.random.default_rng(0)
+    without = rng.normal(size=4000) ** 2
+    once = without.copy()
+    once[:200] *= 0.1  # one of the blocks
+
+    assert removes(0.5 * without, without) == 0.99
+    assert removes(0.95 * without, without) == 0.0
+    assert removes(without, without) == 0.0
+    assert removes(once, without) < 0.3
