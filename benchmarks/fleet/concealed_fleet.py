@@ -1,6 +1,6 @@
 """Whether odd and drifting arms of a concealed fleet are found, and how workers share the work.
 
-    python benchmarks/fleet/concealed_fleet.py [--arms 6] [--dates 6] [--seconds 20]
+    python benchmarks/fleet/concealed_fleet.py [--arms 6] [--dates 9] [--seconds 20]
 
 The arms are the concealed plant, which shares no code with limo; each unit has its own friction.
 One has twice the dry friction of the others at joint 2; at another, viscous friction of joint 4
@@ -68,7 +68,7 @@ def main() -> None:
     """Make, diagnose with one worker and with two, and print the figures beside the bars."""
     given = argparse.ArgumentParser(description=__doc__)
     given.add_argument("--arms", type=int, default=6)
-    given.add_argument("--dates", type=int, default=6)
+    given.add_argument("--dates", type=int, default=9)
     given.add_argument("--seconds", type=float, default=20.0)
     asked = given.parse_args()
     with tempfile.TemporaryDirectory() as name:

@@ -25,6 +25,7 @@ _TIED: Final = {COULOMB: ("plus", "minus"), DAMPING: ("viscous_plus", "viscous_m
 BASE: Final = ("kp", DAMPING, COULOMB, "delay", "inertia", "offset")
 _SIGNED: Final = ("offset", "zero")
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
+_COARSE: Final = 3.0  # typical errors, from which on they do at first
 _STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
 _EVALUATIONS: Final = 25
 _LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
@@ -143,16 +144,21 @@ def fit_joint(
     start = np.array([_inner(name, value_in(row, name)) for name in names])
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
     names = tuple(names)
-    found = least_squares(
-        objective,
-        start,
-        slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
-        loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
-        f_scale=_ROBUST,
-        x_scale=np.where([name in _SIGNED for name in names], 0.1, 0.3),
-        max_nfev=evaluations,
-        args=(weight,),
-    )
+    # Far from the best nearly all errors are large, and counted in proportion they lead astray.
+    typical = float(np.median(np.abs(errors(parts, row)[rows])))
+    coarse = max(_COARSE * typical, _ROBUST)
+    for scale in dict.fromkeys((coarse, max(np.sqrt(coarse * _ROBUST), _ROBUST), _ROBUST)):
+        found = least_squares(
+            objective,
+            start,
+            slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
+            loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
+            f_scale=scale,
+            x_scale=np.where([name in _SIGNED for name in names], 0.1, 0.3),
+            max_nfev=evaluations,
+            args=(weight,),
+        )
+        start = found.x
     best = of(found.x)
     error = errors(parts, best)[rows]
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))

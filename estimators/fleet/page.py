@@ -12,6 +12,7 @@ from estimators.diagnosis.headline import headline
 from estimators.diagnosis.verdict import REPORT
 from estimators.fleet.result import changed
 from estimators.fleet.settings import FLEET
+from estimators.fleet.standing import dates_needed
 from estimators.fleet.table import place_in_short
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.markup import UNSAID, folded, number, paragraph, section, table
@@ -94,6 +95,13 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
 def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
     if not any(np.isfinite(item.days).any() for item in fleet.series):
         return paragraph("No recording has a date in its path, such as 2026-03-01.")
+    dates = max(
+        np.isfinite(item.of(arm).days).sum() for item in fleet.series for arm in item.names()
+    )
+    if (needed := dates_needed(fleet.series)) > dates:
+        return paragraph(
+            f"No drift can show in this fleet before an arm has {needed} dates; one has {dates}."
+        )
     if not fleet.drifts:
         return paragraph("Nothing changes over dates beyond chance.")
     heads = ("arm", "quantity", "change over the dates (95 %)", "p")

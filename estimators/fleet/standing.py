@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -77,6 +78,19 @@ def drifts_of(series: Sequence[Series]) -> tuple[FleetDrift, ...]:
         if item.p < FLEET.false_alarms / len(tested) and _matters(item.change, item.series)
     ]
     return tuple(sorted(sure, key=lambda item: item.p))
+
+
+def dates_needed(series: Sequence[Series]) -> int:
+    """Return how many dates of an arm it takes until any drift can show.
+
+    Values that only ever rise have a p of 2/N! by Kendall's test, the least of N dates, and the
+    threshold allows for each arm in each series.
+    """
+    tested = sum(len(item.names()) for item in series)
+    needed = FLEET.dates
+    while 2.0 / factorial(needed) >= FLEET.false_alarms / max(tested, 1):
+        needed += 1
+    return needed
 
 
 def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tuple[ArmStanding, ...]:

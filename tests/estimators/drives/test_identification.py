@@ -11,7 +11,8 @@ from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated,
 from estimators.drives import diagnose_drives, free_run, identify_drives
 from estimators.drives.conventions import conventions_of
 from estimators.drives.diagnosis import removes, split
-from estimators.drives.fit import fit_joint, independent, left_out
+from estimators.drives.fit import errors, fit_joint, independent, left_out, with_values
+from estimators.drives.identification import with_servos
 from estimators.drives.one_joint import loaded_joints
 from estimators.drives.plant import rows_of
 from limo_driver.physics import GravityDirection, Simulation
@@ -54,6 +55,19 @@ def test_gains_and_friction_are_found_in_newton_metres(found):
         assert fit.value("coulomb") == pytest.approx(FRICTION, rel=0.2)
         assert fit.value("damping") == pytest.approx(KD[joint] + DAMPING, rel=0.2)
     assert found.scaled == (True, True)
+
+
+def test_a_start_whose_errors_are_all_large_leads_to_the_same_constants(bare, recordings):
+    """Fast motion: with a lag four times its own, errors are many times what counts as one."""
+    (part,) = loaded_joints(bare.body, recordings[:1])[0]
+    far = {"kp": KP[0] / 3, "damping": 2.0 * KD[0], "inertia": 3.0 * ARMATURE}
+    row = with_values(rows_of(with_servos(bare))[0], far)
+    assert np.median(np.abs(errors([part], row))) > 0.03
+
+    fit = fit_joint([part], row, ("kp", "damping", "coulomb", "inertia", "offset"))
+
+    assert fit.value("kp") == pytest.approx(KP[0], rel=0.1)
+    assert fit.value("damping") == pytest.approx(KD[0] + DAMPING, rel=0.2)
 
 
 def test_other_motion_is_predicted_from_commands(found, recordings):

@@ -57,6 +57,15 @@ def test_few_arms_or_dates_say_nothing():
     assert found.drifts == ()
 
 
+def test_the_page_says_how_many_dates_it_takes(tmp_path):
+    rows = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(7)]
+    found = FleetDiagnosis("seven", tuple(rows))
+    assert found.drifts == ()
+    assert "before an arm has 8 dates; one has 7" in fleet_page(found, tmp_path).html()
+    more = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(8)]
+    assert FleetDiagnosis("seven", tuple(more)).drifting
+
+
 def test_the_page_names_them_and_escapes_paths(tmp_path):
     found = fleet(0, odd=5.0, growth=1.0)
     bad = FleetRow(Path("<b>.parquet"), "", "arm0", None, error="cannot be read: no such file")
