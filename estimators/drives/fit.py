@@ -26,6 +26,7 @@ BASE: Final = ("kp", DAMPING, COULOMB, "delay", "inertia", "offset")
 _SIGNED: Final = ("offset", "zero")
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
 _COARSE: Final = 3.0  # typical errors, from which on they do at first
+_FINER: Final = 7.0  # times smaller in the next fit
 _STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
 _EVALUATIONS: Final = 25
 _LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
@@ -109,7 +110,7 @@ def fit_joint(
         row: All constants; those fitted start from here.
         names: Of the constants to be fitted.
         priors: What is believed of some of them.
-        evaluations: Of the whole motion, at most, but for those that slopes take.
+        evaluations: Of the whole motion at each size of errors, at most, but for those of slopes.
         kept: Rows of all stretches, in a row, whose errors count; all if not given.
 
     Returns:
@@ -146,19 +147,21 @@ def fit_joint(
     names = tuple(names)
     # Far from the best nearly all errors are large, and counted in proportion they lead astray.
     typical = float(np.median(np.abs(errors(parts, row)[rows])))
-    coarse = max(_COARSE * typical, _ROBUST)
-    for scale in dict.fromkeys((coarse, max(np.sqrt(coarse * _ROBUST), _ROBUST), _ROBUST)):
+    large = max(_COARSE * typical, _ROBUST)
+    while True:
         found = least_squares(
             objective,
             start,
             slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
             loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
-            f_scale=scale,
+            f_scale=large,
             x_scale=np.where([name in _SIGNED for name in names], 0.1, 0.3),
             max_nfev=evaluations,
             args=(weight,),
         )
-        start = found.x
+        if large == _ROBUST:
+            break
+        start, large = found.x, max(large / _FINER, _ROBUST)
     best = of(found.x)
     error = errors(parts, best)[rows]
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))

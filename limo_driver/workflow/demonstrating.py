@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 from limo_driver.outputs import require_folder
 from limo_driver.physics import (
@@ -98,7 +98,7 @@ def demonstrate(progress: Callable[[str, float], None] | None = None) -> Demonst
         recording,
         progress=lambda stage, part: tell(stage, _RECORDED + (1.0 - _RECORDED) * part),
     )
-    return Demonstration(BELIEVED, true, recording, found)
+    return Demonstration(BELIEVED, true, recording, cast("Diagnosis", found))  # it tells torques
 
 
 _PLANNED, _RECORDED = 0.05, 0.25  # of the work
