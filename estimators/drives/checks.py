@@ -97,7 +97,8 @@ def _shift(recording: Recording, j: int) -> float:
         _correlation(ahead, smooth[1][reach + k : smooth[1].size - reach + k])
         for k in range(-reach, reach + 1)
     ]
-    return (int(np.argmax(scores)) - reach) / recording.rate
+    best = int(np.argmax(scores))
+    return (best - reach) / recording.rate if scores[best] > _UNLIKE else 0.0  # else none shows
 
 
 def _odd(recording: Recording) -> Iterator[str]:

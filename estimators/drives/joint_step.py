@@ -142,7 +142,7 @@ def next_velocity(
         torque = math.copysign(row[TORQUE_LIMIT], torque)
         after, mean = _moved(row, velocity, load, heavy, passive + torque, soft)
     if abs(torque + row[FADING] * mean) > row[STALL]:
-        torque = math.copysign(row[STALL], torque)
+        torque = math.copysign(row[STALL], torque + row[FADING] * mean)
         after, mean = _moved(row, velocity, load, heavy, passive + torque, soft + row[FADING])
     return after, mean
 

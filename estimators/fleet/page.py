@@ -12,7 +12,7 @@ from estimators.diagnosis.headline import headline
 from estimators.diagnosis.verdict import REPORT
 from estimators.fleet.result import changed
 from estimators.fleet.settings import FLEET
-from estimators.fleet.standing import dates_needed
+from estimators.fleet.standing import dates_needed, dates_of
 from estimators.fleet.table import place_in_short
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.markup import UNSAID, folded, number, paragraph, section, table
@@ -95,10 +95,8 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
 def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
     if not any(np.isfinite(item.days).any() for item in fleet.series):
         return paragraph("No recording has a date in its path, such as 2026-03-01.")
-    dates = max(
-        np.isfinite(item.of(arm).days).sum() for item in fleet.series for arm in item.names()
-    )
-    if (needed := dates_needed(fleet.series)) > dates:
+    dates = max(dates_of(item.of(arm)) for item in fleet.series for arm in item.names())
+    if not fleet.drifts and (needed := dates_needed(fleet.series)) > dates:
         return paragraph(
             f"No drift can show in this fleet before an arm has {needed} dates; one has {dates}."
         )
@@ -117,7 +115,7 @@ def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
 
 def _over_days(item: FleetDrift) -> Figure:
     series = item.series
-    order = np.argsort(series.days)
+    order = np.argsort(series.days)[: np.isfinite(series.days).sum()]  # what has no date is last
     dots = {
         "type": "scatter",
         "mode": "lines+markers",

@@ -80,6 +80,11 @@ def drifts_of(series: Sequence[Series]) -> tuple[FleetDrift, ...]:
     return tuple(sorted(sure, key=lambda item: item.p))
 
 
+def dates_of(own: Series) -> int:
+    """Return how many different days the recordings of one arm have."""
+    return np.unique(own.days[np.isfinite(own.days)]).size
+
+
 def dates_needed(series: Sequence[Series]) -> int:
     """Return how many dates of an arm it takes until any drift can show.
 

@@ -62,7 +62,9 @@ def command(
     web: Annotated[
         bool, typer.Option("--web", help="Serve a page to this machine: the arm, torques, events.")
     ] = False,
-    port: Annotated[int, typer.Option(help="With --web: of the page; 0 for any.")] = 8642,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="With --web: of the page; 0 for any.")
+    ] = 8642,
     robot: Annotated[
         str, typer.Option(help="With --web: the robot that is drawn, built in, URDF or MJCF.")
     ] = "iiwa14",

@@ -7,6 +7,7 @@ Dry friction there is an effort that resists at rest (`friction`) and in motion
 from __future__ import annotations
 
 import ast
+import json
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def actuators(asset: str, names: Sequence[str], joints: Sequence[JointDynamics])
     for table, (field, said) in _TABLES.items():
         lines += [f"{table} = {{  # {said}"]
         pairs = zip(names, joints, strict=True)
-        lines += [f'    "{name}": {getattr(joint, field):.10g},' for name, joint in pairs]
+        lines += [f"    {json.dumps(name)}: {getattr(joint, field):.10g}," for name, joint in pairs]
         lines += ["}"]
     lines += [
         "",

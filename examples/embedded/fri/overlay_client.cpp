@@ -25,6 +25,7 @@ public:
   void monitor() override {
     LBRClient::monitor();
     hear();
+    begun_ = false;  // commanding begins anew, wherever the arm then is
   }
 
   void command() override {
@@ -39,11 +40,15 @@ public:
       position_[j] = position[j];
       velocity_[j] = velocity[j];
     }
+    if (!begun_) {
+      limo_model_init(&ahead_);
+    }
     begun_ = true;
     ahead_time_ += period;
-    limo_model_step(&ahead_, ahead_time_, position, velocity, acceleration, &wanted_);
+    const bool known =
+        limo_model_step(&ahead_, ahead_time_, position, velocity, acceleration, &wanted_) == LIMO_OK;
     for (int j = 0; j < LIMO_JOINTS; ++j) {
-      torque[j] = contact() ? 0.0 : wanted_.friction[j];
+      torque[j] = known && !contact() ? wanted_.friction[j] : 0.0;
     }
     robotCommand().setJointPosition(position);
     if (robotState().getClientCommandMode() == KUKA::FRI::TORQUE) {

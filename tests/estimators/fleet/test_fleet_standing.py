@@ -1,5 +1,6 @@
 """Odd arms and drifts are found in rows that have them, and in no others."""
 
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -64,6 +65,14 @@ def test_the_page_says_how_many_dates_it_takes(tmp_path):
     assert "before an arm has 8 dates; one has 7" in fleet_page(found, tmp_path).html()
     more = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(8)]
     assert FleetDiagnosis("seven", tuple(more)).drifting
+
+
+def test_a_recording_without_a_date_does_not_hide_a_drift(tmp_path):
+    undated = replace(row("arm4", 0, (0.1, 0.1)), date=None)
+    few = [row(f"young{k}", 0, (0.1, 0.1)) for k in range(60)]
+    found = FleetDiagnosis("two", (*fleet(0, growth=1.0).rows, undated, *few))
+    assert found.drifting == ("arm4",)
+    assert "arm4: error of joint 2" in fleet_page(found, tmp_path).html()
 
 
 def test_the_page_names_them_and_escapes_paths(tmp_path):
