@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections import deque
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import connection, get_context, parent_process
+from multiprocessing import connection, get_context
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from estimators.reproduction.rigid_body import physics_digest
 from estimators.reproduction.trial import Trial, TrialStore
+from limo_driver.closing import end_with_parent
 from limo_driver.errors import LimoError
 
 if TYPE_CHECKING:
@@ -169,8 +168,7 @@ def _one_thread() -> Generator[None]:
 
 def _work(main: Connection[Any, Any], job: Job) -> None:
     """Run the trials that come through the pipe until its other end is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which ends this
-    Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     from estimators.reproduction.data import TableData
     from estimators.reproduction.trial_runner import TrialRunner
     from limo_driver.physics import Simulation
@@ -182,14 +180,6 @@ def _work(main: Connection[Any, Any], job: Job) -> None:
             main.send(_run(runner, store, main.recv(), main))
     except (EOFError, BrokenPipeError, ConnectionResetError):  # nobody listens any more
         sys.exit(0)
-
-
-def _end_with_parent() -> None:
-    """End this process when the main one is gone, even in the midst of an epoch."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _run(

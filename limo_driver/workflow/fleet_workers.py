@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import connection, get_context, parent_process
-from threading import Thread
+from multiprocessing import connection, get_context
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
 
+from limo_driver.closing import end_with_parent
 from limo_driver.errors import ConfigError, LimoError
 
 if TYPE_CHECKING:
@@ -113,8 +111,7 @@ class _FleetWorker:
 
 def _work(main: Connection[Any, Any], job: FleetJob) -> None:
     """Diagnose what comes through the pipe until its other end is closed; tell why, if halted."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which ends this
-    Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1), suppress(EOFError, BrokenPipeError, ConnectionResetError):
@@ -151,11 +148,3 @@ def diagnose_row(job: FleetJob, row: FleetRow) -> None:
         return
     found.save(job.store.place(row.key))
     job.store.keep(row.key, perf_counter() - start)
-
-
-def _end_with_parent() -> None:
-    """End this process when the main one is gone, even in the midst of a diagnosis."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
