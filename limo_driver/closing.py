@@ -1,13 +1,11 @@
-"""What ends in time: resources of a `with` block, also at Ctrl-C, and workers with their parent."""
+"""Resources that a `with` block closes, also where Ctrl-C comes while they are opened."""
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
-from multiprocessing import parent_process
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -33,22 +31,6 @@ class Closing(ABC):
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def end_with_parent() -> None:
-    """Have this worker process end when its parent is gone, even in the midst of its work.
-
-    Ctrl-C is left to the parent, which ends its workers.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_follow_parent, daemon=True).start()
-
-
-def _follow_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 @contextmanager

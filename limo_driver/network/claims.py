@@ -61,7 +61,8 @@ class Witness(Closing):
             return
         with query, self._lock:
             asked = str(query.key_expr)
-            wanted = asked.replace("/seen/", "/alive/", 1) + "/"
+            arm, _, part = asked.rpartition("/seen/")
+            wanted = f"{arm}/alive/{part}/"
             seen = [token for token in self._tokens if token.startswith(wanted)]
             query.reply(query.key_expr, json.dumps(seen).encode())
 

@@ -19,7 +19,7 @@ CLAIM = """
 import sys
 from limo_driver.errors import ConfigError
 from limo_driver.network.streaming import Presence
-with Presence(["arm"], sys.argv[1], config=sys.argv[2]) as presence:
+with Presence([sys.argv[3]], sys.argv[1], config=sys.argv[2]) as presence:
     try:
         presence.session()
     except ConfigError as error:
@@ -47,25 +47,32 @@ def star(tmp_path):
     )
 
 
-def claimed(part, config):
+def claimed(part, config, arm="arm"):
     return subprocess.Popen(
-        [sys.executable, "-c", CLAIM, part, str(config)],
+        [sys.executable, "-c", CLAIM, part, str(config), arm],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("centre", "part"), [("driver", "service"), ("service", "driver")])
-def test_a_second_one_in_a_star_is_refused_until_the_first_has_gone(star, centre, part):
+@pytest.mark.parametrize(
+    ("centre", "part", "arm"),
+    [
+        ("driver", "service", "arm"),
+        ("service", "driver", "arm"),
+        pytest.param("service", "driver", "seen", id="an arm called as a key"),
+    ],
+)
+def test_a_second_one_in_a_star_is_refused_until_the_first_has_gone(star, centre, part, arm):
     hub, *ends = star
-    with Presence(["arm"], centre, config=hub) as middle:
+    with Presence([arm], centre, config=hub) as middle:
         middle.session()
-        first = claimed(part, ends[0])
+        first = claimed(part, ends[0], arm)
         with first:
             assert first.stdout.readline() == "claimed\n"
-            with claimed(part, ends[1]) as second:
-                assert f"another {part} of an arm called 'arm'" in second.stdout.readline()
+            with claimed(part, ends[1], arm) as second:
+                assert f"another {part} of an arm called '{arm}'" in second.stdout.readline()
             first.communicate("\n")
-        with claimed(part, ends[1]) as again:
+        with claimed(part, ends[1], arm) as again:
             assert again.stdout.readline() == "claimed\n"
             again.communicate("\n")
 
