@@ -5,21 +5,20 @@ from __future__ import annotations
 import os
 import sys
 from collections import deque
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import connection, get_context
+from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from estimators.reproduction.rigid_body import physics_digest
 from estimators.reproduction.trial import Trial, TrialStore
-from limo_driver.closing import end_with_parent
 from limo_driver.errors import LimoError
+from limo_driver.worker_process import WorkerProcess, end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator
     from multiprocessing.connection import Connection
-    from multiprocessing.context import SpawnProcess
 
     from estimators.hybrid.training.fit import Epoch
 
@@ -117,26 +116,16 @@ def physical_cores() -> int:
         return os.cpu_count() or 1
 
 
-class _Worker:
-    """One process and the trial that it runs."""
+class _Worker(WorkerProcess[Trial]):
+    """One process and the trial that it runs, on one thread."""
 
     def __init__(self, job: Job) -> None:
-        context = get_context("spawn")
-        self.connection, theirs = context.Pipe()
-        self.process: SpawnProcess = context.Process(target=_work, args=(theirs, job), daemon=True)
-        self.trial: Trial
         with _one_thread():
-            self.process.start()
-        theirs.close()  # so that the end of the process is the end of the pipe
+            super().__init__(_work, job)
 
     @property
     def alive(self) -> bool:
         return not self.connection.closed
-
-    def start(self, trial: Trial) -> None:
-        self.trial = trial
-        with suppress(BrokenPipeError):  # it has died; `receive` will say so
-            self.connection.send(trial)
 
     def receive(self) -> Advanced | Finished | Failed:
         try:
@@ -144,12 +133,7 @@ class _Worker:
         except (EOFError, OSError):
             self.process.join()
             self.connection.close()
-            return Failed(self.trial, f"its process ended with status {self.process.exitcode}")
-
-    def stop(self) -> None:
-        self.process.kill()
-        self.process.join()
-        self.connection.close()
+            return Failed(self.task, f"its process ended with status {self.process.exitcode}")
 
 
 @contextmanager

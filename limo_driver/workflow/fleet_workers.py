@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import connection, get_context
+from multiprocessing import connection
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.closing import end_with_parent
 from limo_driver.errors import ConfigError, LimoError
+from limo_driver.worker_process import WorkerProcess, end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from multiprocessing.connection import Connection
-    from multiprocessing.context import SpawnProcess
 
     from estimators.fleet.row import FleetRow
     from estimators.fleet.store import FleetStore
@@ -53,60 +52,36 @@ def run_fleet(
         ConfigError: A worker cannot write.
     """
     waiting = deque((row, 1) for row in rows)
-    busy: dict[Connection[Any, Any], _FleetWorker] = {}
+    busy: dict[Connection[Any, Any], WorkerProcess[tuple[FleetRow, int]]] = {}
     try:
         while waiting or busy:
             while waiting and len(busy) < workers:
-                worker = _FleetWorker(job)
-                worker.start(*waiting.popleft())
+                worker = WorkerProcess[tuple["FleetRow", int]](_work, job)
+                worker.start(waiting.popleft())
                 busy[worker.connection] = worker
             for ready in connection.wait(list(busy)):
                 worker = busy[ready]  # type: ignore[index]  # only connections were waited for
+                row, tries = worker.task
                 try:
                     halted = worker.connection.recv()
                 except (EOFError, OSError):
                     del busy[worker.connection]
                     status = worker.stop()
-                    if worker.tries < _TRIES:
-                        waiting.appendleft((worker.row, worker.tries + 1))
+                    if tries < _TRIES:
+                        waiting.appendleft((row, tries + 1))
                     else:
-                        yield worker.row, f"its process ended with status {status}, twice"
+                        yield row, f"its process ended with status {status}, twice"
                     continue
                 if halted:
                     raise ConfigError(halted)
-                yield worker.row, ""
+                yield row, ""
                 if waiting:
-                    worker.start(*waiting.popleft())
+                    worker.start(waiting.popleft())
                 else:
                     busy.pop(worker.connection).stop()
     finally:
         for worker in busy.values():
             worker.stop()
-
-
-class _FleetWorker:
-    """One process and the recording that it diagnoses."""
-
-    row: FleetRow
-    tries: int
-
-    def __init__(self, job: FleetJob) -> None:
-        context = get_context("spawn")
-        self.connection, theirs = context.Pipe()
-        self.process: SpawnProcess = context.Process(target=_work, args=(theirs, job), daemon=True)
-        self.process.start()
-        theirs.close()  # so that the end of the process is the end of the pipe
-
-    def start(self, row: FleetRow, tries: int) -> None:
-        self.row, self.tries = row, tries
-        with suppress(BrokenPipeError):  # it has died, which the next receipt tells
-            self.connection.send(row)
-
-    def stop(self) -> int | None:
-        self.process.kill()
-        self.process.join()
-        self.connection.close()
-        return self.process.exitcode
 
 
 def _work(main: Connection[Any, Any], job: FleetJob) -> None:
@@ -116,7 +91,7 @@ def _work(main: Connection[Any, Any], job: FleetJob) -> None:
 
     with threadpool_limits(1), suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
-            row = main.recv()
+            row, _ = main.recv()
             try:
                 diagnose_row(job, row)
             except LimoError as error:
