@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from limo_driver.exports.xml_edits import as_attribute
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -63,11 +65,12 @@ def _write_rotor(text: XmlText, joint: str, inertia: float) -> None:
         else:
             text.set(stated, "value", f"{inertia / ratio**2:.10g}")
         return
+    name = as_attribute(joint)
     text.insert(
         text.root,
-        f'<transmission name="{joint}_transmission">'
+        f'<transmission name="{name}_transmission">'
         "<type>transmission_interface/SimpleTransmission</type>"
-        f'<joint name="{joint}"/><actuator name="{joint}_actuator">{written}'
+        f'<joint name="{name}"/><actuator name="{name}_actuator">{written}'
         f'<{_RATIO} value="1"/></actuator></transmission>',
     )
 

@@ -9,7 +9,7 @@ from limo_driver.descriptions.description import JointDynamics
 from limo_driver.errors import ConfigError
 from limo_driver.exports.drake import write_rotors
 from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
-from limo_driver.exports.xml_edits import Element, XmlText
+from limo_driver.exports.xml_edits import Element, XmlText, as_attribute
 
 if TYPE_CHECKING:
     from limo_driver.exports.target import Target
@@ -113,10 +113,10 @@ def _write_joint(
 
 
 def _write_payload(text: XmlText, payload: Payload, last: str, number: int) -> None:
-    name = "payload" if number == 1 else f"payload_{number}"
+    name, carrier = "payload" if number == 1 else f"payload_{number}", as_attribute(last)
     text.insert(
         text.root,
-        f'<joint name="{name}_mount" type="fixed"><parent link="{last}"/><child link="{name}"/>'
+        f'<joint name="{name}_mount" type="fixed"><parent link="{carrier}"/><child link="{name}"/>'
         "</joint>",
     )
     text.insert(text.root, f'<link name="{name}">{_inertial(payload.load)}</link>')

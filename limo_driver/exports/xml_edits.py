@@ -46,6 +46,11 @@ class Element:
             yield from child.walk()
 
 
+def as_attribute(value: str) -> str:
+    """Return a value as it stands between the quotes of an attribute."""
+    return escape(value, {'"': "&quot;"})
+
+
 class XmlText:
     """The text of an XML file, and edits to it.
 
@@ -77,7 +82,7 @@ class XmlText:
         """Set an attribute, which stays where it is if it is there."""
         if element.attributes.get(name) == value:
             return
-        new = escape(value, {'"': "&quot;"}).encode()
+        new = as_attribute(value).encode()
         spans = self._spans(element)
         if name in spans:
             _, start, stop = spans[name]

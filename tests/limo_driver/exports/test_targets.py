@@ -1,5 +1,6 @@
 """Exports for Drake and Isaac Lab: a URDF, and where each has the rest."""
 
+import ast
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -71,3 +72,27 @@ def test_isaac_lab_has_actuators_beside_the_urdf(arm, tmp_path, monkeypatch):
     np.testing.assert_allclose([said["ARM"].friction[name] for name in names], [0.7, 0.0])
     assert said["ARM"].dynamic_friction == said["ARM"].friction
     np.testing.assert_allclose([said["ARM"].viscous_friction[name] for name in names], [0.9, 0.4])
+
+
+@pytest.mark.parametrize("target", ["drake", "isaaclab", "urdf"])
+def test_names_of_any_characters_stay_what_they_are(arm, tmp_path, target):
+    urdf = tmp_path / "own" / "arm.urdf"
+    text = urdf.read_text()
+    for name in (arm.model.joint_names[0], arm.model.link_names[-1]):
+        text = text.replace(f'"{name}"', f'"{name} &amp; &lt;&quot;&gt;"')
+    urdf.write_text(text)
+    odd = Simulation(str(urdf), arm.effects)
+    assert odd.model.joint_names[0].endswith(' & <">')
+
+    found = limo.export(odd, target, tmp_path / "out")
+
+    assert found.share < 0.01
+    assert limo.RobotModel.load(tmp_path / "out" / "arm.urdf").joint_names == odd.model.joint_names
+    if target == "isaaclab":
+        assert odd.model.joint_names[0] in constants(tmp_path / "out" / "arm.py")
+
+
+def constants(path):
+    """Return the constants of a Python file."""
+    tree = ast.parse(path.read_text())
+    return [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
