@@ -23,10 +23,16 @@ if TYPE_CHECKING:
 
     from estimators.base import Estimate
     from estimators.residual_model import ResidualModel
+    from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
 
-FILES: Final = ("evaluation.json", "torque.png", "loops.png")  # of a saved evaluation
+FILES: Final = (
+    "evaluation.json",
+    "torque.png",
+    "loops.png",
+    "report.html",
+)  # of a saved evaluation
 _NOISE_FROM: Final = 0.6  # of the Nyquist frequency; above, a torque is taken to be noise
 _FLAT: Final = 3.0  # white noise is as dense in the lower half of that band as in the upper
 _STOP_BAND: Final = 1.5  # [bandwidth], where the filter passes less than 4 % of the amplitude
@@ -63,6 +69,7 @@ class Evaluation(Displayed):
     frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics, filtered
     scored: NDArray[np.bool_]  # (T,)
     bandwidth: float  # [Hz]
+    robot: RobotModel
     joint_names: tuple[str, ...]
     noise_floor: FloatArray  # (n,) [N m], of the noise left in `measured`; NaN where unknown
     trained_on: bool  # the model, on this very file; its errors elsewhere are larger
@@ -129,18 +136,19 @@ class Evaluation(Displayed):
         }
 
     def save(self, folder: Path | str) -> None:
-        """Write evaluation.json, torque.png and loops.png; the folder is made if it is not there.
+        """Write figures, pictures and the page, as `FILES` names them; the folder is made.
 
         Raises:
             ConfigError: The folder cannot be written to.
         """
-        from estimators import pictures  # which stands on this, and takes long to import
+        from estimators import evaluation_page, pictures  # which stand on this, and take long
 
         require_folder(Path(folder), "the evaluation")
         contents = (
             json.dumps(self.as_values(), indent=1).encode() + b"\n",
             pictures.png(pictures.torque_figure(self)),
             pictures.png(pictures.loop_figure(self)),
+            evaluation_page.evaluation_page(self).html().encode(),
         )
         for name, content in zip(FILES, contents, strict=True):
             with whole(Path(folder) / name) as draft:
@@ -198,6 +206,7 @@ def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
         recording.filtered(model.simulation.without_effects().predict(motion), bandwidth),
         scored,
         bandwidth,
+        model.simulation.model,
         model.simulation.model.joint_names,
         noise_floor(recording, bandwidth, estimate.simulation),
         trained_on(model, recording),

@@ -32,14 +32,14 @@ _MOVING: Final = 0.01  # [rad/s]; slower, a sign change of the velocity may be n
 
 def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     """Draw torque over time, one row for each joint, over `window` seconds of lively motion."""
-    rows = _window(evaluation, window)
+    rows = lively_rows(evaluation, window)
     n = evaluation.measured.shape[1]
     figure = Figure(figsize=(10.0, 1.25 * n + 1.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = list(figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0])
     time = evaluation.recording.time[rows]
     for j, ax in enumerate(axes):
-        for name, torque in _lines(evaluation):
+        for name, torque in torques_of(evaluation):
             ax.plot(time, torque[rows, j], label=name, **_STYLES.get(name, _MODEL))
         ax.set_ylabel(f"$\\tau_{{{j + 1}}}$ [N m]")
         ax.margins(x=0)
@@ -62,7 +62,7 @@ def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     Gravity and inertia would bury the loops of a loaded joint. So the torque of the rigid body
     without friction is taken from all three lines: what is left is the joint's own.
     """
-    rows = _window(evaluation, window)
+    rows = lively_rows(evaluation, window)
     n = evaluation.measured.shape[1]
     columns = min(_COLUMNS, n)
     figure = Figure(figsize=(3.1 * columns, 2.7 * -(-n // columns) + 0.6), layout="constrained")
@@ -70,7 +70,7 @@ def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     axes = figure.subplots(-(-n // columns), columns, squeeze=False).ravel().tolist()
     for j, ax in enumerate(axes[:n]):
         position = evaluation.motion.position[rows, j]
-        for name, torque in _lines(evaluation):
+        for name, torque in torques_of(evaluation):
             own = torque[rows, j] - evaluation.frictionless[rows, j]
             ax.plot(np.rad2deg(position), own, label=name, **_STYLES.get(name, _MODEL))
         ax.set_title(f"{evaluation.joint_names[j]}  {_figures(evaluation, j)}", fontsize="x-small")
@@ -91,7 +91,8 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _lines(evaluation: Evaluation) -> Iterator[tuple[str, FloatArray]]:
+def torques_of(evaluation: Evaluation) -> Iterator[tuple[str, FloatArray]]:
+    """Give the torques that are compared by name, (T, n) [N m] each: the measured one first."""
     yield "measured", evaluation.measured
     yield "rigid body", evaluation.estimate.simulation
     yield evaluation.model, evaluation.estimate.torque
@@ -102,7 +103,7 @@ def _figures(evaluation: Evaluation, j: int) -> str:
     return f"RMSE {rigid_body:.3f} → {hybrid:.3f} N m"
 
 
-def _window(evaluation: Evaluation, window: float) -> slice:
+def lively_rows(evaluation: Evaluation, window: float = _WINDOW) -> slice:
     """Return the rows of the window in which the joints, together, reverse most often."""
     rate = evaluation.recording.rate
     length = max(2, int(window * rate))

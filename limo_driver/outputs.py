@@ -43,6 +43,15 @@ def require_file(path: Path, inputs: Iterable[Path] = ()) -> None:
         raise ConfigError(f"cannot be written: {error.strerror}", path=path) from None
 
 
+def page_of(path: Path) -> Path | None:
+    """Return where the page about a file goes: `sim.yaml` has `sim.html` beside it.
+
+    Returns:
+        None for what is no regular file, such as `/dev/null`: nothing stands beside it.
+    """
+    return None if path.exists() and not path.is_file() else path.with_suffix(".html")
+
+
 def require_parquet(path: Path | str) -> None:
     """Check that the name of a file does not promise another format than the one written.
 

@@ -15,7 +15,8 @@ from estimators.fleet.settings import FLEET
 from estimators.fleet.standing import dates_needed, dates_of
 from estimators.fleet.table import place_in_short
 from limo_driver.pages import Charts, Page
-from limo_driver.pages.markup import UNSAID, folded, number, paragraph, section, table
+from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
+from limo_driver.pages.markup import UNSAID, folded, header, number, paragraph, section, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -25,9 +26,8 @@ if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow
     from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
     from limo_driver.pages.markup import Figure
-    from limo_driver.types import FloatArray
 
-_ODD, _ALIKE = "#d9730d", "#0b559f"
+_ODD, _ALIKE = BEFORE, AFTER
 _DRAWN: Final = 6  # drifts that have a chart
 
 
@@ -46,8 +46,8 @@ def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
         f"{FLEET.least:.0%} counts as one at least. Arms are the folders that recordings lie in."
     )
     body = (
-        f'<header><p class="crumb">Fleet of {escape(fleet.robot)}</p><h1>{escape(title)}</h1>'
-        f"{''.join(map(paragraph, str(fleet).splitlines()[1:]))}</header>"
+        header(f"Fleet of {fleet.robot}", title)
+        + "".join(map(paragraph, str(fleet).splitlines()[1:]))
         + section("Which arm is the odd one out", _odd(fleet.standings, charts), "odd", lead)
         + section("What drifts over dates", _drifts(fleet, charts), "drift")
         + section("Unit against unit", _spreads(fleet.spreads, charts), "spread")
@@ -73,8 +73,8 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
         for colour, name, odd in sides
         if (own := [item for item in standings if item.odd == odd])
     ]
-    layout = _layout("robust standard deviations from the median arm", "")
-    figure = {"data": data, "layout": layout, "height": _height(i.arm for i in standings)}
+    axes = layout("robust standard deviations from the median arm", "")
+    figure = {"data": data, "layout": axes, "height": _height(i.arm for i in standings)}
     rows = [
         [
             escape(item.arm),
@@ -126,8 +126,8 @@ def _over_days(item: FleetDrift) -> Figure:
         "showlegend": False,
     }
     unit = f" [{series.unit}]" if series.unit else ""
-    layout = _layout("days since the first recording of the fleet", f"{series.name}{unit}")
-    return {"data": [dots], "layout": layout, "height": 240}
+    axes = layout("days since the first recording of the fleet", f"{series.name}{unit}")
+    return {"data": [dots], "layout": axes, "height": 240}
 
 
 def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
@@ -140,13 +140,13 @@ def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
     dots["error_x"] = {
         "type": "data",
         "symmetric": False,
-        "array": _numbers(high - means),
-        "arrayminus": _numbers(means - low),
+        "array": numbers(high - means),
+        "arrayminus": numbers(means - low),
         "color": _ALIKE,
     }
     figure = {
         "data": [dots],
-        "layout": _layout(f"{widest.series.name} [{widest.series.unit}]", ""),
+        "layout": layout(f"{widest.series.name} [{widest.series.unit}]", ""),
         "height": _height(widest.arms),
     }
     rows = [
@@ -234,23 +234,5 @@ def _dots(
     }
 
 
-def _numbers(values: FloatArray) -> list[float | None]:
-    return [float(v) if np.isfinite(v) else None for v in values]
-
-
 def _height(arms: Iterable[str]) -> int:
     return 110 + 22 * len(set(arms))
-
-
-def _layout(x: str, y: str) -> Figure:
-    axis = {"gridcolor": "#eceef0", "zerolinecolor": "#c9ced4", "exponentformat": "none"}
-    return {
-        "xaxis": axis | {"title": {"text": x}},
-        "yaxis": axis | {"title": {"text": y}, "automargin": True},
-        "font": {"family": "inherit", "size": 11.5, "color": "#3d4650"},
-        "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
-        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0},
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
-        "hovermode": "closest",
-    }

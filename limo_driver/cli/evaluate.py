@@ -22,12 +22,13 @@ def command(
         Path | None, typer.Option(help="The simulation it was trained on, to be sure of it.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for evaluation.json, torque.png and loops.png.")
+        Path | None,
+        typer.Option(help="Folder for evaluation.json, torque.png, loops.png and report.html."),
     ] = None,
     mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
-    """Compare measured torque with rigid body and model: tables, and pictures with --out.
+    """Compare measured torque with rigid body and model: tables, with --out pictures and a page.
 
     Measured and predicted torque go through the zero-phase filter that was used in training. The
     noise floor is what sensor noise, judged by the spectrum above, leaves after it. The second
@@ -64,6 +65,7 @@ def command(
     values = json.dumps(evaluation.as_values())
     if out is not None:
         evaluation.save(out)
+        notes.print(f"wrote {out}: {', '.join(FILES)}")
     if as_json:
         terminal().print_json(values)
         return

@@ -87,11 +87,12 @@ def command(
 
     from estimators.rigid_body.conditioning import Conditioning
     from limo_driver.model import RobotModel
+    from limopa.excitation.page import excitation_page
     from limopa.excitation.picture import draw
     from limopa.excitation.search import ExcitationRequest
     from limopa.request import Surroundings, Workspace
 
-    require_writable(out, picture, robot)
+    page = require_writable(out, picture, robot)
     request = ExcitationRequest(
         duration=duration,
         harmonics=harmonics,
@@ -114,6 +115,9 @@ def command(
     found.trajectory.save(out)
     if picture is not None:
         draw(found, model, picture)
+    if page is not None:
+        condition = conditioning.condition(found.trajectory)
+        excitation_page(found, model, condition, out.name, robot).save(page)
     _report(found, conditioning, model, as_json=as_json)
 
 

@@ -21,7 +21,12 @@ if TYPE_CHECKING:
 def command(  # one argument for each option
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
     robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")],
-    out: Annotated[Path, typer.Option(help="Where to write the simulation (sim.yaml).")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Where to write the simulation (sim.yaml), and beside it its page (sim.html)."
+        ),
+    ],
     bandwidth: Annotated[
         float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
     ] = BANDWIDTH,
@@ -70,24 +75,29 @@ def command(  # one argument for each option
     import json
 
     from estimators.rigid_body import JointTerms, Rows
+    from estimators.rigid_body.page import identification_page
     from estimators.rigid_body.report import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
     from limo_driver.console.terminal import terminal
     from limo_driver.model import RobotModel
-    from limo_driver.outputs import require_file
+    from limo_driver.outputs import page_of, require_file
     from limo_driver.workflow.reading import read
 
     notes = terminal(stderr=True, soft_wrap=True)
     require_file(out, recordings)
+    if (page := page_of(out)) is not None:
+        require_file(page, recordings)
     model = RobotModel.load(robot)
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
     rows = Rows(bandwidth, moving_only, weighting)
     measured = [read(path, model, mapping) for path in recordings]
     if not any(recording.has_torque for recording in measured):
-        _identify_drives(model, measured, out, as_json=as_json)
+        _identify_drives(model, measured, out, page, as_json=as_json)
         return
     found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
     found.simulation.save(out)
+    if page is not None:
+        identification_page(found, out.name).save(page)
     if as_json:
         left_out = [
             {
@@ -101,7 +111,7 @@ def command(  # one argument for each option
         terminal().print_json(json.dumps(as_values(found) | {"rows": left_out}))
         return
     _say_what_was_left_out(measured, notes)
-    _show(found, out, base=base)
+    _show(found, out, page, base=base)
 
 
 def _identify(
@@ -130,21 +140,24 @@ def _identify(
 
 
 def _identify_drives(
-    model: RobotModel, measured: list[Recording], out: Path, *, as_json: bool
+    model: RobotModel, measured: list[Recording], out: Path, page: Path | None, *, as_json: bool
 ) -> None:
     """Identify drives and friction of an arm that tells no torque."""
     import json
 
+    from estimators.drives.page import drives_page
     from limo_driver.console.terminal import terminal
     from limo_driver.workflow.learning import identify_drives
 
     found = identify_drives(model, measured)
     found.simulation.save(out)
+    if page is not None:
+        drives_page(found, out.name).save(page)
     if as_json:
         terminal().print_json(json.dumps(found.as_values()))
         return
     _say_what_was_left_out(measured, terminal(stderr=True, soft_wrap=True))
-    terminal(soft_wrap=True).print(f"{found}\nwrote {out}")
+    terminal(soft_wrap=True).print(f"{found}\n{_wrote(out, page)}")
 
 
 def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
@@ -155,7 +168,11 @@ def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
             console.print(f"{recording.source}: {item}")
 
 
-def _show(found: Identification, out: Path, *, base: bool) -> None:
+def _wrote(out: Path, page: Path | None) -> str:
+    return f"wrote {out}" + (f" and {page}" if page else "")
+
+
+def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
     from estimators.rigid_body.report import base_table, joint_table, link_table
     from limo_driver.console.terminal import terminal
 
@@ -180,4 +197,4 @@ def _show(found: Identification, out: Path, *, base: bool) -> None:
         console.print(base_table(found))
     for warning in found.warnings:
         console.print(f"note: {warning}")
-    console.print(f"wrote {out}")
+    console.print(_wrote(out, page), soft_wrap=True)

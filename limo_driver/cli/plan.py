@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".pdf", ".svg")
 
 # Options of every command that plans a motion.
-Out = Annotated[Path, typer.Option(help="Where to write the trajectory (Parquet).")]
+Out = Annotated[
+    Path, typer.Option(help="Where to write the trajectory (Parquet), and beside it its page.")
+]
 Robot = Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")]
 Rate = Annotated[
@@ -74,8 +76,9 @@ def command(
     from limo_driver.console.shortening import shortened
     from limo_driver.model import RobotModel
     from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
+    from limopa.page import plan_page
 
-    require_writable(out, picture, robot)
+    page = require_writable(out, picture, robot)
     request = PlanRequest(
         scaffolds=shortened("--scaffolds", scaffolds, 1) or scaffolds,
         rate=rate,
@@ -92,22 +95,30 @@ def command(
     planned.trajectory.save(out)
     if picture is not None:
         draw(planned, model, picture)
+    if page is not None:
+        plan_page(planned, model, out.name, robot).save(page)
     _report(summarise(planned, model), as_json=as_json)
 
 
-def require_writable(out: Path, picture: Path | None, robot: str) -> None:
-    """Refuse to plan for minutes and then find that the results cannot be written."""
+def require_writable(out: Path, picture: Path | None, robot: str) -> Path | None:
+    """Refuse to plan for minutes and then find that the results cannot be written.
+
+    Returns:
+        Where the page goes, if there is to be one.
+    """
     from limo_driver.errors import ConfigError
-    from limo_driver.outputs import require_file, require_parquet
+    from limo_driver.outputs import page_of, require_file, require_parquet
 
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
     if picture is not None and picture.resolve() == out.resolve():
         raise ConfigError("is to hold both the trajectory and the picture", path=out)
-    for path in (out, picture):
+    page = page_of(out)
+    for path in (out, picture, page):
         if path is not None:
             require_file(path, [Path(robot)])
     require_parquet(out)
+    return page
 
 
 def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:

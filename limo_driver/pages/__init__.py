@@ -1,7 +1,9 @@
 """Pages: what commands show in a browser, one HTML file each that needs no network.
 
-`markup` has the pieces of a text, `page` puts them into one file with charts and the arm in 3-D,
-`arm` is the geometry that is drawn, and `still` its picture on paper. `static/vendor` holds the two
+`markup` has the pieces of a text and `figures` those of charts; `page` puts them into one file with
+the arm in 3-D. `arm` is the geometry that is drawn, `still` its picture on paper, `motion` a motion
+that it plays. What is said on a page stands beside what it is said of: `limopa/page.py`,
+`estimators/evaluation_page.py` and so on. `static/vendor` holds the two
 libraries that draw, plotly.js and three.js, with their licences.
 """
 

@@ -64,6 +64,7 @@ class PlayedMotion:
     ghosts: tuple[Ghost, ...] = ()
     pushes: tuple[PushArrow, ...] = ()
     caption: str = ""
+    path: FloatArray | None = None  # (K, 3) [m], in axes of the base, drawn as a line
 
 
 @dataclass(frozen=True)
@@ -171,6 +172,7 @@ def _motion_values(motion: PlayedMotion) -> dict[str, Any]:
             }
             for ghost in motion.ghosts
         ],
+        "path": None if motion.path is None else _packed(motion.path.astype("<f4")),
         "pushes": [[p.start, p.end, *_rounded(p.force, 3)] for p in motion.pushes],
     }
 

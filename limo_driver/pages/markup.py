@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, field
 from html import escape
 from math import floor, isfinite
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 Figure: TypeAlias = dict[str, Any]  # of plotly: data, layout, and the height in the page
 
 UNSAID = "\N{EN DASH}"  # a figure that is not known
+_AFTER_A_NUMBER = re.compile(r"(?<=\d) (?=(?:N m|N|kg|g|rad|mm|m|s|min|Hz|%)\b)")
 _NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
 
 
@@ -62,6 +64,46 @@ def section(title: str, body: str, anchor: str, lead: str = "") -> str:
         return ""
     intro = f'<p class="lead">{escape(lead)}</p>' if lead else ""
     return f'<section id="{anchor}"><h2>{escape(title)}</h2>{intro}{body}</section>'
+
+
+def header(crumb: str, title: str, *sources: str, badge: tuple[str, str] | None = None) -> str:
+    """Return the head of a page.
+
+    Args:
+        crumb: What kind of page it is, and of what.
+        title: The result in one sentence, with values and units.
+        sources: What it was computed from, a paragraph each.
+        badge: The result in a word or two, and its class in style.css.
+    """
+    said = "".join(paragraph(text, "sources") for text in sources if text)
+    mark = f'<p><span class="badge {badge[1]}">{escape(badge[0])}</span></p>' if badge else ""
+    return (
+        f'<header><p class="crumb">{escape(crumb)}</p>{mark}'
+        f"<h1>{escape(unbroken(title))}</h1>{said}</header>"
+    )
+
+
+def unbroken(text: str) -> str:
+    """Return a text whose numbers stay beside their units, and units whole."""
+    return _AFTER_A_NUMBER.sub("\N{NO-BREAK SPACE}", text).replace("N m", "N\N{NO-BREAK SPACE}m")
+
+
+def listed(items: Iterable[str]) -> str:
+    """Return texts as a list; empty if there are none."""
+    points = "".join(f"<li>{escape(item)}</li>" for item in items)
+    return f"<ul>{points}</ul>" if points else ""
+
+
+def columns(values: Mapping[str, Sequence[object]]) -> str:
+    """Return a table of columns by their headings; the first names the rows."""
+    rows = [[_cell(item) for item in row] for row in zip(*values.values(), strict=True)]
+    return table(list(values), rows, numeric=1)
+
+
+def next_steps(steps: Iterable[tuple[str, str]]) -> str:
+    """Return the section of what to do next: a reason and a command of the shell each."""
+    said = "".join(f"{paragraph(why)}<pre>{escape(how)}</pre>" for why, how in steps)
+    return section("What to do next", said, "next")
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], numeric: int = 0) -> str:
@@ -115,6 +157,12 @@ def percent(share: float) -> str:
         return "less than 1\N{NO-BREAK SPACE}%"
     value = min(floor(1000 * share) / 10, 99.9) if _NEARLY_ALL < share < 1 else round(100 * share)
     return f"{value}\N{NO-BREAK SPACE}%"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return UNSAID
+    return number(value) if isinstance(value, float) else escape(str(value))
 
 
 def _heading(text: str) -> str:

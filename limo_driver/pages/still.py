@@ -17,6 +17,7 @@ _AZIMUTH, _ELEVATION = 0.9, 0.35  # [rad], from where it is seen
 _MARGIN: Final = 26
 _LINE: Final = 26  # between two texts
 _LONGEST: Final = 46  # characters of a text
+_PATH: Final = "#d9730d"  # as in arm.js
 _MOST: Final = 100.0  # floors of an error that has the last colour
 # From an error at the noise floor to a hundred times that; told apart by any colour vision.
 SCALE: Final = ("#8fa3b5", "#e3b04b", "#d9730d", "#b3261e")
@@ -46,7 +47,7 @@ def still(view: ArmView, name: str) -> str:
         colour = colours[j] if j < len(colours) else SCALE[0]
         drawn.append((seen.depth(pose[None, :3, 3]), _ring(view, seen, pose, j, colour)))
     order = sorted(range(len(drawn)), key=lambda k: drawn[k][0])
-    shapes = "".join(drawn[k][1] for k in order)
+    shapes = _path(view, seen) + "".join(drawn[k][1] for k in order)
     shapes += "".join(_number(seen, pose, j) for j, pose in enumerate(poses))
     return (
         f'<svg class="still" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
@@ -84,7 +85,9 @@ class _Camera:
     def of(cls, view: ArmView) -> _Camera:
         poses = view.chain.joint_poses(view.pose[None])[0]
         flange = poses[-1, :3, :3] @ view.chain.flange + poses[-1, :3, 3]
-        points = np.concatenate([np.zeros((1, 3)), poses[:, :3, 3], flange[None]])
+        path = np.zeros((1, 3)) if view.motion is None else view.motion.path
+        path = np.zeros((1, 3)) if path is None else path
+        points = np.concatenate([path, poses[:, :3, 3], flange[None]])
         return cls(points, max(view.rings))
 
     def flat(self, points: FloatArray) -> FloatArray:
@@ -115,6 +118,13 @@ def _ring(view: ArmView, seen: _Camera, pose: FloatArray, j: int, colour: str) -
     flat = seen.flat(circle @ pose[:3, :3].T + pose[:3, 3])
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat)
     return f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="7"/>'
+
+
+def _path(view: ArmView, seen: _Camera) -> str:
+    if view.motion is None or view.motion.path is None:
+        return ""
+    points = " ".join(f"{x:.0f},{y:.0f}" for x, y in seen.flat(view.motion.path))
+    return f'<polyline points="{points}" fill="none" stroke="{_PATH}" stroke-width="1"/>'
 
 
 def _number(seen: _Camera, pose: FloatArray, j: int) -> str:

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from one_file import arm_of, check_page, drawn, title_of
 from wandering import wander
 
 from estimators.evaluation import Evaluation, evaluate, noise_floor
+from estimators.evaluation_page import evaluation_page
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
@@ -114,6 +116,28 @@ def test_too_short_to_score(model: HybridModel, test_recording: Recording) -> No
         evaluate(model, test_recording[:8])
 
 
+def test_the_page_shows_each_joint_and_the_errors_at_the_slider(
+    evaluation: Evaluation, model: HybridModel
+) -> None:
+    text = evaluation_page(evaluation).html()
+    check_page(text)
+    charts = drawn(text)
+    assert len(charts) == 1 + 2 * 2  # errors; over time and over position of both joints
+    marks = {curve["name"]: curve["x"] for curve in charts[0]["data"]}
+    assert marks[model.name] == pytest.approx(evaluation.hybrid.rmse, rel=1e-3)
+    assert f"{np.sqrt(evaluation.hybrid.mse.mean()):.3g}" in title_of(text)
+    ghosts = arm_of(text)["motion"]["ghosts"]
+    assert [ghost["name"] for ghost in ghosts] == ["rigid body", model.name]
+
+
+def test_without_a_noise_floor_the_page_colours_nothing(evaluation: Evaluation) -> None:
+    unknown = replace(evaluation, noise_floor=np.full(2, np.nan), trained_on=True)
+    text = evaluation_page(unknown).html()
+    check_page(text)
+    assert arm_of(text)["errors"] == []
+    assert "trained on" in title_of(text)
+
+
 def test_pictures_have_a_panel_for_each_joint(evaluation: Evaluation) -> None:
     for figure in (torque_figure(evaluation), loop_figure(evaluation)):
         shown = [axes for axes in figure.axes if axes.get_visible()]
@@ -152,6 +176,7 @@ def test_from_recordings_to_pictures(files: Path, limo: Limo) -> None:
     assert "shoulder" in evaluated.stdout
     figures = json.loads((files / "out" / "evaluation.json").read_text())
     assert len(figures["rmse_hybrid"]) == 2
+    check_page((files / "out" / "report.html").read_text())
     assert (files / "out" / "torque.png").stat().st_size > 10_000
     assert (files / "out" / "loops.png").stat().st_size > 10_000
 

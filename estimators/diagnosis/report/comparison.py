@@ -13,7 +13,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.arm import Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
-from limo_driver.pages.markup import UNSAID, paragraph, section, table
+from limo_driver.pages.markup import UNSAID, header, paragraph, section, table
 from limo_driver.physics import Payload, spoken
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdi
     )
     lead = "Rings: error of the given simulation in each diagnosis. Texts: what differs."
     body = (
-        f'<header><p class="crumb">Two diagnoses of {escape(model.name)}</p>'
-        f'<h1>{escape(title)}</h1></header><div class="grid two">{heads}</div>'
+        header(f"Two diagnoses of {model.name}", title)
+        + f'<div class="grid two">{heads}</div>'
         + arm_section(view, "Where on the arm", lead)
         + section("Findings", _findings(pairs, names, model.n), "findings", _FINDINGS)
         + section("Errors", _errors(names, verdicts), "errors", _ERRORS)

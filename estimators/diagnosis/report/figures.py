@@ -17,6 +17,19 @@ from estimators.diagnosis.report.binning import (
 )
 from estimators.diagnosis.report.stretch import contiguous_runs
 from estimators.diagnosis.settings.afterwards import BINS
+from limo_driver.pages.figures import (
+    AFTER,
+    BEFORE,
+    DRAWN,
+    FLOOR,
+    JOINTS,
+    MEASURED,
+    curve,
+    dots,
+    layout,
+    numbers,
+    rounded_ticks,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,23 +40,17 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import Explanation, Replay, Shift, Traces
     from estimators.diagnosis.verdict import Fit
     from limo_driver.pages.markup import Figure
-    from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
-MEASURED, BEFORE, AFTER, FLOOR = "#a3abb3", "#d9730d", "#0b559f", "#8a939c"
 TOLERANCES = "#2f9e6f"
 _BANDS = {
     BEFORE: "rgba(217,115,13,0.16)",
     TOLERANCES: "rgba(47,158,111,0.18)",
     AFTER: "rgba(11,85,159,0.16)",
 }
-# Of joints: none of the colours that tell simulations apart.
-_JOINTS = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#66707a")
 _DIVERGING = [[0.0, "#0b559f"], [0.25, "#8fb4d9"], [0.5, "#f7f7f5"], [0.75, "#efb27a"],
               [1.0, "#b4560a"]]  # fmt: skip
-_DRAWN = 1200  # samples of a curve: more cannot be seen
 _FEW_TICKS = 100.0  # range of a logarithmic axis below which decades alone are too few ticks
-_MANY_DECADES = 2.5  # of a logarithmic axis
 _AROUND = 1.0  # [s] drawn before and after a push
 _GAP = np.full((2, 1), np.nan)  # between two outlines of one trace
 _FADED = 0.25  # opacity of rows that are not scored
@@ -73,21 +80,23 @@ def summary(fit: Fit) -> Figure:
     data = [
         {"x": lines, "y": where, "mode": "lines", "hoverinfo": "skip", "showlegend": False,
          "line": {"color": "#c9ced4", "width": 3}},
-        _dots(fit.noise_floor, joints, "noise floor", {
+        dots(fit.noise_floor, joints, "noise floor", {
             "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
-        _dots(fit.heldout_rmse_before, joints, "given simulation", {
+        dots(fit.heldout_rmse_before, joints, "given simulation", {
             "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
-        _dots(fit.heldout_rmse_tolerances, joints, "within tolerances", {
+        dots(fit.heldout_rmse_tolerances, joints, "within tolerances", {
             "symbol": "diamond-open", "size": 15, "color": TOLERANCES, "line": {"width": 2}}),
-        _dots(fit.heldout_rmse_after, joints, "improved simulation", {
+        dots(fit.heldout_rmse_after, joints, "improved simulation", {
             "symbol": "circle", "size": 11, "color": AFTER}),
     ]  # fmt: skip
     data = [item for item in data if item["x"]]
-    layout = _layout("held-out RMSE [N m], logarithmic", "")
-    layout["xaxis"] |= {"type": "log"} | _round_ticks(fit)
-    layout["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    layout["margin"] |= {"l": 62}
-    return {"data": data, "layout": layout, "height": 90 + 34 * len(joints)}
+    axes = layout("held-out RMSE [N m], logarithmic", "")
+    axes["xaxis"] |= {"type": "log"} | rounded_ticks(
+        np.array([*fit.heldout_rmse_before, *fit.heldout_rmse_after, *fit.noise_floor])
+    )
+    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
+    axes["margin"] |= {"l": 62}
+    return {"data": data, "layout": axes, "height": 90 + 34 * len(joints)}
 
 
 def dependence(
@@ -108,18 +117,18 @@ def dependence(
         shown = found.rms if over_time else found.mean
         if not over_time:
             data.append(_band(found, colour))
-        data.append(_curve(*found.drawn(shown), name, colour) | {"showlegend": False})
+        data.append(curve(*found.drawn(shown), name, colour) | {"showlegend": False})
     what = {"since_reversal": "residual along motion [N m]", "time": "residual, RMS [N m]"}
-    layout = _layout(_LABELS[quantity], what.get(quantity, "residual [N m]"))
-    layout["shapes"] = [_level(y) for y in ((floor,) if over_time else (-floor, floor))]
+    axes = layout(_LABELS[quantity], what.get(quantity, "residual [N m]"))
+    axes["shapes"] = [_level(y) for y in ((floor,) if over_time else (-floor, floor))]
     if over_time:
-        layout["yaxis"] |= {"rangemode": "tozero"}
-        layout["shapes"] += [_divider(x) for x in _joins(traces)]
+        axes["yaxis"] |= {"rangemode": "tozero"}
+        axes["shapes"] += [_divider(x) for x in _joins(traces)]
     if after_reversal:
         # one tick a decade; where there is hardly one, at 1, 2 and 5, too
         dtick = 1 if edges[-1] > _FEW_TICKS * edges[0] else "D2"
-        layout["xaxis"] |= {"type": "log", "dtick": dtick, "exponentformat": "power"}
-    return {"data": data, "layout": layout, "height": 230}
+        axes["xaxis"] |= {"type": "log", "dtick": dtick, "exponentformat": "power"}
+    return {"data": data, "layout": axes, "height": 230}
 
 
 def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
@@ -132,7 +141,7 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     scale = max(float(np.percentile(known, 98)), 1e-9) if known.size else 1.0
     figures: list[Figure] = []
     for item in found:
-        layout = _layout(_LABELS["position"], _LABELS["velocity"])
+        axes = layout(_LABELS["position"], _LABELS["velocity"])
         heat = {
             "type": "heatmap", "x": numbers(item.x), "y": numbers(item.y),
             "z": [numbers(row) for row in item.mean], "zmin": -scale, "zmax": scale,
@@ -141,7 +150,7 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
             "colorbar": {"thickness": 8, "outlinewidth": 0, "tickfont": {"size": 10},
                          "title": {"text": "N m", "font": {"size": 10}}},
         }  # fmt: skip
-        figures.append({"data": [heat], "layout": layout, "height": 260})
+        figures.append({"data": [heat], "layout": axes, "height": 260})
     return figures
 
 
@@ -156,8 +165,8 @@ def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
         for name, torque, colour, width in curves
         for curve in _faded(q[rows], (torque - load)[rows], moving, name, colour, width)
     ]
-    layout = _layout(_LABELS["position"], "torque beyond the rigid body [N m]")
-    return {"data": data, "layout": layout, "height": 320}
+    axes = layout(_LABELS["position"], "torque beyond the rigid body [N m]")
+    return {"data": data, "layout": axes, "height": 320}
 
 
 def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
@@ -170,14 +179,14 @@ def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
         for name, torque, colour, width in _torques(traces, j, tuple(_SIDES))
         for curve in _faded(traces.time[rows], torque[rows] - load, moving, name, colour, width)
     ]
-    layout = _layout("time [s]", "torque beyond the rigid body [N m]")
-    return {"data": data, "layout": layout, "height": 320}
+    axes = layout("time [s]", "torque beyond the rigid body [N m]")
+    return {"data": data, "layout": axes, "height": 320}
 
 
 def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
     """Recorded less simulated torque of a joint over one recording, before and after."""
     rows = np.flatnonzero(traces.recording == recording)
-    rows = rows[:: max(1, len(rows) // _DRAWN)]
+    rows = rows[:: max(1, len(rows) // DRAWN)]
     gaps = _gaps(traces, rows)
     data = [
         curve
@@ -189,8 +198,8 @@ def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
             *_SIDES[side],
         )
     ]
-    layout = _layout("time [s]", "difference [N m]")
-    return {"data": data, "layout": layout | {"showlegend": True}, "height": 240}
+    axes = layout("time [s]", "difference [N m]")
+    return {"data": data, "layout": axes | {"showlegend": True}, "height": 240}
 
 
 def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
@@ -200,7 +209,7 @@ def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
     gaps = _gaps(traces, rows)
     data = [
         curve
-        for j, colour in zip(range(traces.measured.shape[1]), cycle(_JOINTS))
+        for j, colour in zip(range(traces.measured.shape[1]), cycle(JOINTS))
         for curve in _faded(
             np.insert(traces.time[rows], gaps, np.nan),
             np.insert(_residual(traces, "after", j)[rows], gaps, np.nan),
@@ -209,12 +218,12 @@ def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
             colour,
         )
     ]
-    layout = _layout("time [s]", "residual [N m]")
-    layout["shapes"] = [
+    axes = layout("time [s]", "residual [N m]")
+    axes["shapes"] = [
         {"type": "rect", "x0": window[0], "x1": window[1], "y0": 0, "y1": 1, "yref": "paper",
          "layer": "below", "fillcolor": "rgba(138,147,156,0.16)", "line": {"width": 0}}
     ]  # fmt: skip
-    return {"data": data, "layout": layout | {"showlegend": True}, "height": 280}
+    return {"data": data, "layout": axes | {"showlegend": True}, "height": 280}
 
 
 def explanations(
@@ -228,10 +237,10 @@ def explanations(
         "marker": {"color": [AFTER if c is chosen else "#b8c4d0" for c in candidates]},
         "hovertemplate": "%{y}: 10^%{x} to 1<extra></extra>",
     }  # fmt: skip
-    layout = _layout("how much likelier the chosen one is [powers of ten]", "")
-    layout["yaxis"] |= {"autorange": "reversed", "automargin": True, "showgrid": False}
-    layout["bargap"] = 0.35
-    return {"data": [bars], "layout": layout, "height": 80 + 28 * len(names)}
+    axes = layout("how much likelier the chosen one is [powers of ten]", "")
+    axes["yaxis"] |= {"autorange": "reversed", "automargin": True, "showgrid": False}
+    axes["bargap"] = 0.35
+    return {"data": [bars], "layout": axes, "height": 80 + 28 * len(names)}
 
 
 def shifts(moved: Sequence[Shift]) -> Figure:
@@ -244,59 +253,41 @@ def shifts(moved: Sequence[Shift]) -> Figure:
         "text": [f"{s.nominal:.4g} to {s.fitted:.4g} {s.unit}" for s in moved],
         "hovertemplate": "%{y}: %{text}, %{x} sigma<extra></extra>",
     }  # fmt: skip
-    layout = _layout("shift from the nominal value [standard deviations of its tolerance]", "")
-    layout["yaxis"] |= {"autorange": "reversed", "automargin": True}
+    axes = layout("shift from the nominal value [standard deviations of its tolerance]", "")
+    axes["yaxis"] |= {"autorange": "reversed", "automargin": True}
     reach = max(2.5, 1.1 * max((abs(item.sigmas) for item in moved), default=0.0))
-    layout["xaxis"] |= {"range": [-reach, reach], "zeroline": True}
-    layout["shapes"] = [
+    axes["xaxis"] |= {"range": [-reach, reach], "zeroline": True}
+    axes["shapes"] = [
         {"type": "rect", "x0": -1, "x1": 1, "y0": 0, "y1": 1, "yref": "paper", "layer": "below",
          "fillcolor": "rgba(11,85,159,0.07)", "line": {"width": 0}}
     ]  # fmt: skip
-    return {"data": [dots], "layout": layout, "height": 80 + 24 * len(moved)}
-
-
-def motion(trajectory: Trajectory) -> Figure:
-    """Positions of the joints that move, from where they start."""
-    step = max(1, len(trajectory) // _DRAWN)
-    moved = trajectory.position[::step] - trajectory.position[0]
-    data = [
-        _curve(trajectory.time[::step], moved[:, j], f"joint {j + 1}", _JOINTS[j % len(_JOINTS)])
-        for j in range(trajectory.n)
-        if np.ptp(trajectory.position[:, j]) > 1e-6  # noqa: PLR2004  # [rad], rounding
-    ]
-    layout = _layout("time [s]", "position from the start [rad]")
-    return {"data": data, "layout": layout | {"showlegend": True}, "height": 300}
+    return {"data": [dots], "layout": axes, "height": 80 + 24 * len(moved)}
 
 
 def replayed(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint beside both free runs of the simulated robot."""
-    rows = slice(None, None, max(1, len(replay.time) // _DRAWN))
+    rows = slice(None, None, max(1, len(replay.time) // DRAWN))
     time, moving = replay.time[rows], replay.moving[rows, j]
     data = [
         curve
         for name, torque, colour, width in _torques(replay, j)
         for curve in _faded(time, torque[rows], moving, name, colour, width)
     ]
-    layout = _layout("time [s]", "torque [N m]")
-    return {"data": data, "layout": layout | {"showlegend": True}, "height": 290}
+    axes = layout("time [s]", "torque [N m]")
+    return {"data": data, "layout": axes | {"showlegend": True}, "height": 290}
 
 
 def replay_error(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint less that of both free runs."""
-    rows = slice(None, None, max(1, len(replay.time) // _DRAWN))
+    rows = slice(None, None, max(1, len(replay.time) // DRAWN))
     time, moving = replay.time[rows], replay.moving[rows, j]
     data = [
         curve
         for side in _BOTH
         for curve in _faded(time, _residual(replay, side, j)[rows], moving, *_SIDES[side])
     ]
-    layout = _layout("time [s]", "measured minus robot [N m]")
-    return {"data": data, "layout": layout | {"showlegend": True}, "height": 290}
-
-
-def numbers(values: FloatArray, digits: int = 4) -> list[float | None]:
-    """Return plain numbers of few digits, as JSON wants them; what is not finite is None."""
-    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
+    axes = layout("time [s]", "measured minus robot [N m]")
+    return {"data": data, "layout": axes | {"showlegend": True}, "height": 290}
 
 
 def _residual(traces: Traces | Replay, side: str, j: int) -> FloatArray:
@@ -314,7 +305,7 @@ def _torques(
 
 
 def _thin(rows: slice) -> slice:
-    return slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // _DRAWN))
+    return slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
 
 
 def _end_to_end(traces: Traces) -> FloatArray:
@@ -333,20 +324,6 @@ def _joins(traces: Traces) -> list[float]:
     return [float(time[a]) for a in starts[1:] if traces.recording[a] != traces.recording[a - 1]]
 
 
-def _dots(values: Sequence[float], joints: list[str], name: str, marker: Figure) -> Figure:
-    return {
-        "x": numbers(np.array(values, dtype=float)), "y": joints, "mode": "markers", "name": name,
-        "marker": marker, "hovertemplate": "%{y}, " + name + ": %{x} N m<extra></extra>",
-    }  # fmt: skip
-
-
-def _curve(x: FloatArray, y: FloatArray, name: str, colour: str, width: float = 1.8) -> Figure:
-    return {
-        "x": numbers(x, 6), "y": numbers(y, 5), "mode": "lines", "name": name,
-        "line": {"color": colour, "width": width},
-    }  # fmt: skip
-
-
 def _faded(
     x: FloatArray,
     y: FloatArray,
@@ -358,8 +335,8 @@ def _faded(
     """Return a curve that is pale where the joint is near rest."""
     pale = {"opacity": _FADED, "showlegend": False, "hoverinfo": "skip"}
     return [
-        _curve(x, y, name, colour, width) | pale,
-        _curve(x, np.where(moving, y, np.nan), name, colour, width),
+        curve(x, y, name, colour, width) | pale,
+        curve(x, np.where(moving, y, np.nan), name, colour, width),
     ]
 
 
@@ -398,34 +375,4 @@ def _divider(x: float) -> Figure:
     return {
         "type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper",
         "line": {"color": "#c9ced4", "width": 1},
-    }  # fmt: skip
-
-
-def _round_ticks(fit: Fit) -> Figure:
-    """Return ticks at 1, 2, 5 of each decade that the errors span; over many, at 1 alone."""
-    values = np.array([*fit.heldout_rmse_before, *fit.heldout_rmse_after, *fit.noise_floor])
-    known = values[np.isfinite(values) & (values > 0)]
-    if not known.size:
-        return {}
-    low, high = np.log10(known.min()), np.log10(known.max())
-    steps = (1, 2, 5) if high - low < _MANY_DECADES else (1,)
-    decades = range(int(np.floor(low)) - 1, int(np.ceil(high)) + 1)
-    ticks = [float(f"{step}e{k}") for k in decades for step in steps]
-    return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
-
-
-def _layout(x: str, y: str) -> Figure:
-    axis = {"gridcolor": "#eceef0", "zerolinecolor": "#c9ced4", "linecolor": "#c9ced4",
-            "ticks": "outside", "ticklen": 3, "tickcolor": "#c9ced4",
-            "exponentformat": "none"}  # fmt: skip
-    return {
-        "xaxis": axis | {"title": {"text": x, "standoff": 8}},
-        "yaxis": axis | {"title": {"text": y, "standoff": 6}, "automargin": True},
-        "font": {"family": "inherit", "size": 11.5, "color": "#3d4650"},
-        "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
-        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0,
-                   "font": {"size": 11}},
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
-        "hovermode": "closest",
     }  # fmt: skip

@@ -19,6 +19,7 @@ from limo_driver.pages.markup import (
     Charts,
     folded,
     grid,
+    header,
     meter,
     number,
     paragraph,
@@ -63,10 +64,11 @@ def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
     """
     verdict = diagnosis.verdict
     names = names_of(diagnosis.recordings)
-    head = (
-        f'<header><p class="crumb">Diagnosis of a simulation of {escape(_robot(diagnosis))}</p>'
-        f'<p><span class="badge {verdict.verdict}">{VERDICTS[verdict.verdict]}</span></p>'
-        f"<h1>{escape(headline(verdict))}</h1>{_sources(diagnosis, names)}</header>"
+    head = header(
+        f"Diagnosis of a simulation of {_robot(diagnosis)}",
+        headline(verdict),
+        _sources(diagnosis, names),
+        badge=(VERDICTS[verdict.verdict], verdict.verdict),
     )
     chart = charts.place(
         figures.summary(verdict.fit),
@@ -118,11 +120,10 @@ def _sources(diagnosis: Diagnosis, names: Sequence[str]) -> str:
         f"{name} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
         for name, item in zip(names, diagnosis.recordings, strict=True)
     ]
-    text = (
+    return (
         f"Compared with {'; '.join(said)}. Motion and torque pass the same zero-phase filter of "
         f"{diagnosis.bandwidth:g} Hz."
     )
-    return paragraph(text, "sources")
 
 
 def _robot(diagnosis: Diagnosis) -> str:

@@ -16,6 +16,7 @@ from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import coverage, identified_columns
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
 from estimators.diagnosis.wording import likelier, names_of, of_joints
+from limo_driver.pages.figures import joint_motion
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -300,7 +301,7 @@ def next_motion(diagnosis: Diagnosis, charts: Charts) -> str:
         file = wanted.file if wanted else NEXT_MOTION
         minutes = diagnosis.next_motion.duration / 60
         body += charts.place(
-            figures.motion(diagnosis.next_motion), "Joint motion", f"{minutes:.1f} min"
+            joint_motion(diagnosis.next_motion), "Joint motion", f"{minutes:.1f} min"
         )
         body += (
             f"<p>Move the recorded arm along it and diagnose again with that recording added. On a "

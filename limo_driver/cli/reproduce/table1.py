@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
 DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
-FILES = ("table1.md", "table1.csv", "table1.json", "table1.png", "claims.md")
+FILES = ("table1.md", "table1.csv", "table1.json", "table1.png", "claims.md", "report.html")
 FAILED = 1
 
 
@@ -104,6 +104,7 @@ def _compute(
 ) -> int:
     """Run the trials that are not finished yet, write the table, and return the exit status."""
     from estimators.reproduction.data import TableData
+    from estimators.reproduction.page import PAGE, table_page
     from estimators.reproduction.picture import PICTURE, draw
     from estimators.reproduction.results import Table
     from estimators.reproduction.rigid_body import rigid_body
@@ -126,6 +127,7 @@ def _compute(
     status = _run(job, protocol.trials(read.digests), store, processes, update, notes)
     table = update()
     draw(table, out / PICTURE)
+    table_page(table).save(out / PAGE)
     _print(table, out)
     return status
 

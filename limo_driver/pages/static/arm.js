@@ -1,6 +1,7 @@
 // The arm in 3-D: links, a ring at each joint, translucent ghosts, arrows, and texts at their places.
 const CROWDED = 3; // texts beyond which a narrow stage shows none: they would hide the arm
 const SCALE = ["#8fa3b5", "#e3b04b", "#d9730d", "#b3261e"]; // as in still.py
+const PATH = 0xd9730d; // in the day and in the dark
 const MOST = 100; // noise floors of an error that has the last colour
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
@@ -37,8 +38,10 @@ class ArmScene {
     this.rings = arm.rings.map((radius, j) => this.ring(radius, j));
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.01 * arm.length, 20 * arm.length);
     this.camera.up.set(0, 0, 1);
-    const middle = this.pose(arm.pose);
-    const away = 1.9 * arm.length;
+    const seen = this.pose(arm.pose);
+    if (arm.motion?.path) this.path(floats(arm.motion.path), seen);
+    const middle = seen.low.clone().add(seen.high).multiplyScalar(0.5);
+    const away = Math.max(1.9 * arm.length, 1.7 * seen.low.distanceTo(seen.high));
     this.camera.position.set(middle.x + 0.55 * away, middle.y + 0.75 * away, middle.z + 0.4 * away);
     this.controls = new THREE.OrbitControls(this.camera, this.renderer.domElement);
     this.controls.target.copy(middle);
@@ -118,14 +121,14 @@ class ArmScene {
     body.root.updateMatrixWorld(true);
   }
 
-  // Take a position; returns the middle of the arm.
+  // Take a position; returns the box around the joints, the flange and the base.
   pose(position) {
     this.turn(this.body, position);
     const reach = [0, ...this.joints ? [...Array(this.joints).keys()] : []];
     const places = reach.map((j) => this.place(j)).concat([this.place(null), new THREE.Vector3()]);
     const low = places[0].clone(), high = places[0].clone();
     places.forEach((p) => { low.min(p); high.max(p); });
-    return low.add(high).multiplyScalar(0.5);
+    return { low, high };
   }
 
   // Where a joint is, or the flange, in axes of the base.
@@ -150,6 +153,16 @@ class ArmScene {
       const size = grow ? 1 + 0.35 * Math.min(Math.log10(Math.max(ratio, 1)), 2) : 1;
       ring.scale.setScalar(size);
     });
+  }
+
+  // A line through points (x, y, z, x, y, z, ...) [m], in axes of the base; a box is made to hold it.
+  path(points, box) {
+    const shape = new THREE.BufferGeometry();
+    shape.setAttribute("position", new THREE.BufferAttribute(points, 3));
+    shape.computeBoundingBox();
+    box.low.min(shape.boundingBox.min);
+    box.high.max(shape.boundingBox.max);
+    this.scene.add(new THREE.Line(shape, new THREE.LineBasicMaterial({ color: PATH })));
   }
 
   // An arrow at the flange along a force [N]; none without one.

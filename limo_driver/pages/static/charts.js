@@ -12,6 +12,12 @@ async function draw(place) {
   layout.font.family = font;
   layout.paper_bgcolor = layout.plot_bgcolor = "rgba(0,0,0,0)";
   layout.width = place.clientWidth;
+  const ticks = layout.xaxis?.tickvals; // of a logarithmic axis; on a phone, one a decade has room
+  if (ticks && layout.width < 520) {
+    const kept = ticks.map((value) => Number.isInteger(Math.log10(value)));
+    layout.xaxis.tickvals = ticks.filter((_, k) => kept[k]);
+    layout.xaxis.ticktext = layout.xaxis.ticktext.filter((_, k) => kept[k]);
+  }
   if (touch) layout.dragmode = false; // a finger scrolls the page
   await Plotly.react(place, data, layout, config);
 }

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from one_file import check_page, drawn
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run, identify_drives
@@ -14,6 +15,7 @@ from estimators.drives.diagnosis import removes, split
 from estimators.drives.fit import errors, fit_joint, independent, left_out, with_values
 from estimators.drives.identification import with_servos
 from estimators.drives.one_joint import loaded_joints
+from estimators.drives.page import drives_page
 from estimators.drives.plant import rows_of
 from limo_driver.physics import GravityDirection, Simulation
 
@@ -55,6 +57,15 @@ def test_gains_and_friction_are_found_in_newton_metres(found):
         assert fit.value("coulomb") == pytest.approx(FRICTION, rel=0.2)
         assert fit.value("damping") == pytest.approx(KD[joint] + DAMPING, rel=0.2)
     assert found.scaled == (True, True)
+
+
+def test_its_page_has_the_constants_of_each_joint(found):
+    text = drives_page(found, "sim.yaml").html()
+    check_page(text)
+    assert f"{found.fits[0].value('kp'):.3g}</td>" in text
+    assert [bar["x"] for bar in drawn(text)[0]["data"]] == [
+        pytest.approx([fit.mean_error for fit in found.fits], rel=1e-3)
+    ]
 
 
 def test_a_start_whose_errors_are_all_large_leads_to_the_same_constants(bare, recordings):

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from one_file import check_page, drawn, title_of
 from table_data import write_data
 
 from estimators.reproduction import rows as r
 from estimators.reproduction.claims import CLAIMS, best, judge
 from estimators.reproduction.data import TableData
+from estimators.reproduction.page import table_page
 from estimators.reproduction.picture import draw
 from estimators.reproduction.results import Table
 from estimators.reproduction.rigid_body import physics_digest, rigid_body
@@ -159,6 +161,19 @@ def test_the_best_row_is_named_beside_the_papers(data: TableData) -> None:
         "MLP-7 with tau_rbd,r",
     )
     assert best(table_of(data, {}), "validation", SEQUENCES) is None
+
+
+@pytest.mark.parametrize("done", [{}, {0: 1.0}, {0: 1.0, 1: 1.2, 2: 0.9}])
+def test_the_page_says_what_is_best_and_what_is_not_known_yet(
+    data: TableData, done: dict[int, float]
+) -> None:
+    table = table_of(data, done)
+    text = table_page(table).html()
+    check_page(text)
+    assert ("Least error" in title_of(text)) is bool(done)
+    assert (f"{table.left} trials" in text) is bool(table.left)
+    assert len(drawn(text)) == len(PARTS)
+    assert all(claim.title in text for claim in CLAIMS)
 
 
 def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: Path) -> None:

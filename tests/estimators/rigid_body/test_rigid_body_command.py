@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from one_file import check_page, drawn, title_of
 
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, Simulation
@@ -58,6 +59,11 @@ def test_writes_a_simulation_that_holds_what_is_true(tmp_path, recording, identi
     found = Simulation.load(tmp_path / "sim.yaml")
     coulomb = {e.joint: e.tau_c for e in found.effects if isinstance(e, CoulombFriction)}
     assert coulomb == pytest.approx({j: 0.3 * j for j in range(1, 8)}, abs=0.03)
+    page = (tmp_path / "sim.html").read_text()
+    check_page(page)
+    assert "57 of 57 base parameters are excited" in title_of(page)
+    friction = next(c for c in drawn(page) if c["layout"]["yaxis"]["title"]["text"] == "N m")
+    assert friction["data"][0]["y"] == pytest.approx([0.3 * j for j in range(1, 8)], abs=0.03)
 
 
 def test_json_holds_the_findings(recording, identify):

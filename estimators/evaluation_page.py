@@ -1,0 +1,168 @@
+"""The page of an evaluation: how far a model's torque is from the measured one, joint by joint."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.pictures import lively_rows, torques_of
+from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
+from limo_driver.pages.arm_section import arm_section
+from limo_driver.pages.figures import (
+    AFTER,
+    BEFORE,
+    DRAWN,
+    FLOOR,
+    MEASURED,
+    curve,
+    dots,
+    layout,
+    rounded_ticks,
+)
+from limo_driver.pages.markup import columns, folded, grid, header, next_steps, section
+
+if TYPE_CHECKING:
+    from estimators.evaluation import Evaluation
+    from limo_driver.pages.arm import ArmView
+    from limo_driver.pages.markup import Figure
+
+_STYLES: Final = ((MEASURED, 4.0), (BEFORE, 1.4), (AFTER, 1.4))  # of the torques in their order
+_RIGID: Final = "rigid body"
+_OPEN: Final = 3  # joints whose curves are seen at once
+_ERRORS: Final = (
+    "RMSE: root mean square of measured less predicted torque. Noise floor: what the torque "
+    "sensor's noise leaves behind the filter, as far as its spectrum tells. Of the intervals of a "
+    "model that knows how sure it is, 95 % hold the measured torque. Outside: motion unlike what "
+    "was learned, where the interval is a guess."
+)
+_CURVES: Final = (
+    "The 6 s in which the joints reverse most often. Grey: measured. Orange: rigid body. Blue: the "
+    "model. Over position, the torque of the rigid body without friction is taken from all three."
+)
+
+
+def evaluation_page(found: Evaluation) -> Page:
+    """Return the page of an evaluation."""
+    charts = Charts()
+    view = _arm(found)
+    rigid, model = (float(np.sqrt(side.mse.mean())) for side in (found.rigid_body, found.hybrid))
+    seen = ", on motion that it was trained on" if found.trained_on else ""
+    title = (
+        f"{found.model} is {model:.3g} N m off the measured torque, the rigid body alone "
+        f"{rigid:.3g} N m (RMS over joints){seen}."
+    )
+    of = f" of {found.recording.source}" if found.recording.source else ""
+    source = (
+        f"{int(found.scored.sum())} samples{of}. Motion and torque pass the same zero-phase filter "
+        f"of {found.bandwidth:g} Hz."
+    )
+    lead = (
+        "Drag to turn. Each ring is a joint; its colour says how many noise floors the predicted "
+        "torque is off. “Now” shows the error at the time of the slider, by colour and size."
+        if view.errors
+        else "Drag to turn. The noise floor is unknown here, so that errors have no colour."
+    )
+    body = (
+        header(f"Evaluation of {found.model}", title, source)
+        + section("Errors", _errors(found, charts), "errors", _ERRORS)
+        + arm_section(view, "Where on the arm", lead)
+        + section("Torque over time and over position", _curves(found, charts), "curves", _CURVES)
+        + _next(found)
+    )
+    return Page(title, body, charts, view)
+
+
+def _errors(found: Evaluation, charts: Charts) -> str:
+    names = list(found.joint_names)
+    errors = (
+        (found.noise_floor, "noise floor", {"symbol": "line-ns-open", "size": 16, "color": FLOOR}),
+        (found.rigid_body.rmse, _RIGID, {"symbol": "circle-open", "size": 11, "color": BEFORE}),
+        (found.hybrid.rmse, found.model, {"symbol": "circle", "size": 11, "color": AFTER}),
+    )
+    axes = layout("RMSE [N m], logarithmic", "")
+    axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate([e for e, _, _ in errors]))
+    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
+    marks = [dots(values.tolist(), names, name, mark) for values, name, mark in errors]
+    chart: Figure = {"data": marks, "layout": axes, "height": 90 + 34 * len(names)}
+    values = dict(found.figures()) | {"outside": [f"{part:.0%}" for part in found.outside]}
+    return charts.place(chart, "Error of each joint") + columns(values)
+
+
+def _arm(found: Evaluation) -> ArmView:
+    rows = lively_rows(found)
+    rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
+    ghosts = tuple(
+        Ghost(name, colour, (found.measured - torque)[rows])
+        for (name, torque), (colour, _) in zip(torques_of(found), _STYLES, strict=True)
+        if colour != MEASURED
+    )
+    time, position = found.recording.time[rows], found.motion.position[rows]
+    said = f"{time[0]:.1f} to {time[-1]:.1f} s of the recording."
+    errors = (
+        (found.model, tuple(found.hybrid.rmse.tolist())),
+        (_RIGID, tuple(found.rigid_body.rmse.tolist())),
+    )
+    known = bool(np.isfinite(found.noise_floor).all())
+    return arm_view(
+        found.robot,
+        position[0],
+        errors=errors if known else (),
+        floor=tuple(found.noise_floor.tolist()) if known else (),
+        motion=PlayedMotion(time, position, ghosts if known else (), caption=said),
+    )
+
+
+def _curves(found: Evaluation, charts: Charts) -> str:
+    order = np.argsort(-found.hybrid.rmse).tolist()
+    drawn = [(name, _joint(found, charts, j)) for j in order for name in [found.joint_names[j]]]
+    seen = "".join(f"<h3>{name}</h3>{body}" for name, body in drawn[:_OPEN])
+    return seen + "".join(folded(name, body) for name, body in drawn[_OPEN:])
+
+
+def _joint(found: Evaluation, charts: Charts, j: int) -> str:
+    rows = lively_rows(found)
+    rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
+    time, position = found.recording.time[rows], found.motion.position[rows, j]
+    over_time: list[Figure] = []
+    loops: list[Figure] = []
+    for (name, torque), style in zip(torques_of(found), _STYLES, strict=True):
+        own = torque[rows, j] - found.frictionless[rows, j]
+        over_time.append(curve(time, torque[rows, j], name, *style))
+        loops.append(curve(position, own, name, *style))
+    drawn = (
+        (over_time, layout("time [s]", "torque [N m]"), "Torque over time", True),
+        (loops, layout("position [rad]", "friction [N m]"), "Friction over position", False),
+    )
+    return grid(
+        charts.place(
+            {"data": data, "layout": axes, "height": 280},
+            f"{found.joint_names[j]}: {caption}",
+            follows=follows,
+        )
+        for data, axes, caption, follows in drawn
+    )
+
+
+def _next(found: Evaluation) -> str:
+    steps = [
+        (
+            "Where the model is far above the noise floor, ask what physics is missing; sim.yaml "
+            "is the simulation that it was trained on.",
+            "limo diagnose RECORDING --sim sim.yaml --out diagnosis/",
+        ),
+        (
+            "Where it is near, estimate torque live with it.",
+            "limo serve --arm NAME --model MODEL_FOLDER",
+        ),
+    ]
+    if found.trained_on:
+        steps.insert(
+            0,
+            (
+                "These errors say nothing of other motion: evaluate on a recording that was not "
+                "trained on.",
+                "limo evaluate OTHER_RECORDING --model MODEL_FOLDER --out evaluation/",
+            ),
+        )
+    return next_steps(steps)

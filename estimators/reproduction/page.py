@@ -1,0 +1,150 @@
+"""The page of the table: errors of every network beside the paper's, and its claims judged."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.reproduction.claims import CLAIMS, judge
+from estimators.reproduction.results import SPLIT_NAMES, SPLIT_WORDS
+from estimators.reproduction.rows import PARTS, RBD, ROWS, paper_table
+from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES, SPLITS, Protocol
+from estimators.reproduction.writing import NOTHING, cell, done, factor
+from limo_driver.pages import Charts, Page
+from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, layout, numbers
+from limo_driver.pages.markup import folded, grid, header, listed, section, table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from estimators.reproduction.results import Table
+    from limo_driver.pages.markup import Figure
+
+PAGE: Final = "report.html"
+_STYLES: Final = ((SEQUENCES, AFTER, "circle"), (SCAFFOLDS, BEFORE, "square"))
+_SPLITS: Final = (
+    "Blue: random split of sub-sequences, as in the paper. Orange: tested on scaffolds that were "
+    "never trained on. Diamonds: the paper's figures. Dotted: the rigid body alone. Bars: standard "
+    "deviation over runs."
+)
+_JUDGED: Final = (
+    "A factor is the joint-averaged MSE of the first row over that of the second, over runs of "
+    "equal seeds, with its 95 % interval. A claim holds where all of it lies above 1."
+)
+
+
+def table_page(found: Table) -> Page:
+    """Return the page of the table, as far as its trials are done."""
+    charts = Charts()
+    title = _title(found)
+    drawn = grid(charts.place(_errors(found, part), part.capitalize()) for part in PARTS)
+    body = (
+        header("Table I of Çallar and Böttger 2022", title, found.headline())
+        + section("To be known", listed(_known(found)), "notes")
+        + section("Errors", drawn, "errors", _SPLITS)
+        + section("The paper's claims", _claims(found), "claims", _JUDGED)
+        + section("All figures", _tables(found), "table", found.scored)
+    )
+    return Page(title, body, charts)
+
+
+def _title(found: Table) -> str:
+    """Say which row is best on motion that was not trained on, and how far the rigid body is."""
+    errors = {
+        row.name: float(figures.mean[-1])
+        for row in ROWS
+        if (figures := found.figures(row, "test", SCAFFOLDS)).mean is not None
+    }
+    if len(errors) < 2:  # noqa: PLR2004  # to compare
+        return f"Table I: {found.left} trials are still to be done."
+    best = min(errors, key=lambda name: errors[name])
+    rigid = errors.get(RBD.name)
+    beside = f", the rigid body alone {rigid:.3g}" if rigid is not None and best != RBD.name else ""
+    left = f"; {found.left} trials left" if found.left else ""
+    return (
+        f"Least error on scaffolds never trained on: {best}, MSE {errors[best]:.3g} (N m)²"
+        f"{beside}{left}."
+    )
+
+
+def _known(found: Table) -> Iterator[str]:
+    if found.protocol.epochs < Protocol.epochs:
+        yield (
+            f"No judgement of the paper: networks were trained for {found.protocol.epochs} of its "
+            f"{Protocol.epochs} epochs. What is compared is how they begin to learn."
+        )
+    if found.protocol.runs == 1:
+        yield "One run of each row: there is no interval, and the sign of one run proves nothing."
+    if found.left:
+        yield f"{found.left} trials are not done; the same command goes on with them."
+
+
+def _errors(found: Table, part: str) -> Figure:
+    names = [row.name for row in ROWS]
+    data: list[Figure] = []
+    for split, colour, symbol in _STYLES:
+        figures = [found.figures(row, part, split) for row in ROWS]
+        means = np.array([np.nan if f.mean is None else f.mean[-1] for f in figures])
+        spreads = np.array([np.nan if f.spread is None else f.spread[-1] for f in figures])
+        marks = _marks(means, names, SPLIT_WORDS[split], colour, symbol)
+        data.append(marks | {"error_x": {"type": "data", "array": numbers(spreads)}})
+    if found.beside_paper:
+        paper = np.array([paper_table()[part, name][-1] for name in names])
+        data.append(_marks(paper, names, "the paper", FLOOR, "diamond-open"))
+    axes = layout("MSE [(N m)²], logarithmic", "")
+    axes["xaxis"] |= {"type": "log"}
+    axes["yaxis"] |= {"autorange": "reversed"}
+    rigid = found.figures(RBD, part).mean
+    if rigid is not None:
+        line = {"color": FLOOR, "width": 1, "dash": "dot"}
+        at = float(rigid[-1])
+        axes["shapes"] = [
+            {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "yref": "paper", "line": line}
+        ]
+    return {"data": data, "layout": axes, "height": 100 + 26 * len(names)}
+
+
+def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol: str) -> Figure:
+    return {
+        "x": numbers(values), "y": names, "mode": "markers", "name": name,
+        "marker": {"symbol": symbol, "size": 9, "color": colour},
+        "hovertemplate": "%{y}, " + name + ": %{x} (N m)²<extra></extra>",
+    }  # fmt: skip
+
+
+def _claims(found: Table) -> str:
+    said = ""
+    for claim in CLAIMS:
+        judged = list(judge(found, claim))
+        told = [item for item in judged if item.factor is not None]
+        surely = sum(item.verdict == "holds" for item in told)
+        rows = [
+            [
+                *map(escape, (item.part, SPLIT_WORDS[item.split], item.worse, item.better)),
+                factor(item),
+                NOTHING if item.paper is None else f"{item.paper:.3g}",
+                item.verdict,
+            ]
+            for item in judged
+        ]
+        heads = ("part", "split", "first", "second", "factor", "paper's", "verdict")
+        title = f"{claim.title}: beyond the spread in {surely} of {len(told)} comparisons"
+        said += folded(title, f"<p>{escape(claim.says)}</p>" + table(heads, rows))
+    return said
+
+
+def _tables(found: Table) -> str:
+    n = found.data.model.n
+    heads = ("architecture", "runs", *(f"joint {j}" for j in range(1, n + 1)), "average")
+    said = ""
+    for split in SPLITS:
+        for part in PARTS:
+            rows = [
+                [escape(row.name), done(figures), *(cell(figures, i) for i in range(n + 1))]
+                for of_split, of_part, row, figures in found.entries()
+                if (of_split, of_part) == (split, part)
+            ]
+            said += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
+    return said

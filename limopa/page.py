@@ -1,0 +1,110 @@
+"""The page of a plan: the arm on its way, its joints over time, and how much of them it uses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.pages import Charts, Page
+from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
+from limo_driver.pages.motion import planned_motion
+from limopa.statistics import summarise
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from limo_driver.model import RobotModel
+    from limopa.planner import Plan
+    from limopa.statistics import Statistics
+
+_LONG = 120.0  # [s], said in minutes from here on
+_LEAD = (
+    "Covered: part of a joint's range that is visited, in bins of 5°. Reversals are those while "
+    "exploring; between two of them a joint turns by the median given. Peaks are parts of the "
+    "joint's limits."
+)
+
+
+def plan_page(plan: Plan, model: RobotModel, file: str, robot: str) -> Page:
+    """Return the page of a plan.
+
+    Args:
+        plan: The plan.
+        model: The robot it was planned for.
+        file: Name of the file that has its motion, for the commands that go on from it.
+        robot: The robot, as commands know it.
+    """
+    charts, said = Charts(), summarise(plan, model)
+    view, motion = planned_motion(model, plan.trajectory, charts)
+    title = (
+        f"{said.scaffolds} poses explored in {span(said.duration)}, with "
+        f"{sum(joint.reversals for joint in said.joints)} reversals of joints and at most "
+        f"{max(joint.peak_velocity for joint in said.joints):.0%} of a velocity limit."
+    )
+    workspace = plan.request.workspace
+    source = (
+        f"Seed {plan.seed}; flange within {workspace.radius:g} m of the base; "
+        f"{said.samples} samples at {plan.request.rate:g} Hz."
+    )
+    body = (
+        header(f"Locally isotropic motion of {model.name}", title, source)
+        + motion
+        + section("What each joint does", columns(_joints(said)), "joints", _LEAD)
+        + section("Poses that were rejected", _rejected(said), "rejected")
+        + not_checked(said.unchecked_pairs)
+        + play_it(file, robot)
+    )
+    return Page(title, body, charts, view)
+
+
+def play_it(file: str, robot: str) -> str:
+    """Return how to move an arm along a motion, and what to do with the recording."""
+    return next_steps(
+        [
+            (
+                "Move a simulated arm along it, and record; another backend moves a real one.",
+                f"limo run --backend mujoco --trajectory {file} --record run.parquet",
+            ),
+            (
+                "Identify inertias and friction from that recording.",
+                f"limo identify run.parquet --robot {robot} --out sim.yaml",
+            ),
+        ]
+    )
+
+
+def not_checked(pairs: Iterable[tuple[str, str]]) -> str:
+    """Return the section of links that no collision was looked for between."""
+    said = paragraph("They touch in every pose; whether they collide is for you to judge.", "small")
+    named = listed(f"{first} and {second}" for first, second in pairs)
+    title = "Links not checked against each other"
+    return section(title, said + named, "unchecked") if named else ""
+
+
+def span(seconds: float) -> str:
+    """Say a duration."""
+    return f"{seconds:.0f} s" if seconds < _LONG else f"{seconds / 60:.0f} min"
+
+
+def _joints(said: Statistics) -> dict[str, list[object]]:
+    return {
+        "joint": [joint.joint for joint in said.joints],
+        "covered": [f"{joint.coverage:.0%}" for joint in said.joints],
+        "reversals": [joint.reversals for joint in said.joints],
+        "between them [°]": [
+            float(np.degrees(joint.rotation_between_reversals)) for joint in said.joints
+        ],
+        "peak velocity": [f"{joint.peak_velocity:.0%}" for joint in said.joints],
+        "peak acceleration": [f"{joint.peak_acceleration:.0%}" for joint in said.joints],
+        "peak jerk": [f"{joint.peak_jerk:.0%}" for joint in said.joints],
+    }
+
+
+def _rejected(said: Statistics) -> str:
+    stages = said.rejections
+    names = sorted({name for counts in stages.values() for name in counts})
+    values: dict[str, list[object]] = {"condition": list(names)}
+    values |= {stage: [counts.get(name, 0) for name in names] for stage, counts in stages.items()}
+    drawn = paragraph(f"{said.candidates} random poses were drawn.", "small")
+    return drawn + columns(values) if names else ""
