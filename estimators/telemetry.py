@@ -113,7 +113,12 @@ def sampling_of(recording: Recording) -> list[str]:
     told = [f"sampled at {1 / period:.4g} Hz for {recording.duration:.4g} s, {even}"]
     gaps = len(recording.segments) - 1
     lost = recording.duration / period + 1 - len(recording)
-    if gaps or lost > _LOST * len(recording):
+    if recording.spread:
+        told.append(
+            f"judged by {gaps + 1} stretches spread over {recording.spread} rows; dropouts between "
+            "them are not seen"
+        )
+    elif gaps or lost > _LOST * len(recording):
         many = f"{gaps} gap{'s' * (gaps != 1)}"
         told.append(f"{many}; about {max(lost, 0):.0f} samples lack ({lost / len(recording):.1%})")
     out = recording.rows_total - len(recording)

@@ -85,33 +85,21 @@ def _mapped(
     *,
     as_json: bool,
 ) -> None:
-    """Write the rows of one log as its mapping, or the one proposed for it, says."""
-    from importlib.metadata import version
-
-    from limo_driver.errors import ConfigError, RecordingError
+    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.data_gate import inspect
-    from limo_driver.recordings.file import write_columns
-    from limo_driver.workflow.reading import columns_of
+    from limo_driver.workflow.converting import convert_log
 
     if len(files) > 1:
         raise ConfigError(f"{len(files)} logs to convert, expected one, or bags without a mapping")
     model = None if robot is None else RobotModel.load(robot)
-    columns, used = columns_of(files[0], model, mapping, topic, episode)
-    try:
-        findings = inspect(columns)
-    except RecordingError as error:
-        raise RecordingError(str(error), path=files[0], rows=error.rows) from None
-    provenance = {"logs": [files[0].name], "limo": version("limo")}
-    write_columns(columns, out, {"joints": used.joints, "provenance": provenance})
+    found = convert_log(files[0], out, model, mapping, topic, episode)
     counts = {
-        "joints": list(used.joints),
-        "samples": columns.time.size,
-        "usable": len(findings.rows),
-        "duration": float(columns.time[-1] - columns.time[0]),
+        "joints": list(found.joints),
+        "samples": found.samples,
+        "usable": found.usable,
+        "duration": found.duration,
     }
-    notes = [*columns.warnings, *map(str, findings.left_out), *findings.warnings]
-    _report(out, counts, notes, as_json=as_json)
+    _report(out, counts, list(found.notes), as_json=as_json)
 
 
 def _to_recording(

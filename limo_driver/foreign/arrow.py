@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,14 +13,13 @@ import pyarrow as pa
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.table import LogTable
+from limo_driver.recordings.batches import FEW, Kept, kept_of, parquet_batches
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
-
-_FEW = 0.02  # of the cells, that hold a text where all others hold numbers
 
 
 def numbers_of(
@@ -58,17 +58,20 @@ def numbers_of(
     return LogTable(columns, source, kind, unread)
 
 
-def read_parquet(path: Path) -> pa.Table:
-    """Read a Parquet file.
+def kept_numbers(kept: Kept, source: str, kind: str) -> LogTable:
+    """Return the columns of numbers of the rows that are kept of a file."""
+    table = numbers_of(kept.table, source, kind)
+    return replace(table, spread=kept.spread, notes=(kept.note,) if kept.note else ())
+
+
+def read_parquet(path: Path) -> Kept:
+    """Read a Parquet file, or stretches of one that is long.
 
     Raises:
         RecordingError: It is none, or damaged.
     """
-    import pyarrow.parquet as pq
-
     try:
-        with pq.ParquetFile(path) as file:
-            return file.read()
+        return kept_of(*parquet_batches(path))
     except (OSError, pa.ArrowException) as error:
         raise RecordingError(
             f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path
@@ -112,7 +115,7 @@ def _refuse_few_texts(name: str, column: pa.ChunkedArray, source: str) -> None:
         for row, cell in enumerate(column.to_pylist())
         if cell is not None and not _is_number(cell)
     ]
-    if texts and len(texts) <= max(1, _FEW * len(column)):
+    if texts and len(texts) <= max(1, FEW * len(column)):
         row, cell = texts[0]
         raise RecordingError(
             f"column {name} holds text in {len(texts)} of {len(column)} cells; row {row} is "

@@ -12,8 +12,10 @@ import pyarrow as pa
 from pyarrow import csv
 
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.batches import LONG_TEXT, Kept, blocks_of, kept_of, text_batches
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 _HEAD = 65536  # bytes that are looked at
@@ -33,8 +35,8 @@ class Dialect(NamedTuple):
     decimal: str  # point or comma
 
 
-def read_delimited(path: Path) -> tuple[pa.Table, tuple[str, ...]]:
-    """Read delimited text.
+def read_delimited(path: Path) -> tuple[Kept, tuple[str, ...]]:
+    """Read delimited text, or stretches of one that is long.
 
     Returns:
         Its columns, and what has to be said of how it was read.
@@ -42,42 +44,101 @@ def read_delimited(path: Path) -> tuple[pa.Table, tuple[str, ...]]:
     Raises:
         RecordingError: It cannot be read, or is no such text.
     """
-    dialect = dialect_of(path)
-    read = csv.ReadOptions(
-        column_names=list(dialect.names), skip_rows=dialect.skipped + dialect.named
-    )
-    cut = list[str]()
+    text = DelimitedText(path)
+    return text.kept(), text.notes()
 
-    def short(row: Any) -> str:  # noqa: ANN401  # pyarrow has no types
-        cut.append(f"row {row.number}" if row.number is not None else "a row")
-        return "skip"
 
-    try:
-        table = csv.read_csv(
-            path,
-            read_options=read,
-            parse_options=csv.ParseOptions(
+class DelimitedText:
+    """A file of delimited text, whose rows are read once.
+
+    Args:
+        path: The file.
+
+    Raises:
+        RecordingError: No file, no text, or nothing in it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._dialect = path, dialect_of(path)
+        self._rows, self._cut = 0, list[str]()
+
+    def kept(self) -> Kept:
+        """Return all rows, or stretches of them where they are many.
+
+        Raises:
+            RecordingError: They cannot be read, or many have another number of cells.
+        """
+        try:
+            if self._path.stat().st_size > LONG_TEXT:
+                kept = kept_of(*self._batches())
+            else:
+                kept = Kept(csv.read_csv(self._path, *self._options()))
+        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+            raise self._unreadable(error) from None
+        self._rows = kept.spread or kept.table.num_rows
+        self._check_cut()
+        return kept
+
+    def blocks(self) -> Iterator[pa.Table]:
+        """Yield all rows, block by block.
+
+        Raises:
+            RecordingError: They cannot be read, or many have another number of cells.
+        """
+        try:
+            for table in blocks_of(*self._batches()):
+                self._rows += table.num_rows
+                yield table
+        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+            raise self._unreadable(error) from None
+        self._check_cut()
+
+    def notes(self) -> tuple[str, ...]:
+        """Say what has to be said of the rows that were read."""
+        notes = list[str]()
+        if not self._dialect.named:
+            notes.append("it has no line of names; columns are counted from 1")
+        if cut := self._cut:
+            notes.append(
+                f"{len(cut)} rows have another number of cells, and are left out: {cut[0]}"
+            )
+        return tuple(notes)
+
+    def _batches(self) -> tuple[Iterator[pa.RecordBatch], pa.Schema]:
+        batches = text_batches(self._path, *self._options())
+        self._cut.clear()  # of the look at the first rows
+        return batches
+
+    def _options(self) -> tuple[csv.ReadOptions, csv.ParseOptions, csv.ConvertOptions]:
+        dialect = self._dialect
+        return (
+            csv.ReadOptions(
+                column_names=list(dialect.names), skip_rows=dialect.skipped + dialect.named
+            ),
+            csv.ParseOptions(
                 delimiter=dialect.separator,
                 ignore_empty_lines=True,
-                invalid_row_handler=short,
+                invalid_row_handler=self._leave_out,
             ),
-            convert_options=csv.ConvertOptions(
-                decimal_point=dialect.decimal, strings_can_be_null=True
-            ),
+            csv.ConvertOptions(decimal_point=dialect.decimal, strings_can_be_null=True),
         )
-    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+
+    def _leave_out(self, row: Any) -> str:  # noqa: ANN401  # pyarrow has no types
+        self._cut.append(f"row {row.number}" if row.number is not None else "a row")
+        return "skip"
+
+    def _check_cut(self) -> None:
+        expected = len(self._dialect.names)
+        if len(self._cut) > max(1, self._rows // 50):
+            raise RecordingError(
+                f"has {len(self._cut)} rows with another number of cells than the {expected} of "
+                f"its first line, expected {expected}",
+                path=self._path,
+            )
+
+    def _unreadable(self, error: Exception) -> RecordingError:
         reason = str(error).splitlines()[0]
-        raise RecordingError(f"cannot be read as delimited text: {reason}", path=path) from None
-    notes = [] if dialect.named else ["it has no line of names; columns are counted from 1"]
-    if len(cut) > max(1, table.num_rows // 50):
-        raise RecordingError(
-            f"has {len(cut)} rows with another number of cells than the {len(dialect.names)} of "
-            f"its first line, expected {len(dialect.names)}",
-            path=path,
-        )
-    if cut:
-        notes.append(f"{len(cut)} rows have another number of cells, and are left out: {cut[0]}")
-    return table, tuple(notes)
+        return RecordingError(f"cannot be read as delimited text: {reason}", path=self._path)
 
 
 def dialect_of(path: Path) -> Dialect:

@@ -42,7 +42,7 @@ def read_dataset(folder: Path, episode: int | None = None) -> LogTable:
     files = sorted((folder / "data").rglob("*.parquet"))
     if not files:
         raise RecordingError("holds no data/**/*.parquet", path=folder)
-    parts = [_without_images(read_parquet(file)) for file in files]
+    parts = [_without_images(read_parquet(file).table) for file in files]
     try:
         table = pa.concat_tables(parts, promote_options="permissive")
     except pa.ArrowException as error:

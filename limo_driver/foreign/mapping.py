@@ -30,6 +30,8 @@ from limo_driver.recordings.data_gate import Columns
 from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limo_driver.foreign.table import LogTable
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
@@ -58,21 +60,34 @@ class TimeColumns(Declared):
         if self.columns:
             self._same_length("columns", "unit")
 
-    def read(self, table: LogTable) -> tuple[FloatArray, tuple[str, ...]]:
-        """Return the time (T,) from the first row on [s], and what has to be said of it."""
+    def origin(self, table: LogTable) -> tuple[Any, ...]:
+        """Return what each column has where time is 0: its first value that is known."""
+        return tuple(_first_known(table.column(name)) for name in self.columns)
+
+    def read(
+        self, table: LogTable, origin: tuple[Any, ...] | None = None
+    ) -> tuple[FloatArray, tuple[str, ...]]:
+        """Return the time (T,) [s] since an origin, and what has to be said of it.
+
+        Args:
+            table: Of the log, or of a block of it.
+            origin: Of the log; that of the table if not given.
+        """
         if not self.columns:
-            return np.arange(table.rows) / float(self.rate or 1.0), ()
+            return (table.first_row + np.arange(table.rows)) / float(self.rate or 1.0), ()
         total, told = np.zeros(table.rows), list[str]()
-        for name, unit in zip(self.columns, self.unit, strict=True):
+        origin = self.origin(table) if origin is None else origin
+        for name, unit, first in zip(self.columns, self.unit, origin, strict=True):
             values = table.column(name)
             if values.dtype.kind in "mM":
+                shift = float((_first_known(values) - first) / np.timedelta64(1, "s"))
                 since, said = seconds(values)
+                since = since + shift
                 told.append(said)
             elif values.dtype.kind in "iu":  # exact, before the digits of a date are lost
-                since = (values - values[0]).astype(np.int64) * SECONDS[unit]
+                since = (values - first).astype(np.int64) * SECONDS[unit]
             else:
-                known = np.flatnonzero(np.isfinite(values))
-                since = (values - (values[known[0]] if known.size else 0.0)) * SECONDS[unit]
+                since = (values - first) * SECONDS[unit]
             total += since
         return total, tuple(told)
 
@@ -218,12 +233,18 @@ class LogMapping(Declared, Displayed):
         with whole(path) as draft:
             draft.write_text(head + text, encoding="utf-8")
 
-    def columns(self, table: LogTable, model: RobotModel | None = None) -> Columns:
+    def columns(
+        self,
+        table: LogTable,
+        model: RobotModel | None = None,
+        origin: tuple[Any, ...] | None = None,
+    ) -> Columns:
         """Read a table as this mapping says, without judging the values.
 
         Args:
-            table: Of the log.
+            table: Of the log, or of a block of it.
             model: The robot, whose joints have to be those of the mapping.
+            origin: Of the log's time, of which a block does not know it.
 
         Returns:
             Columns in SI units, in the order of the joints.
@@ -248,7 +269,7 @@ class LogMapping(Declared, Displayed):
             raise ConfigError(
                 "torque: is in amperes; its `factor:` has to say how many N m one makes"
             )
-        time, told = mapping.time.read(table)
+        time, told = mapping.time.read(table, origin)
         extras = {}
         if mapping.temperature is not None:
             extras["temperature"] = mapping.temperature.read(table, "temperature")
@@ -260,6 +281,7 @@ class LogMapping(Declared, Displayed):
             extras=extras,
             warnings=(*table.notes, *told),
             robot="" if model is None else model.name,
+            spread=table.spread,
         )
 
     def _for(self, model: RobotModel) -> LogMapping:
@@ -277,6 +299,11 @@ class LogMapping(Declared, Displayed):
         order = [self.joints.index(name) for name in names]
         parts = {q: getattr(self, q) for q in _QUANTITIES if getattr(self, q) is not None}
         return replace(self, joints=names, **{q: _ordered(c, order) for q, c in parts.items()})
+
+
+def _first_known(values: NDArray[Any]) -> Any:  # noqa: ANN401  # a number or a date
+    known = ~np.isnat(values) if values.dtype.kind in "mM" else np.isfinite(values)
+    return values[known.argmax()] if known.any() else values.dtype.type(0)
 
 
 def _ordered(channels: Channels, order: list[int]) -> Channels:

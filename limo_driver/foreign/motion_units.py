@@ -19,6 +19,7 @@ _ROWS: Final = 1500  # that are looked at
 _ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _JUMP: Final = 0.05  # of the logarithm of 57.3, by which a joint may move within a row
+_LEAP: Final = 3.0  # times the longest of usual steps, that another unit makes
 _DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 _ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
 _FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
@@ -146,11 +147,16 @@ def _flipped(
 def other_unit_from(position: FloatArray) -> int | None:
     """Return the row from which positions (T, n) go on in degrees or in radians, if they do.
 
-    There, all joints that are away from zero are multiplied or divided by 57.3 at once.
+    There, all joints that are away from zero are multiplied or divided by 57.3 at once. Of values
+    that jump no farther than they often do, as noise about zero, no ratio says anything.
     """
+    steps = np.abs(np.diff(position, axis=0))
+    if not len(steps):
+        return None
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.abs(np.log(np.abs(position[1:] / position[:-1])))
     jumps = np.abs(ratio - math.log(1 / UNITS["position"]["deg"])) < _JUMP
+    jumps &= steps > _LEAP * np.nanquantile(steps, 0.99, axis=0)
     rows = np.flatnonzero(jumps.sum(axis=1) > position.shape[1] / 2)
     return int(rows[0]) + 1 if rows.size else None
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import zipfile
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.table import LogTable, table_of
 from limo_driver.given_files import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    from limo_driver.foreign.table import LogTable
 
 BAGS: Final = (".mcap", ".db3", ".zstd")
 TEXTS: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
@@ -53,17 +52,19 @@ def read_table(
 
         return read_bags([path], topic, joints)
     if ending in ARRAYS:
-        return _read_npz(path)
-    from limo_driver.foreign.arrow import numbers_of, read_parquet
+        from limo_driver.foreign.npz import read_npz
+
+        return read_npz(path)
+    from limo_driver.foreign.arrow import kept_numbers, read_parquet
 
     if ending in TEXTS:
         from limo_driver.foreign.delimited import read_delimited
 
         text, notes = read_delimited(path)
-        found = numbers_of(text, str(path), "delimited text")
-        return LogTable(found.columns, found.source, found.kind, found.unread, notes)
+        found = kept_numbers(text, str(path), "delimited text")
+        return replace(found, notes=(*notes, *found.notes))
     if ending in PARQUET:
-        return numbers_of(read_parquet(path), str(path), "Parquet")
+        return kept_numbers(read_parquet(path), str(path), "Parquet")
     raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
 
 
@@ -82,12 +83,3 @@ def _read_folder(
         "is a folder that holds neither a bag (.mcap, .db3) nor a LeRobotDataset (meta/info.json)",
         path=path,
     )
-
-
-def _read_npz(path: Path) -> LogTable:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files if archive[name].ndim}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise RecordingError(f"cannot be read as .npz: {error}", path=path) from None
-    return table_of(arrays, str(path), "NumPy arrays")

@@ -26,6 +26,8 @@ class LogTable:
         unread: Columns that hold no numbers, by name, and what they hold.
         notes: What a user should know of how it was read.
         robot: Name of the robot, where the file says it.
+        spread: Rows of a long log of which these are evenly spread stretches; 0 if they are all.
+        first_row: Row of the log that is the first here, where it is read block by block.
     """
 
     columns: Mapping[str, NDArray[Any]]
@@ -34,6 +36,8 @@ class LogTable:
     unread: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     robot: str = ""
+    spread: int = 0
+    first_row: int = 0
 
     @property
     def rows(self) -> int:
@@ -53,6 +57,11 @@ class LogTable:
     def first(self, rows: int) -> LogTable:
         """Return the first rows, which share their memory with this table."""
         return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
+
+    def cut(self, start: int, stop: int) -> LogTable:
+        """Return a copy of the rows from `start` to `stop`."""
+        own = {name: values[start:stop].copy() for name, values in self.columns.items()}
+        return replace(self, columns=own, first_row=self.first_row + start)
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a column.

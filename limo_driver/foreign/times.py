@@ -68,15 +68,23 @@ def time_columns(table: LogTable) -> TimeFound:
     running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     read = {name: _unit(table.columns[name], read_name(name).unit) for name in running}
     first = running[0]
-    _refuse_two_units(table, first)
+    refuse_two_units(table, first)
     unit, why, question = read[first]
     questions = [question] if question else []
     questions += _disagreeing(table, first, read)
     return TimeFound(TimeColumns(columns=(first,), unit=(unit,)), why, tuple(questions))
 
 
-def _refuse_two_units(table: LogTable, name: str) -> None:
-    """Refuse a column whose steps become a hundred times another: no unit makes a time of it."""
+def refuse_two_units(table: LogTable, name: str) -> None:
+    """Refuse a column whose steps become a hundred times another: no unit makes a time of it.
+
+    Args:
+        table: What the log holds.
+        name: Of the column.
+
+    Raises:
+        RecordingError: They do.
+    """
     values = table.columns[name]
     if values.dtype.kind in "mM":
         return

@@ -89,6 +89,7 @@ class Columns:
     robot: str = ""  # as the file names it, if it does
     torque_resolution: FloatArray | None = None  # (n,) [N m], where the file tells it
     command: FloatArray | None = None  # (T, n) [rad], set-point in force at each row
+    spread: int = 0  # rows of the log of which these are evenly spread stretches; 0 if they are all
 
 
 @dataclass(frozen=True)
@@ -426,7 +427,7 @@ class _Gate:
     def _about_gaps(self) -> list[str]:
         time = self.time
         starts = [rows.start for rows in contiguous(time)[1:]]
-        if not starts:
+        if not starts or self.columns.spread:
             return []
         lengths = [float(time[start] - time[start - 1]) for start in starts]
         worst = int(np.argmax(lengths))

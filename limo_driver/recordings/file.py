@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import re
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +16,12 @@ import pyarrow as pa
 
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import require_parquet, whole
+from limo_driver.recordings.batches import LONG_TEXT, Kept, kept_of, parquet_batches, text_batches
 from limo_driver.recordings.data_gate import Columns
 from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Generator, Mapping
     from pathlib import Path
 
     from limo_driver.types import FloatArray
@@ -46,7 +49,8 @@ def read_columns(path: Path) -> Columns:
             f"{unfinished.name} beside it is the log of a run that never finished, or is under "
             f"way; this is the finished recording {path.name}",
         )
-    table = _read_table(path)
+    kept = _read_table(path)
+    table = kept.table
     by_quantity = _joint_columns(table, path)
     n = len(by_quantity["position"])
     arrays = {
@@ -65,8 +69,9 @@ def read_columns(path: Path) -> Columns:
         torque=arrays.pop("torque", np.full((table.num_rows, n), np.nan)),
         velocity=arrays.pop("velocity", None),
         command=arrays.pop(_INSTEAD, None),
+        spread=kept.spread,
         extras=arrays,
-        warnings=warnings + taken + unread,
+        warnings=warnings + taken + unread + ((kept.note,) if kept.note else ()),
         robot=str(header.get("robot") or ""),
         torque_resolution=_per_joint(header.get("torque_resolution"), n),
     )
@@ -83,8 +88,40 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
     Raises:
         ConfigError: It cannot be written, or its ending is that of another format.
     """
+    with columns_writer(path, about) as write:
+        write(columns)
+
+
+@contextmanager
+def columns_writer(
+    path: Path, about: Mapping[str, Any] | None = None
+) -> Generator[Callable[[Columns], None]]:
+    """Give what writes columns, one block of rows after the other, as `write_columns` does.
+
+    Args:
+        path: To be written; the file is there once the context ends without an error.
+        about: More for the header, which is that of the first block.
+
+    Raises:
+        ConfigError: It cannot be written, or its ending is that of another format.
+    """
     import pyarrow.parquet as pq
 
+    require_parquet(path)
+    with whole(path) as draft, ExitStack() as opened:
+        writers = list[pq.ParquetWriter]()
+
+        def write(columns: Columns) -> None:
+            table = _table_of(columns, about or {})
+            if not writers:
+                writer = pq.ParquetWriter(draft, table.schema, use_dictionary=False)
+                writers.append(opened.enter_context(writer))
+            writers[0].write_table(table)
+
+        yield write
+
+
+def _table_of(columns: Columns, about: Mapping[str, Any]) -> pa.Table:
     from limo_driver.recordings.recorder import METADATA_KEY
 
     known = {
@@ -98,14 +135,11 @@ def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None 
     table: dict[str, FloatArray] = {"time": columns.time}
     for quantity, values in quantities.items():
         table |= {f"{quantity}_{j + 1}": values[:, j] for j in range(values.shape[1])}
-    header = ({"robot": columns.robot} if columns.robot else {}) | dict(about or {})
+    header = ({"robot": columns.robot} if columns.robot else {}) | dict(about)
     if columns.torque_resolution is not None:
         header["torque_resolution"] = columns.torque_resolution.tolist()
     metadata = {METADATA_KEY: json.dumps(header)} if header else None
-    written = pa.table(table).replace_schema_metadata(metadata)
-    require_parquet(path)
-    with whole(path) as draft:
-        pq.write_table(written, draft, use_dictionary=False)
+    return pa.table(table).replace_schema_metadata(metadata)
 
 
 def _header(table: pa.Table) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -129,12 +163,12 @@ def _per_joint(values: object, n: int) -> FloatArray | None:
     )
 
 
-def _read_table(path: Path) -> pa.Table:
+def _read_table(path: Path) -> Kept:
     if not path.is_file():
         raise RecordingError("is a folder" if path.is_dir() else "no such file", path=path)
     try:
-        table = _read_format(path)
-        names = [name.strip() for name in table.column_names]
+        kept = _read_format(path)
+        names = [name.strip() for name in kept.table.column_names]
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         reason = str(error).splitlines()[0]
         raise RecordingError(
@@ -142,23 +176,21 @@ def _read_table(path: Path) -> pa.Table:
         ) from None
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise RecordingError(f"has more than one column {_shorten(repeated)}", path=path)
-    return table.rename_columns(names).replace_schema_metadata(table.schema.metadata)
+    table = kept.table.rename_columns(names).replace_schema_metadata(kept.table.schema.metadata)
+    return replace(kept, table=table)
 
 
-def _read_format(path: Path) -> pa.Table:
+def _read_format(path: Path) -> Kept:
     if path.suffix == _LOG_SUFFIX:
         from limo_driver.recordings.recorder import read_log
 
-        return read_log(path)
+        return Kept(read_log(path))
     if path.suffix.lower() in {".csv", ".txt"}:
         return _read_csv(path)
-    import pyarrow.parquet as pq
-
-    with pq.ParquetFile(path) as file:
-        return file.read()
+    return kept_of(*parquet_batches(path))
 
 
-def _read_csv(path: Path) -> pa.Table:
+def _read_csv(path: Path) -> Kept:
     from pyarrow import csv
 
     with path.open("rb") as file:
@@ -168,7 +200,9 @@ def _read_csv(path: Path) -> pa.Table:
     for separator, name in ((b";", "semicolons"), (b"\t", "tabs")):
         if b"time" in header and separator in header and b"," not in header:
             raise RecordingError(f"has columns separated by {name}, expected commas", path=path)
-    return csv.read_csv(path)
+    if path.stat().st_size > LONG_TEXT:
+        return kept_of(*text_batches(path))
+    return Kept(csv.read_csv(path))
 
 
 def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:

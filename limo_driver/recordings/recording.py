@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
@@ -22,13 +23,14 @@ from limo_driver.recordings.data_gate import (
 )
 from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.recordings.recorded_time import seconds
+from limo_driver.recordings.stretches import Stretches
 from limo_driver.recordings.unwrapping import unwrapped
 from limo_driver.types import FloatArray, Motion, readonly, same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from limo_driver.model import RobotModel
 
@@ -61,6 +63,8 @@ class Recording(Displayed):
         unmeasured: (T, n) true where a torque is no measurement; None where all are. Only
             `by_joint` returns such recordings, and logs that hold commands and no torque.
         command: Set-point in force at each sample, (T, n) [rad]; None where it was not recorded.
+        spread: Rows of a long log of which the samples are evenly spread stretches; 0 if they are
+            all of it.
 
     Raises:
         ShapeError: The shapes do not fit together, or there is no joint.
@@ -89,6 +93,7 @@ class Recording(Displayed):
     torque_resolution: FloatArray | None = None  # (n,) [N m], step of each joint's torque; or None
     unmeasured: NDArray[np.bool_] | None = None  # (T, n), torques that are no measurement
     command: FloatArray | None = None  # (T, n) [rad], set-point in force
+    spread: int = 0  # rows of the log of which these are stretches; 0 if they are all
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
@@ -112,7 +117,8 @@ class Recording(Displayed):
     def load(cls, path: Path | str) -> Recording:
         """Read Parquet, CSV or limo's own log.
 
-        Rows that cannot be used are left out and named in `left_out`; nothing is repaired.
+        Rows that cannot be used are left out and named in `left_out`; nothing is repaired. Of more
+        than a million rows, evenly spread stretches are read, and `spread` and `warnings` say so.
 
         Args:
             path: Its ending says what it is.
@@ -234,6 +240,7 @@ class Recording(Displayed):
             robot=columns.robot,
             torque_resolution=columns.torque_resolution,
             command=None if columns.command is None else columns.command[rows],
+            spread=columns.spread,
         )
 
     @property
@@ -293,6 +300,7 @@ class Recording(Displayed):
         text += f" of {self.robot}" if self.robot else ""
         out = self.rows_total - len(self)
         text += f", {out} rows left out" if out else ""
+        text += f", stretches of {self.spread} rows" if self.spread else ""
         return text + (f", from {self.source}" if self.source else "")
 
     def figures(self) -> Mapping[str, Sequence[object]]:
@@ -353,6 +361,20 @@ class Recording(Displayed):
             unmeasured=None if self.unmeasured is None else self.unmeasured[rows],
             command=None if self.command is None else self.command[rows],
         )
+
+    def at_most(self, rows: int) -> Recording:
+        """Return evenly spread stretches of it; itself, if it has no more samples than that.
+
+        Args:
+            rows: Samples that may be kept.
+        """
+        stretches = Stretches[NDArray[np.int64]](lambda piece, a, b: piece[a:b], most=rows)
+        stretches.add(np.arange(len(self)), len(self))
+        if not stretches.spread:
+            return self
+        kept = self[np.concatenate(stretches.pieces())]
+        warnings = (*self.warnings, stretches.note())
+        return replace(kept, warnings=warnings, spread=self.spread or len(self))
 
     def motion(self, bandwidth: float) -> Motion:
         """Differentiate the positions without phase.

@@ -10,6 +10,7 @@ import numpy as np
 
 from limo_driver.errors import LimoError
 from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.recordings.stretches import STRETCH
 from limo_driver.workflow.inputs import recordings_of, simulation_of
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 _DIAGNOSED: Final = 0.85  # of the work
 _PLANNED: Final = 0.9
+_MOST: Final = 500_000  # samples; a diagnosis takes about 3 kB for each
 
 
 def diagnose(
@@ -69,6 +71,7 @@ def diagnose(
         from estimators.drives import diagnose_drives
 
         return diagnose_drives(known, measured, tell)
+    measured = _within_memory(measured)
     found = diagnosed(known, measured, bandwidth, forward(tell, _DIAGNOSED))
     attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
@@ -77,6 +80,14 @@ def diagnose(
     found = attempts.at("replay on the simulated robot", lambda: with_replay(found), found)
     tell("done", 1.0)
     return reduce(Diagnosis.failed, attempts.failures, found)
+
+
+def _within_memory(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
+    """Return stretches of recordings that have more samples than memory should hold."""
+    total = sum(map(len, recordings))
+    if total <= _MOST:
+        return recordings
+    return tuple(r.at_most(max(_MOST * len(r) // total, STRETCH)) for r in recordings)
 
 
 def _without_motion(found: Diagnosis, note: str = "") -> Diagnosis:

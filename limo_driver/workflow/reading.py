@@ -127,7 +127,12 @@ def _column_names(path: Path) -> list[str]:
         ) from None
 
 
-def _mapping_of(mapping: LogMapping | Path | str | None) -> LogMapping | None:
+def mapping_of(mapping: LogMapping | Path | str | None) -> LogMapping | None:
+    """Return a mapping, or the one in this file; None if none is given.
+
+    Raises:
+        ConfigError: It cannot be read, or is none.
+    """
     if mapping is None:
         return None
     if isinstance(mapping, (Path, str)):
@@ -148,7 +153,7 @@ def columns_of(
         ConfigError: There is neither robot nor mapping, or a question is open.
         RecordingError: The log cannot be read, or lacks what a recording has.
     """
-    used = _mapping_of(mapping)
+    used = mapping_of(mapping)
     table = table_of_log(log, model, used, topic, episode)
     if used is not None:
         return used.columns(table, model), used

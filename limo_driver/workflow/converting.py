@@ -1,0 +1,166 @@
+"""Convert a log of any format and length to a recording's file, with every row of it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.foreign.blocks import check_units, long_log
+from limo_driver.foreign.proposal import propose
+from limo_driver.recordings.data_gate import LeftOut, inspect
+from limo_driver.recordings.file import columns_writer
+from limo_driver.workflow.reading import columns_of, mapping_of, said
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from limo_driver.foreign.mapping import LogMapping
+    from limo_driver.foreign.table import LogTable
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.data_gate import Columns
+
+
+@dataclass(frozen=True)
+class Converted:
+    """What was written, and what was odd about it."""
+
+    joints: tuple[str, ...]
+    samples: int
+    usable: int
+    duration: float  # [s]
+    notes: tuple[str, ...]
+
+
+def convert_log(
+    log: Path,
+    out: Path,
+    model: RobotModel | None = None,
+    mapping: LogMapping | Path | str | None = None,
+    topic: str | None = None,
+    episode: int | None = None,
+) -> Converted:
+    """Write the rows of one log as its mapping, or the one proposed for it, says.
+
+    A long log goes through memory block by block, and each block is judged by itself.
+
+    Args:
+        log: File or folder.
+        out: To be written, Parquet.
+        model: The robot.
+        mapping: Which columns are what, or the file that says so.
+        topic: Of the joint states of a bag, where there are several.
+        episode: Of a LeRobotDataset; all if not given.
+
+    Raises:
+        ConfigError: There is neither robot nor mapping, or a question is open.
+        RecordingError: The log cannot be read, or lacks what a recording has.
+    """
+    blocks = long_log(log)
+    if blocks is None:
+        columns, used = columns_of(log, model, mapping, topic, episode)
+        pieces = iter([columns])
+    else:
+        used, pieces = _mapped(blocks, model, mapping_of(mapping), log)
+    about = {
+        "joints": used.joints,
+        "provenance": {"logs": [log.name], "limo": version("limo")},
+    }
+    judged = _Judged(log, is_whole=blocks is None)
+    with columns_writer(out, about) as write:
+        for columns in pieces:
+            judged.add(columns)
+            write(columns)
+    return judged.converted(used.joints)
+
+
+def _mapped(
+    blocks: Iterator[LogTable], model: RobotModel | None, mapping: LogMapping | None, log: Path
+) -> tuple[LogMapping, Iterator[Columns]]:
+    """Return the mapping of a long log, and its rows in SI units, block by block."""
+    first = next(blocks, None)
+    if first is None:
+        raise RecordingError("holds no rows", path=log)
+    told: tuple[str, ...] = ()
+    if mapping is None:
+        if model is None:
+            raise ConfigError(
+                "its columns are not limo's own, so `robot` or `mapping` has to say what they are; "
+                "`limo inspect` proposes a mapping",
+                path=log,
+            )
+        proposal = propose(first, model)
+        mapping, told = proposal.mapping, (said(proposal),)
+    used, origin = mapping, mapping.time.origin(first)
+
+    def pieces() -> Iterator[Columns]:
+        before: LogTable | None = None
+        for table in chain([first], blocks):
+            check_units(table, before, used)
+            columns = used.columns(table, model, origin)
+            yield replace(columns, warnings=(*told, *columns.warnings))
+            before = table
+
+    return used, pieces()
+
+
+class _Judged:
+    """The findings about all rows, as they come."""
+
+    def __init__(self, log: Path, *, is_whole: bool) -> None:
+        self._log, self._is_whole = log, is_whole
+        self._rows = self._usable = self._blocks = 0
+        self._first = self._last = 0.0
+        self._left_out: dict[str, list[int]] = defaultdict(list)
+        self._warnings = dict[str, None]()
+
+    def add(self, columns: Columns) -> None:
+        """Judge what comes next.
+
+        Raises:
+            RecordingError: It cannot be used, or is of an earlier time.
+        """
+        try:
+            findings = inspect(columns)
+        except RecordingError as error:
+            raise self._placed(error, columns.time.size) from None
+        time = columns.time[findings.rows]
+        if self._blocks and time[0] <= self._last:
+            raise RecordingError(
+                f"the time runs backwards about row {self._rows}, from {self._last:.6g} s to "
+                f"{time[0]:.6g} s; are these two recordings in one file?",
+                path=self._log,
+                rows=[self._rows],
+            )
+        for item in findings.left_out:
+            self._left_out[item.reason] += [self._rows + row for row in item.rows]
+        own = findings.warnings if self._is_whole else ()  # of one block they say little
+        self._warnings |= dict.fromkeys((*columns.warnings, *own))
+        self._first = self._first if self._blocks else float(columns.time[0])
+        self._last, self._blocks = float(time[-1]), self._blocks + 1
+        self._rows, self._usable = self._rows + columns.time.size, self._usable + time.size
+
+    def converted(self, joints: tuple[str, ...]) -> Converted:
+        """Return what is to be told."""
+        left = [str(LeftOut(reason, tuple(rows))) for reason, rows in self._left_out.items()]
+        notes = (*self._warnings, *left)
+        if not self._is_whole:
+            notes = (
+                *notes,
+                f"written in {self._blocks} blocks, each judged by itself",
+            )
+        return Converted(joints, self._rows, self._usable, self._last - self._first, notes)
+
+    def _placed(self, error: RecordingError, rows: int) -> RecordingError:
+        if self._is_whole:
+            return RecordingError(str(error), path=self._log, rows=error.rows)
+        last = self._rows + rows - 1
+        return RecordingError(
+            f"rows {self._rows} to {last}, counted from the first of them: {error}",
+            path=self._log,
+            rows=[self._rows + row for row in error.rows],
+        )
