@@ -197,6 +197,8 @@ class CanRig(Rig):
         self.sign = np.array([joint.direction for joint in config.joints])
         self.offset = np.array([joint.offset for joint in config.joints])
         self.row, self.carried = {}, self.gravity()
+        self.unheard, self.delivered = 0, bus.deliver
+        bus.deliver = bus.station._port.send = self.deliver
 
     def told(self):
         """Return what was applied; gravity was added where the arm was before."""
@@ -207,15 +209,14 @@ class CanRig(Rig):
 
     def lose(self, cycles):
         """Drives that are not heard for some cycles."""
-        deliver, left = self.bus.deliver, [7 * cycles]
+        self.unheard = 7 * cycles
 
-        def lossy(frame_id, data, **kind):
-            if left[0] and self.measures(frame_id):
-                left[0] -= 1
-                return
-            deliver(frame_id, data, **kind)
-
-        self.bus.deliver = self.bus.station._port.send = lossy
+    def deliver(self, frame_id, data, **kind):
+        """Pass on what drives say, unless it is to be lost."""
+        if self.unheard and self.measures(frame_id):
+            self.unheard -= 1
+            return
+        self.delivered(frame_id, data, **kind)
 
     def gravity(self):
         return self.model.gravity_torque(self.robot._link._position())[0]
