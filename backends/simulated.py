@@ -167,7 +167,12 @@ def specification(simulation: Simulation, period: float) -> RobotSpec:
     model = simulation.model
     resolution = simulation.sensors.for_joints("torque_resolution", model.n)
     return RobotSpec(
-        model.name, model.joint_names, model.limits, period, torque_resolution=resolution
+        model.name,
+        model.joint_names,
+        model.limits,
+        period,
+        torque_resolution=resolution,
+        jerk=model.jerk,
     )
 
 

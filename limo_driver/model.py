@@ -156,7 +156,8 @@ class RobotModel(Displayed):
         assumed = self.description.kind == "MJCF"
         # joints that slide along their axis, in m and N
         self.sliding: tuple[bool, ...] = chain.sliding
-        self.limits = _limits(self.pin_model, self.sliding, assumed=assumed)
+        self.jerk = self.description.jerk_of(self.joint_names)  # (n,) [rad/s^3], or None
+        self.limits = _limits(self.pin_model, self.sliding, self.jerk, assumed=assumed)
         self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_model, self.n)
         locked = (
@@ -534,7 +535,9 @@ def _unstated(model: pin.Model, names: Sequence[str], *, assumed: bool) -> tuple
     return tuple(told)
 
 
-def _limits(model: pin.Model, sliding: Sequence[bool], *, assumed: bool) -> JointLimits:
+def _limits(
+    model: pin.Model, sliding: Sequence[bool], jerk: FloatArray | None, *, assumed: bool
+) -> JointLimits:
     """Return the limits of the joints; a 0 stays unless values are assumed for what is not stated.
 
     MJCF has no limits of velocity, so that nothing would move. A URDF that states a 0 leaves out
@@ -545,12 +548,15 @@ def _limits(model: pin.Model, sliding: Sequence[bool], *, assumed: bool) -> Join
     if assumed:
         velocity = np.where(velocity > 0, velocity, np.where(sliding, SLOW_SLIDE, SLOW))
         torque = np.where(torque > 0, torque, np.inf)
+    planned = JERK_PER_VELOCITY * velocity
+    if jerk is not None:
+        planned = np.where(np.isfinite(jerk), jerk, planned)
     return JointLimits(
         position_min=np.array(model.lowerPositionLimit),
         position_max=np.array(model.upperPositionLimit),
         velocity=velocity,
         acceleration=ACCELERATION_PER_VELOCITY * velocity,
-        jerk=JERK_PER_VELOCITY * velocity,
+        jerk=planned,
         torque=torque,
         torque_rate=TORQUE_RATE_PER_TORQUE * torque,
     )

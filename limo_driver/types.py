@@ -107,6 +107,7 @@ class RobotSpec:
     wrench_limits: WrenchLimits | None = None  # of a robot that takes wrenches
     torque_resolution: FloatArray | None = None  # (n,) [N m], of measured torque, where known
     measures_temperature: bool = False  # of its joints
+    jerk: FloatArray | None = None  # (n,) [rad/s^3], that set-points keep, where the arm states one
     # An arm that gave way and is not measured any more: hold where it should be, or float, without
     # torque but that of gravity, until it is measured again.
     on_loss: Literal["hold", "float"] = "hold"

@@ -201,6 +201,7 @@ class ArmConfig(Declared):
             1.0 / self.rate,
             torque_resolution=torque_resolution,
             measures_temperature=self.convention != CIA402 or self.temperature is not None,
+            jerk=model.jerk,
         )
 
     def _check_nodes(self) -> None:

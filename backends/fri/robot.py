@@ -113,10 +113,16 @@ class FriRobot(Robot):
         if model.n != 7:  # noqa: PLR2004  # FRI's arrays
             raise ConfigError(f"FRI arms have 7 joints, but {model.name} has {model.n}")
         told = None if version is None else FriVersion.named(version)
-        _warm_up(RobotSpec(model.name, model.joint_names, model.limits, 1e-3, wrench_limits))
+        names, limits = model.joint_names, model.limits
+        _warm_up(RobotSpec(model.name, names, limits, 1e-3, wrench_limits, jerk=model.jerk))
         self._link: Connection = connect(host, port, told, connect_timeout)
         spec = RobotSpec(
-            model.name, model.joint_names, model.limits, self._link.period, wrench_limits
+            model.name,
+            model.joint_names,
+            model.limits,
+            self._link.period,
+            wrench_limits,
+            jerk=model.jerk,
         )
         super().__init__(spec, start_tolerance)
         self.latency = LatencyHistogram()  # from a packet's arrival to its answer

@@ -6,6 +6,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree as ET
 
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.types import readonly
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
@@ -70,6 +75,28 @@ class RobotDescription:
     def text(self) -> str:
         """The description as URDF."""
         return ET.tostring(self.root, encoding="unicode")
+
+    def jerk_of(self, joints: Sequence[str]) -> FloatArray | None:
+        """Return the jerk in the limit of each joint, (n,) [rad/s^3]; None if none states any.
+
+        Args:
+            joints: Their names, (n,); the jerk of those that state none is inf.
+
+        Raises:
+            ConfigError: It is not above 0.
+        """
+        jerk = np.full(len(joints), np.inf)
+        for joint in self.root.findall("joint"):
+            limit, name = joint.find("limit"), str(joint.get("name"))
+            if limit is None or name not in joints or (stated := limit.get("jerk")) is None:
+                continue
+            if (value := float(stated)) <= 0.0:
+                raise ConfigError(
+                    f"joint {name!r}: jerk of its limit is {stated}, expected a number above 0",
+                    path=self.path,
+                )
+            jerk[joints.index(name)] = value
+        return readonly(jerk) if np.isfinite(jerk).any() else None
 
 
 def split_reference(reference: str) -> tuple[str, tuple[str, ...]]:

@@ -9,11 +9,12 @@ asked for meanwhile. Nothing here knows phases or commands in force: one cycle, 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from limo_driver.robot.efforts import EffortLimits, GainLimits
+from limo_driver.robot.jerk import JerkLimits
 from limo_driver.robot.setpoints import TORQUE, WRENCH, PositionLimits, names_of
 from limo_driver.types import (
     ImpedanceCommand,
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
 
     from limo_driver.robot.measured import Pose
     from limo_driver.types import FloatArray, JointCommand, RobotSpec
+
+    # Where positions are led from: goal of the cycle before [rad], set-point [rad], its velocity
+    # [rad/s], and the last change of that, where jerk has a limit and there was one.
+    _Begun: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]
 
 _NO_WRENCH = np.zeros(6)
 _TAKES_NO_WRENCH = WrenchLimits(wrench=_NO_WRENCH, rate=_NO_WRENCH)
@@ -45,6 +50,7 @@ class Setpoint(NamedTuple):
     wrench: FloatArray  # (6,) [N, N m]
     gravity: FloatArray  # that is added to the torque on its way [N m]
     goal: FloatArray | None = None  # the position that was commanded [rad], in a stream of them
+    change: FloatArray | None = None  # of the velocity, in the last cycle, where jerk has a limit
 
     @property
     def rigid(self) -> bool:
@@ -55,6 +61,7 @@ class Setpoint(NamedTuple):
     def rests(self) -> bool:
         """Whether it is a position that stands, and no torque is left of what was before."""
         moves = self.velocity.any() or self.torque.any() or self.wrench.any()
+        moves = moves or (self.change is not None and self.change.any())
         return self.mode is PositionCommand and not moves
 
 
@@ -78,7 +85,12 @@ class OutputStage:
         limits, wrench = spec.limits, spec.wrench_limits or _TAKES_NO_WRENCH
         self._gravity, self._gains = gravity, gains
         self._zero = np.zeros(spec.n)
-        self._positions = PositionLimits(limits, spec.period)
+        self._smooth = spec.jerk is not None
+        self._positions = (
+            PositionLimits(limits, spec.period)
+            if spec.jerk is None
+            else JerkLimits(limits, spec.period, spec.jerk)
+        )
         self._torques = EffortLimits(limits.torque, limits.torque_rate, spec.period, TORQUE)
         self._wrenches = EffortLimits(wrench.wrench, wrench.rate, spec.period, WRENCH)
         self._impedances = GainLimits(limits, spec.period)
@@ -107,12 +119,12 @@ class OutputStage:
         if isinstance(command, PositionCommand):
             goal = command.position
             begun = (
-                (last.goal, last.position, last.velocity)  # most often, at once
+                (last.goal, last.position, last.velocity, last.change)  # most often, at once
                 if last.mode is PositionCommand and last.goal is not None
                 else self._begun(goal, last, pose, PositionCommand)
             )
             position, velocity, hit = self._positions.follow(goal, *begun)
-            return self._rigid(last, pose, position, velocity, goal), hit
+            return self._rigid(last, pose, position, velocity, goal, begun), hit
         if isinstance(command, ImpedanceCommand):
             return self._compliant(command, last, pose)
         gravity = self._carried()
@@ -135,9 +147,9 @@ class OutputStage:
 
     def brake(self, last: Setpoint, pose: Pose) -> Setpoint:
         """Return the set-point after `last` on the way to rest, inside the range."""
-        _, position, velocity = self._begun(last.position, last, pose, PositionCommand)
-        position, velocity = self._positions.brake(position, velocity)
-        return self._rigid(last, pose, position, velocity, None)
+        begun = self._begun(last.position, last, pose, PositionCommand)
+        position, velocity = self._positions.brake(*begun[1:])
+        return self._rigid(last, pose, position, velocity, None, begun)
 
     def path(
         self, targets: FloatArray, last: Setpoint, pose: Pose
@@ -149,20 +161,22 @@ class OutputStage:
         """
         begun = self._begun(targets[0], last, pose, PositionCommand)
         path, speed, hit = self._positions.follow_path(targets, *begun)
-        after = self._rigid(last, pose, path[-1].copy(), speed[-1].copy(), targets[-1])
+        if len(targets) > 1:
+            begun = targets[-2], path[-2], speed[-2], None
+        after = self._rigid(last, pose, path[-1].copy(), speed[-1].copy(), targets[-1], begun)
         if after.torque is not self._zero:
             after = after._replace(torque=self._torques.fade(after.torque, len(targets) - 1))
         return path, after, hit
 
     def _begun(
         self, goal: FloatArray, last: Setpoint, pose: Pose, mode: type[JointCommand]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return where positions are led from: goal of the cycle before, set-point, velocity."""
+    ) -> _Begun:
+        """Return where positions are led from."""
         if last.rigid or last.mode is mode:
             before = goal if last.goal is None or last.mode is not mode else last.goal
-            return before, last.position, last.velocity
+            return before, last.position, last.velocity, last.change
         # What moves faster than it may, or than it can stop, is not followed in that.
-        return goal, pose.position, self._positions.stoppable(pose.position, pose.velocity)
+        return goal, pose.position, self._positions.stoppable(pose.position, pose.velocity), None
 
     def _rigid(
         self,
@@ -171,9 +185,11 @@ class OutputStage:
         position: FloatArray,
         velocity: FloatArray,
         goal: FloatArray | None,
+        begun: _Begun,
     ) -> Setpoint:
         """Return a set-point of position; torques that were there fade."""
         zero, wrench = self._zero, last.wrench
+        change = velocity - begun[2] if self._smooth else None
         if wrench is not _NO_WRENCH:
             wrench = self._wrenches.fade(wrench) if wrench.any() else _NO_WRENCH
         if self._gains is not None:
@@ -188,13 +204,15 @@ class OutputStage:
             )
             return Setpoint(
                 PositionCommand, position, velocity, torque, stiffness, damping, wrench, gravity,
-                goal,
+                goal, change,
             )  # fmt: skip
         torque = zero
         if last.torque is not zero or last.mode is ImpedanceCommand:
             torque = self._torques.fade(self._effort(last, pose))
             torque = torque if torque.any() else zero
-        return Setpoint(PositionCommand, position, velocity, torque, zero, zero, wrench, zero, goal)
+        return Setpoint(
+            PositionCommand, position, velocity, torque, zero, zero, wrench, zero, goal, change
+        )
 
     def _compliant(
         self, command: ImpedanceCommand, last: Setpoint, pose: Pose
@@ -215,7 +233,7 @@ class OutputStage:
         stiffness, damping, torque = gains
         after = Setpoint(
             ImpedanceCommand, position, velocity, torque, stiffness, damping, _NO_WRENCH, gravity,
-            command.position,
+            command.position, velocity - begun[2] if self._smooth else None,
         )  # fmt: skip
         return after, hit | met
 

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 LIMIT_NAMES = (
     "position", "velocity", "acceleration", "torque", "torque_rate", "wrench", "wrench_rate",
-    "gain_rate",
+    "gain_rate", "jerk",
 )  # fmt: skip
-_POSITION, _VELOCITY, _ACCELERATION = 1, 2, 4  # bits of a hit
+POSITION, VELOCITY, ACCELERATION = 1, 2, 4  # bits of a hit
 TORQUE, WRENCH = 8, 32  # each with its rate behind it
-GAIN_RATE = 128
+GAIN_RATE, JERK = 128, 256
 _CYCLES_TO_ACT = 2.0  # from a measurement to the first effect of what is sent in answer
 VELOCITY_TOLERANCE = 1.2  # times the velocity limit that a measured velocity may reach
-_ROUNDING = 1e-6  # relative; a set-point this close to a limit keeps it
+ROUNDING = 1e-6  # relative; a set-point this close to a limit keeps it
 
 
 def names_of(hit: int) -> tuple[str, ...]:
@@ -51,7 +51,12 @@ class PositionLimits:
         self._period = period
 
     def follow(
-        self, target: FloatArray, goal: FloatArray, position: FloatArray, velocity: FloatArray
+        self,
+        target: FloatArray,
+        goal: FloatArray,
+        position: FloatArray,
+        velocity: FloatArray,
+        change: FloatArray | None = None,  # noqa: ARG002  # whose limit others keep
     ) -> tuple[FloatArray, FloatArray, int]:
         """Return the next set-point towards `target` and its velocity.
 
@@ -60,6 +65,7 @@ class PositionLimits:
             goal: Position commanded one cycle before, (n,) [rad].
             position: Set-point of this cycle, (n,) [rad].
             velocity: Its velocity, (n,) [rad/s].
+            change: Of that, in the cycle before, (n,) [rad/s]; it counts where jerk is limited.
 
         Returns:
             The set-point (n,) [rad], its velocity (n,) [rad/s], and the limits that changed the
@@ -70,7 +76,12 @@ class PositionLimits:
         return reached, speed, hit
 
     def follow_path(
-        self, targets: FloatArray, goal: FloatArray, position: FloatArray, velocity: FloatArray
+        self,
+        targets: FloatArray,
+        goal: FloatArray,
+        position: FloatArray,
+        velocity: FloatArray,
+        change: FloatArray | None = None,  # noqa: ARG002
     ) -> tuple[FloatArray, FloatArray, int]:
         """Apply `follow` to one target after the other; (T, n) set-points and velocities."""
         path, speeds = np.empty(targets.shape), np.empty(targets.shape)
@@ -79,7 +90,12 @@ class PositionLimits:
         )
         return path, speeds, hit | _follow_on(targets, self._bounds, self._period, path, speeds)
 
-    def brake(self, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def brake(
+        self,
+        position: FloatArray,
+        velocity: FloatArray,
+        change: FloatArray | None = None,  # noqa: ARG002
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the next set-point on the way to rest, (n,) [rad], and its velocity [rad/s].
 
         An end of the range that is too near for the limit of acceleration comes first.
@@ -161,10 +177,10 @@ def _follow(
         q, v = position[j], velocity[j]
         aim = min(max(target[j], lower), upper)
         if aim != target[j]:
-            hit |= _POSITION
+            hit |= POSITION
         # Most often, no end of the range is near.
-        high = fastest if upper - q > far else min(fastest, _braking(upper - q, change, period))
-        low = fastest if q - lower > far else min(fastest, _braking(q - lower, change, period))
+        high = fastest if upper - q > far else min(fastest, braking(upper - q, change, period))
+        low = fastest if q - lower > far else min(fastest, braking(q - lower, change, period))
         drift = (aim - min(max(goal[j], lower), upper)) / period
         direct = (aim - q) / period
         if _in_reach(direct, v, drift, -low, high, change):
@@ -201,13 +217,27 @@ def _brake(
 ) -> None:
     """Write the next set-point of an arm that brakes to rest, and its velocity."""
     for j in range(position.size):
-        q, v, change = position[j], velocity[j], bounds[3, j]
-        room = bounds[1, j] - q if v > 0 else q - bounds[0, j]
-        slower = max(abs(v) - change, 0.0)
-        if room <= bounds[4, j]:
-            slower = min(slower, _braking(room, change, period))
-        speed[j] = math.copysign(slower, v) if slower > 0.0 else 0.0
-        reached[j] = q + speed[j] * period
+        brake_joint(j, position[j], velocity[j], bounds, period, reached, speed)
+
+
+@compiled(inline="always")
+def brake_joint(
+    j: int,
+    q: float,
+    v: float,
+    bounds: FloatArray,
+    period: float,
+    reached: FloatArray,
+    speed: FloatArray,
+) -> None:
+    """Write the next set-point of a joint, from 0, that brakes to rest, and its velocity."""
+    change = bounds[3, j]
+    room = bounds[1, j] - q if v > 0 else q - bounds[0, j]
+    slower = max(abs(v) - change, 0.0)
+    if room <= bounds[4, j]:
+        slower = min(slower, braking(room, change, period))
+    speed[j] = math.copysign(slower, v) if slower > 0.0 else 0.0
+    reached[j] = q + speed[j] * period
 
 
 @compiled(reads=("position", "velocity"))
@@ -218,7 +248,7 @@ def _stoppable(
     for j in range(position.size):
         v = velocity[j]
         room = bounds[1, j] - position[j] if v > 0 else position[j] - bounds[0, j]
-        most = min(bounds[2, j], _braking(room, bounds[3, j], period))
+        most = min(bounds[2, j], braking(room, bounds[3, j], period))
         speed[j] = math.copysign(min(abs(v), most), v)
 
 
@@ -239,9 +269,7 @@ def _first_beyond(
         more = max(math.copysign(acceleration[j], v * acceleration[j]), 0.0)
         most = max(abs(v), VELOCITY_TOLERANCE * bounds[2, j])
         fast = min(abs(v) + _CYCLES_TO_ACT * more * period, most)
-        if v != 0.0 and fast > _braking(
-            room - _CYCLES_TO_ACT * fast * period, bounds[3, j], period
-        ):
+        if v != 0.0 and fast > braking(room - _CYCLES_TO_ACT * fast * period, bounds[3, j], period):
             return j + 1
     return 0
 
@@ -251,11 +279,11 @@ def _in_reach(
     direct: float, velocity: float, drift: float, low: float, high: float, change: float
 ) -> bool:
     """Say whether the target can be met in this cycle, at a speed that can follow it."""
-    most = change * (1 + _ROUNDING)
+    most = change * (1 + ROUNDING)
     return (
         abs(direct - velocity) <= most
         and abs(direct - drift) <= most
-        and low * (1 + _ROUNDING) <= direct <= high * (1 + _ROUNDING)
+        and low * (1 + ROUNDING) <= direct <= high * (1 + ROUNDING)
     )
 
 
@@ -273,22 +301,22 @@ def _catch_up(
     """Return the velocity [rad/s] that catches up with a target out of reach, and limits met."""
     drift = min(max(drift, -fastest), fastest)
     behind = direct - drift  # [rad/s], to be caught up within one cycle
-    catch_up = min(_braking(abs(behind) * period, change, period), abs(behind))
+    catch_up = min(braking(abs(behind) * period, change, period), abs(behind))
     wanted = drift + math.copysign(catch_up, behind)
     within = min(max(wanted, low), high)
     reached = min(max(within, velocity - change), velocity + change)
     hit = 0
     if within != min(max(wanted, -fastest), fastest):
-        hit |= _POSITION
+        hit |= POSITION
     if abs(direct) > fastest:
-        hit |= _VELOCITY
+        hit |= VELOCITY
     if reached != within or abs(wanted - direct) > change:
-        hit |= _ACCELERATION
-    return reached, hit or _ACCELERATION  # it brakes for the target, and nothing else was met
+        hit |= ACCELERATION
+    return reached, hit or ACCELERATION  # it brakes for the target, and nothing else was met
 
 
 @compiled(inline="always")
-def _braking(room: float, change: float, period: float) -> float:
+def braking(room: float, change: float, period: float) -> float:
     """Return the highest velocity [rad/s] from which the arm stops within `room` [rad].
 
     Braking takes `change` off the velocity in each of k further cycles:

@@ -4,10 +4,13 @@ Wires are read by code of their own: protobuf's generated code for FRI, `struct`
 """
 
 import math
+import re
 import struct
 from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -85,6 +88,19 @@ class SimulatedRig(Rig):
 def virtual():
     with open_robot("virtual", robot="iiwa14", initial_position=START) as robot:
         yield SimulatedRig(robot)
+
+
+@contextmanager
+def jerk():
+    """The virtual arm with a limit of jerk on each joint, from lenient to strict."""
+    text = Path("limo_driver/assets/iiwa14.urdf").read_text()
+    limits = iter(np.geomspace(4000.0, 40.0, 7))
+    text = re.sub("<limit ", lambda _: f'<limit jerk="{next(limits):.4g}" ', text)
+    with TemporaryDirectory() as folder:
+        stated = Path(folder) / "iiwa14.urdf"
+        stated.write_text(text)
+        with open_robot("virtual", robot=str(stated), initial_position=START) as robot:
+            yield SimulatedRig(robot)
 
 
 @contextmanager
@@ -334,6 +350,7 @@ def every(schema: Any) -> dict[str, Callable[[], AbstractContextManager[Rig]]]:
     """
     return {
         "virtual": virtual,
+        "jerk": jerk,
         "mujoco": mujoco,
         "fri": lambda: fri(schema),
         "fri-torque": lambda: fri(schema, CommandMode.TORQUE),

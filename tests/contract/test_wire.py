@@ -3,6 +3,9 @@
 `benchmarks/backends/contract.py` does the same for as many cycles as it is given.
 """
 
+from contextlib import nullcontext
+from dataclasses import replace
+
 import pytest
 import rigs
 from attacker import ACTIONS, Attacker
@@ -19,7 +22,7 @@ def schema(tmp_path_factory):
     return compile_schema(tmp_path_factory.mktemp("schema"))
 
 
-@pytest.fixture(params=["virtual", "mujoco", "fri", "fri-torque", "cia402", "damiao"])
+@pytest.fixture(params=["virtual", "jerk", "mujoco", "fri", "fri-torque", "cia402", "damiao"])
 def opened(request, schema):
     """Return what opens one of them."""
     return rigs.every(schema)[request.param]
@@ -65,6 +68,7 @@ def test_random_use_keeps_the_contract_at_the_wire(opened):
         ("torque", "torque rate"),
         ("position", "velocity"),
         ("position", "range"),
+        ("position", "jerk"),
         ("torque", "not finite"),
     ],
 )
@@ -85,6 +89,15 @@ def test_the_judge_notices(what, said):
             bad = np.full(7, np.nan) if said == "not finite" else np.full(7, 30.0)
             with pytest.raises(AssertionError, match=said):
                 judge.judge(applied(TORQUE, zero, bad), state)
+            return
+        if what == "position" and said == "jerk":
+            jerky = replace(rig.robot.spec, jerk=np.full(7, 1000.0))
+            for spec, matters in ((rig.robot.spec, False), (jerky, True)):
+                judge, step = Judge(spec), 5e-6  # [rad] in a cycle, and none in the next
+                for where in (q, q, q + step):
+                    judge.judge(applied(POSITION, where, zero), state)
+                with pytest.raises(AssertionError, match=said) if matters else nullcontext():
+                    judge.judge(applied(POSITION, q + step, zero), state)
             return
         end = rig.robot.spec.limits.position_max
         where, away = (end, 1e-6) if said == "range" else (q, 0.01)

@@ -48,7 +48,7 @@ class Judge:
 
     def __init__(self, spec, quanta=None, *, gains=None):
         self.gains = gains
-        self.limits, self.period = spec.limits, spec.period
+        self.limits, self.period, self.jerk = spec.limits, spec.period, spec.jerk
         self.quanta = quanta or Quanta()
         self.step = spec.limits.torque_rate * spec.period  # [N m]
         self.fade = np.zeros(spec.n)  # what is left of the last torque
@@ -111,7 +111,7 @@ class Judge:
         )
 
     def _positions(self, now, state, path, anew):
-        """Return the path of set-points with this one; of those before, the last two count."""
+        """Return the path of set-points with this one; of those before, the last three count."""
         limits, quantum = self.limits, self.quanta.position
         if now.mode == TORQUE:
             return []
@@ -122,20 +122,38 @@ class Judge:
             if state.stale:
                 return [now.position]
             path = [state.position]
-        path = [*path[-2:], now.position]
+        path = [*path[-3:], now.position]
         velocity = np.abs(path[-1] - path[-2]) / self.period
         slack = 2 * quantum / self.period
         assert (velocity <= limits.velocity * (1 + ROUNDING) + slack).all(), "velocity"
-        if len(path) == 3:
-            change = np.abs(path[2] - 2 * path[1] + path[0]) / self.period
+        if len(path) > 2:
+            change = np.abs(path[-1] - 2 * path[-2] + path[-3]) / self.period
             allowed = limits.acceleration * self.period * (1 + ROUNDING) + 2 * slack
             assert (change <= allowed).all(), f"acceleration {(change / allowed).max():.4g}"
+        if len(path) > 3 and self.jerk is not None:
+            self._jerk(path)
         # An arm that is outside its range is not told to go further.
         lower = np.minimum(limits.position_min, path[-2]) - quantum
         upper = np.maximum(limits.position_max, path[-2]) + quantum
         assert (path[-1] >= lower).all(), "range"
         assert (path[-1] <= upper).all(), "range"
-        return path[-2:]
+        return path[-3:]
+
+    def _jerk(self, path):
+        """Check the jerk of four set-points, but for joints that could not stop in time with it.
+
+        Those have less way left than a stop takes at most: the speed of now and what the last
+        acceleration adds to it while it fades, for as long as it takes to brake and to change that.
+        """
+        limits, h, jerk = self.limits, self.period, self.jerk
+        speed, change = (path[2] - path[1]) / h, (path[2] - 2 * path[1] + path[0]) / h**2
+        third = np.abs(path[3] - 3 * path[2] + 3 * path[1] - path[0])
+        allowed = jerk * h**3 * (1 + ROUNDING) + 8 * self.quanta.position
+        fast = np.abs(speed) + change**2 / (2 * jerk)
+        lasts = fast / limits.acceleration + 2 * limits.acceleration / jerk + 3 * h
+        ends = np.where(speed > 0, limits.position_max, limits.position_min)
+        bound = (ends - path[2]) * np.sign(speed) <= fast * lasts
+        assert ((third <= allowed) | bound).all(), f"jerk {(third / allowed)[~bound].max():.4g}"
 
     def _torques(self, now, state, anew):
         """Return what is left of the torque, or what it is."""

@@ -140,6 +140,8 @@ def test_an_arm_of_one_joint_has_torques_of_one_joint(tmp_path):
         ('xyz="0 0 0.5"', 'xyz="0 0 nan"', "link 'arm': xyz of its origin is nan"),
         ('upper="3"', 'upper="nan"', "joint 'hinge': upper of its limit is nan"),
         ('velocity="2"', 'velocity="1e999"', "joint 'hinge': velocity of its limit is 1e999"),
+        ('velocity="2"', 'velocity="2" jerk="x"', "joint 'hinge': jerk of its limit is x"),
+        ('velocity="2"', 'velocity="2" jerk="0"', "jerk of its limit is 0, expected .* above 0"),
     ],
 )
 def test_numbers_that_cannot_be_read_are_refused_by_name(tmp_path, given, instead, said):
@@ -147,6 +149,19 @@ def test_numbers_that_cannot_be_read_are_refused_by_name(tmp_path, given, instea
     (tmp_path / "arm.urdf").write_text(ONE_JOINT.replace(given, instead))
     with pytest.raises(ConfigError, match=said):
         RobotModel.load(tmp_path / "arm.urdf")
+
+
+def test_a_jerk_that_is_stated_is_planned_with_and_kept(tmp_path):
+    plain, stated = tmp_path / "plain.urdf", tmp_path / "stated.urdf"
+    plain.write_text(ONE_JOINT)
+    stated.write_text(ONE_JOINT.replace('velocity="2"', 'velocity="2" jerk="30"'))
+    assert RobotModel.load(plain).jerk is None
+    assert RobotModel.load(stated).limits.jerk == pytest.approx([30.0])
+    for backend in ("virtual", "mujoco"):
+        with open_robot(backend, robot=str(plain)) as robot:
+            assert robot.spec.jerk is None
+        with open_robot(backend, robot=str(stated)) as robot:
+            assert robot.spec.jerk == pytest.approx([30.0])
 
 
 def test_an_arm_without_inertias_is_refused_by_name(tmp_path):

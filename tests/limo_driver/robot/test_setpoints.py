@@ -58,11 +58,11 @@ class TestNames:
     def test_are_those_of_the_bits_in_order(self):
         assert LIMIT_NAMES == (
             "position", "velocity", "acceleration", "torque", "torque_rate", "wrench",
-            "wrench_rate", "gain_rate",
+            "wrench_rate", "gain_rate", "jerk",
         )  # fmt: skip
-        assert [names_of(1 << k) for k in range(9)] == [*((name,) for name in LIMIT_NAMES), ()]
+        assert [names_of(1 << k) for k in range(10)] == [*((name,) for name in LIMIT_NAMES), ()]
         assert names_of(0) == ()
-        assert names_of(0b01010101) == LIMIT_NAMES[::2]
+        assert names_of(0b101010101) == LIMIT_NAMES[::2]
 
 
 @each_joint
