@@ -41,8 +41,7 @@ def parts(out: Path, scaffolds: int) -> list[Part]:
         Part(
             "plan",
             "Plan locally isotropic motion: small reversals around poses all over the workspace",
-            f"limo plan --robot iiwa14 --scaffolds {scaffolds} --seed 1 --out {motion} "
-            f"--picture {home}/plan.png",
+            f"limo plan --robot iiwa14 --scaffolds {scaffolds} --seed 1 --out {motion}",
         ),
         Part(
             "plan other motion",
@@ -196,8 +195,8 @@ def main() -> None:
 def finish(outcomes: list[Outcome], out: Path) -> None:
     """Write the page and say how it went; exit with 1 where a part failed, 130 after Ctrl-C."""
     index = out / "index.html"
-    shown, outcomes = sections(outcomes, out)
-    index.write_text(page(shown, outcomes))
+    shown, drawn, outcomes = sections(outcomes, out)
+    page(shown, drawn, outcomes).save(index)
     print(f"\n{sum(one.seconds for one in outcomes):.0f} s in all; open {index}", flush=True)
     if interrupted(outcomes):
         sys.stderr.write(SAID)

@@ -7,29 +7,50 @@ import html
 import json
 import os
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING
 
+import numpy as np
 import stream_and_push
 
+from estimators.diagnosis.reading import verdict_in
+from estimators.diagnosis.report.truth import beside_the_truth, recovered
 from limo_driver.errors import LimoError
+from limo_driver.model import RobotModel
+from limo_driver.pages import Charts, Page
+from limo_driver.pages.figures import (
+    AFTER,
+    BEFORE,
+    DRAWN,
+    FLOOR,
+    JOINTS,
+    MEASURED,
+    curve,
+    dots,
+    layout,
+    rounded_ticks,
+)
+from limo_driver.pages.markup import columns, grid, header, paragraph, section
+from limo_driver.pages.motion import planned_motion
 from limo_driver.physics import Payload, QuadraticDrag
+from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from limo_driver.physics.effect import Effect
+    from limo_driver.pages.arm import ArmView
+    from limo_driver.pages.markup import Figure
 
-MISSING = '<span class="failed">missing, see above</span>'
+ROBOT = "iiwa14"
 HERE = Path(os.path.relpath(Path(__file__).parent))
 TRUTH = HERE / "iiwa14_hysteretic.yaml"
 CONCEALED = (
     Payload(mass=0.8, com=(0.0, 0.02, 0.08), inertia=(2e-3, 0.0, 0.0, 2e-3, 0.0, 1e-3)),
     QuadraticDrag(joint=4, coefficient=6.0),
 )
+MISSING = '<p class="failed">missing, see above</p>'
 
 
 @dataclass(frozen=True)
@@ -61,89 +82,121 @@ class Outcome:
     how: How = How.DONE
 
 
-def picture(path: Path, caption: str) -> str:
-    """Return an HTML figure with the PNG inside."""
-    data = base64.b64encode(path.read_bytes()).decode()
+@dataclass
+class Drawn:
+    """What the sections of the page draw beside their text."""
+
+    charts: Charts = field(default_factory=Charts)
+    arm: ArmView | None = None
+
+
+def headline(out: Path, _drawn: Drawn) -> str:
+    """Return what was concealed and what was found of it, in a sentence."""
+    return recovered(CONCEALED, verdict_in(out / "diagnosis").findings, RobotModel.load(ROBOT).n)
+
+
+def diagnosis(out: Path, _drawn: Drawn) -> str:
+    """Return what was concealed beside what was found."""
+    found = verdict_in(out / "diagnosis").findings
+    link = '<p><a href="diagnosis/report.html">The whole report of the diagnosis</a></p>'
+    return beside_the_truth(CONCEALED, found, RobotModel.load(ROBOT).n) + link
+
+
+def errors(out: Path, drawn: Drawn) -> str:
+    """Return the errors of rigid body and joint physics on motion that nothing was fitted to."""
+    found = json.loads((out / "evaluation" / "evaluation.json").read_text())
+    names = found["joints"]
+    rigid, learned = (found[f"mean_mse_{of}"] ** 0.5 for of in ("rigid_body", "hybrid"))
+    said = (
+        f"Off the measured torque: the rigid body with Coulomb and viscous friction {rigid:.2f} "
+        f"N m, with what was learned of the joints {learned:.2f} N m (RMS over joints)."
+    )
+    sides = (
+        ("noise floor", "noise_floor", {"symbol": "line-ns-open", "size": 16, "color": FLOOR}),
+        ("rigid body", "rmse_rigid_body", {"symbol": "circle-open", "size": 11, "color": BEFORE}),
+        ("joint physics", "rmse_hybrid", {"symbol": "circle", "size": 11, "color": AFTER}),
+    )
+    known = {name: [np.nan if v is None else v for v in found[key]] for name, key, _ in sides}
+    axes = layout("RMSE [N m], logarithmic", "")
+    axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate(list(known.values())))
+    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
+    marks = [dots(known[name], names, name, mark) for name, _, mark in sides]
+    chart = {"data": marks, "layout": axes, "height": 90 + 30 * len(names)}
+    values = {"joint": names} | {f"{name} [N m]": known[name] for name in known}
+    values["ratio of MSE"] = found["mse_ratio"]
+    values["within the 95 % interval"] = [f"{p:.0%}" for p in found["coverage_of_95_percent"]]
     return (
-        f'<figure><img src="data:image/png;base64,{data}" alt="{html.escape(caption)}">'
-        f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+        paragraph(said)
+        + drawn.charts.place(chart, "Error of each joint")
+        + columns(values)
+        + '<p><a href="evaluation/report.html">The whole evaluation</a></p>'
     )
 
 
-def figure(value: float | None) -> str:
-    """Return a figure of the table; a noise floor can be unknown."""
-    return "unknown" if value is None else f"{value:.3f}"
-
-
-def table(evaluation: dict) -> str:
-    """Return the errors per joint as an HTML table."""
-    columns = ("rmse_rigid_body", "rmse_hybrid", "noise_floor")
-    rows = [
-        f"<tr><td>{html.escape(joint)}</td>"
-        + "".join(f"<td>{figure(evaluation[key][j])}</td>" for key in columns)
-        + f"<td>{evaluation['mse_ratio'][j]:.0f}</td>"
-        + f"<td>{evaluation['coverage_of_95_percent'][j]:.0%}</td></tr>"
-        for j, joint in enumerate(evaluation["joints"])
-    ]
+def loops(out: Path, _drawn: Drawn) -> str:
+    """Return the hysteresis loops."""
+    said = (
+        "Friction torque over position while the joints reverse: measured, rigid body with Coulomb "
+        "friction, and joint physics."
+    )
+    data = base64.b64encode((out / "evaluation" / "loops.png").read_bytes()).decode()
     return (
-        "<table><thead><tr><th>joint</th><th>rigid body<br>RMSE [N m]</th>"
-        "<th>joint physics<br>RMSE [N m]</th><th>noise floor<br>[N m]</th>"
-        "<th>ratio<br>of MSE</th><th>within the<br>95 % interval</th></tr></thead><tbody>"
-        + "".join(rows)
-        + '<tr class="mean"><td>mean MSE [(N m)²]</td>'
-        + f"<td>{evaluation['mean_mse_rigid_body']:.4f}</td>"
-        + f"<td>{evaluation['mean_mse_hybrid']:.4f}</td><td></td>"
-        + f"<td>{evaluation['mean_mse_ratio']:.0f}</td><td></td></tr></tbody></table>"
+        f'<figure class="picture"><figcaption>{said}</figcaption><div class="scroll" tabindex="0">'
+        f'<img src="data:image/png;base64,{data}" alt="{said}"></div></figure>'
     )
 
 
-def live(out: Path) -> str:
-    """Return the figure of the stream as HTML."""
+def live(out: Path, drawn: Drawn) -> str:
+    """Return the stream: torque of the joint that feels the push most, and what none explains."""
     found = stream_and_push.Live.read(out / "live")
     began, ended = stream_and_push.PUSH.windows[0]
     told = sorted({event.facts["joint"] for _, event in stream_and_push.contacts(found)})
-    return picture(
-        out / "live.png",
+    said = (
         f"The same model on a stream of 1 kHz, in a process of its own; someone leans on the arm "
-        f"for {ended - began:g} s. Torque as measured and as the motion alone needs it, and "
-        f"the difference on all joints. Contact was told on joints {told}. From a state "
-        f"taken to its estimate out: {1e3 * found.status['latency']['p50']:.2f} ms (p50).",
+        f"for {ended - began:g} s. Contact was told on joints {', '.join(map(str, told))}. From a "
+        f"state taken to its estimate out: {1e3 * found.status['latency']['p50']:.2f} ms (p50)."
     )
-
-
-def value_of(item: dict) -> str:
-    """Return the first value of a finding that is one number, with unit and interval."""
-    for name, known in item["parameters"].items():
-        if isinstance(known["value"], float) and known["ci95"]:
-            low, high = known["ci95"]
-            return f"{name} {known['value']:.3f} [{low:.3f}, {high:.3f}] {known['unit']}"
-    return ""
-
-
-def hidden(effect: Effect) -> str:
-    """Say what is concealed, with its size."""
-    name = effect.name.replace("_", " ")
-    if isinstance(effect, Payload):
-        return f"{name} of {effect.mass:g} kg"
-    return f"{name} at joint {', '.join(map(str, effect.joints))}"
-
-
-def diagnosis(out: Path) -> str:
-    """Return what was concealed and what was found as an HTML list."""
-    verdict = json.loads((out / "diagnosis" / "verdict.json").read_text())
-    concealed = " and ".join(hidden(effect) for effect in CONCEALED)
-    found = [
-        f"<li>{html.escape(item['effect'].replace('_', ' '))}, joint "
-        f"{html.escape(', '.join(map(str, item['joints'])))}: {html.escape(value_of(item))} "
-        f"(confidence {item['confidence']:.0%})"
-        f"<br><span>{html.escape(item['evidence'])}</span></li>"
-        for item in verdict["findings"]
+    rows = slice(None, None, max(1, len(found.time) // DRAWN))
+    time, torque, external = found.time[rows], found.torque[rows], found.external[rows]
+    j = int(np.nanargmax(np.nanmax(np.abs(found.external), axis=0)))
+    above: list[Figure] = [
+        curve(time, torque[:, j] + external[:, j], "measured", MEASURED, 4.0),
+        curve(time, torque[:, j], "estimated", AFTER, 1.4),
     ]
-    return (
-        f"<p>Concealed in the arm, and told to nobody: {html.escape(concealed)}. Found:</p>"
-        f"<ul>{''.join(found) or '<li>nothing</li>'}</ul>"
-        '<p><a href="diagnosis/report.html">The whole report</a></p>'
+    below = [
+        curve(time, column, f"joint {k + 1}", JOINTS[k % len(JOINTS)])
+        for k, column in enumerate(external.T)
+    ]
+    pictures = (
+        (above, f"Torque of joint {j + 1}", "torque [N m]"),
+        (below, "Measured less estimated torque", "difference [N m]"),
     )
+    return paragraph(said) + grid(
+        drawn.charts.place(
+            {"data": data, "layout": layout("time [s]", y) | {"showlegend": True}, "height": 290},
+            caption,
+        )
+        for data, caption, y in pictures
+    )
+
+
+def plan(out: Path, drawn: Drawn) -> str:
+    """Return the motion that was trained on, played by the arm."""
+    motion = Trajectory.load(out / "train.traj.parquet")
+    drawn.arm, body = planned_motion(RobotModel.load(ROBOT), motion, drawn.charts)
+    return body
+
+
+# in the order of the page: title, the part that each shows, and how
+SECTIONS: dict[str, tuple[str, Callable[[Path, Drawn], str]]] = {
+    "headline": ("diagnose", headline),
+    "diagnosis": ("diagnose", diagnosis),
+    "What drives do beyond a rigid body": ("evaluate", errors),
+    "The hysteresis loops": ("evaluate", loops),
+    "Live": ("stream", live),
+    "plan": ("plan", plan),
+}
+WHOLE = ("diagnosis", "plan")  # sections that bring their own title
 
 
 def summary(outcomes: list[Outcome]) -> str:
@@ -168,95 +221,50 @@ def failures(outcomes: list[Outcome]) -> str:
         for one in outcomes
         if one.failure
     ]
-    if not failed:
-        return ""
-    return (
-        f'<section class="failed"><h2>{summary(outcomes)}</h2><ol>{"".join(failed)}</ol></section>'
+    return section(summary(outcomes), f"<ol>{''.join(failed)}</ol>" if failed else "", "failures")
+
+
+def done(outcomes: list[Outcome]) -> str:
+    """Return the commands, as they were run."""
+    items = "".join(
+        f"<li>{html.escape(one.part.purpose)} "
+        f"<small>({one.how.value if one.failure else f'{one.seconds:.0f} s'})</small>"
+        f"<pre>{html.escape(one.part.command)}</pre></li>"
+        for one in outcomes
     )
-
-
-def note(evaluation: dict) -> str:
-    """Return what the columns of the table are, as HTML."""
-    return (
-        '<p class="note">Rigid body: identified, with Coulomb and viscous friction. Measured '
-        "torque and motion went through the same zero-phase low-pass of "
-        f"{evaluation['bandwidth']:g} Hz. Noise floor: what the torque sensor's noise leaves after "
-        "that filter, as far as can be estimated. Joint physics: hysteresis, friction, elasticity "
-        "of each joint, fitted in closed form; it says how sure it is, and 95 % of its errors "
-        "should lie within the interval that it gives.</p>"
+    lead = (
+        "All of this page was computed on this machine by these commands. Identification, learning "
+        f"and diagnosis see recordings alone; the simulated arm is {TRUTH}."
     )
+    return section("What was done", f"<ol>{items}</ol>", "done", lead)
 
 
-def evaluation_of(out: Path) -> dict:
-    """Return what `limo evaluate` found."""
-    return json.loads((out / "evaluation" / "evaluation.json").read_text())
-
-
-def headline(out: Path) -> str:
-    """Return the result in one line."""
-    evaluation = evaluation_of(out)
-    rigid, learned = evaluation["mean_mse_rigid_body"] ** 0.5, evaluation["mean_mse_hybrid"] ** 0.5
-    return f"Torque error: {rigid:.2f} N m with a rigid body, {learned:.2f} N m with what drives do"
-
-
-SECTIONS: dict[str, tuple[str, Callable[[Path], str]]] = {  # the part that each shows, and how
-    "headline": ("evaluate", headline),
-    "table": ("evaluate", lambda out: table(evaluation_of(out)) + note(evaluation_of(out))),
-    "loops": (
-        "evaluate",
-        lambda out: picture(
-            out / "evaluation" / "loops.png",
-            "Friction torque over position while the joints reverse: measured, rigid body with "
-            "Coulomb friction, and joint physics.",
-        ),
-    ),
-    "torques": (
-        "evaluate",
-        lambda out: picture(
-            out / "evaluation" / "torque.png", "Joint torque over time in the same stretch."
-        ),
-    ),
-    "plan": (
-        "plan",
-        lambda out: picture(
-            out / "plan.png",
-            "Locally isotropic motion: reaching from pose to pose, exploring each with small "
-            "random sinusoids on every joint.",
-        ),
-    ),
-    "live": ("stream", live),
-    "diagnosis": ("diagnose", diagnosis),
-}
-
-
-def sections(outcomes: list[Outcome], out: Path) -> tuple[dict[str, str], list[Outcome]]:
+def sections(outcomes: list[Outcome], out: Path) -> tuple[dict[str, str], Drawn, list[Outcome]]:
     """Return the sections of the page, and the outcomes with those that cannot be shown failed."""
     known = {one.part.name: one for one in outcomes}
-    shown = {}
+    shown, drawn = {}, Drawn()
     for name, (part, show) in SECTIONS.items():
         if not known[part].failure:
             try:
-                shown[name] = show(out)
+                shown[name] = show(out, drawn)
             except (OSError, LookupError, ValueError, LimoError) as error:
                 failure = f"what it left cannot be shown: {error!r}"
                 known[part] = replace(known[part], failure=failure, how=How.FAILED)
         if known[part].failure:
             shown[name] = MISSING if name != "headline" else "The demo did not get through"
-    return shown, list(known.values())
+    return shown, drawn, list(known.values())
 
 
-def page(shown: dict[str, str], outcomes: list[Outcome]) -> str:
+def page(shown: dict[str, str], drawn: Drawn, outcomes: list[Outcome]) -> Page:
     """Return the demo's page."""
-    return Template((HERE / "demo.html").read_text()).substitute(
-        shown,
-        failures=failures(outcomes),
-        lead="Root mean square over seven joints of a simulated KUKA iiwa 14 whose joints have "
-        "friction, hysteresis and elasticity, while it creeps and reverses.",
-        commands="\n".join(
-            f"<li>{html.escape(one.part.purpose)} "
-            f"<span>({one.how.value if one.failure else f'{one.seconds:.0f} s'})</span>"
-            f"<pre>{html.escape(one.part.command)}</pre></li>"
-            for one in outcomes
-        ),
-        truth=html.escape(str(TRUTH)),
+    lead = (
+        f"A simulated KUKA iiwa 14, with friction, hysteresis and elasticity in its joints, from "
+        f"planned motion to a diagnosis, in {sum(one.seconds for one in outcomes):.0f} s."
     )
+    body = header("The whole way of the data", shown["headline"], lead) + failures(outcomes)
+    for number, (name, text) in enumerate(shown.items()):
+        if name in WHOLE:
+            body += text
+        elif name != "headline":
+            body += section(name, text, f"part-{number}")
+    return Page(shown["headline"], body + done(outcomes), drawn.charts, drawn.arm)

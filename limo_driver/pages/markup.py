@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 Figure: TypeAlias = dict[str, Any]  # of plotly: data, layout, and the height in the page
 
 UNSAID = "\N{EN DASH}"  # a figure that is not known
-_AFTER_A_NUMBER = re.compile(r"(?<=\d) (?=(?:N m|N|kg|g|rad|mm|m|s|min|Hz|%)\b)")
+_NBSP = "\N{NO-BREAK SPACE}"
+# A number and its unit, a unit of several words, an interval: none of them is broken into lines.
+_WHOLE = re.compile(
+    r"(?<=\d) (?:N m|N|kg|g|rad|mm|m|s|min|Hz|%)(?!\w)|\bN m\b(?: s)?|\[[^\]\s]+, [^\]\s]+\]"
+)
 _NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
 
 
@@ -79,13 +83,14 @@ def header(crumb: str, title: str, *sources: str, badge: tuple[str, str] | None 
     mark = f'<p><span class="badge {badge[1]}">{escape(badge[0])}</span></p>' if badge else ""
     return (
         f'<header><p class="crumb">{escape(crumb)}</p>{mark}'
-        f"<h1>{escape(unbroken(title))}</h1>{said}</header>"
+        f"<h1>{escape(typeset(title))}</h1>{said}</header>"
     )
 
 
-def unbroken(text: str) -> str:
-    """Return a text whose numbers stay beside their units, and units whole."""
-    return _AFTER_A_NUMBER.sub("\N{NO-BREAK SPACE}", text).replace("N m", "N\N{NO-BREAK SPACE}m")
+def typeset(text: str) -> str:
+    """Return a text whose numbers stay beside their units, and intervals and units whole."""
+    kept = _WHOLE.sub(lambda whole: whole[0].replace(" ", _NBSP), text)
+    return kept.replace("^2", "\N{SUPERSCRIPT TWO}")
 
 
 def listed(items: Iterable[str]) -> str:
@@ -94,10 +99,10 @@ def listed(items: Iterable[str]) -> str:
     return f"<ul>{points}</ul>" if points else ""
 
 
-def columns(values: Mapping[str, Sequence[object]]) -> str:
-    """Return a table of columns by their headings; the first names the rows."""
+def columns(values: Mapping[str, Sequence[object]], numeric: int = 1) -> str:
+    """Return a table of columns by their headings; those from `numeric` on are numbers."""
     rows = [[_cell(item) for item in row] for row in zip(*values.values(), strict=True)]
-    return table(list(values), rows, numeric=1)
+    return table(list(values), rows, numeric)
 
 
 def next_steps(steps: Iterable[tuple[str, str]]) -> str:
@@ -162,7 +167,7 @@ def percent(share: float) -> str:
 def _cell(value: object) -> str:
     if value is None:
         return UNSAID
-    return number(value) if isinstance(value, float) else escape(str(value))
+    return number(value) if isinstance(value, float) else escape(typeset(str(value)))
 
 
 def _heading(text: str) -> str:

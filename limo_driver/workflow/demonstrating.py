@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from estimators.diagnosis.result import Diagnosis
+    from limo_driver.physics import Effect
     from limo_driver.recordings.recording import Recording
 
 COULOMB: Final = (2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35)  # [N m]
@@ -53,21 +54,31 @@ class Demonstration:
     found: Diagnosis
 
     def save(self, folder: Path | str) -> None:
-        """Write believed and true simulation, recording, and the diagnosis with its report.
+        """Write believed and true simulation, recording, and the diagnosis.
+
+        The report says what was concealed, too.
 
         Raises:
             ConfigError: The folder cannot be written to.
         """
+        from estimators.diagnosis.report import write_report
+        from estimators.diagnosis.verdict import REPORT
+
         out = Path(folder)
         require_folder(out, "the demonstration", FILES)
         for name, simulation in zip(FILES, (self.believed, self.true), strict=False):
             simulation.save(out / name)
         replace(self.recording, source="").save(out / FILES[-1])
         self.found.save(out)
+        write_report(self.found, out / REPORT, self.concealed)
+
+    @property
+    def concealed(self) -> tuple[Effect, ...]:
+        """What the arm has in it beyond what is believed of it."""
+        return tuple(effect for effect in self.true.effects if effect not in self.believed.effects)
 
     def __str__(self) -> str:
-        added = [effect for effect in self.true.effects if effect not in self.believed.effects]
-        said = [_said(effect) for effect in added]
+        said = [_said(effect) for effect in self.concealed]
         return f"concealed: {'; '.join(said)}\nfound:     {self.found.headline()}"
 
 

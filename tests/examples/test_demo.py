@@ -6,15 +6,39 @@ from dataclasses import replace
 
 import demo
 import demo_page
+import numpy as np
 import pytest
 import stream_and_push
+from one_file import check_page, title_of
 
+from estimators.diagnosis.verdict import (
+    BeforeAfter,
+    Finding,
+    Fit,
+    Interval,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
 from limo_driver.errors import LimoError
+from limo_driver.trajectory import Trajectory
 
 PIXEL = bytes.fromhex(
     "89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c4890000000d49444154789c63000100"
     "000500010d0a2db40000000049454e44ae426082"
 )
+ONES = (1.0,) * 7
+VERDICT = Verdict(
+    "explained",
+    (
+        Finding(
+            "payload", "missing", (7,), (), 0.99, {"mass": Interval(0.776, "kg", (0.675, 0.878))},
+            Where(), 0.9, BeforeAfter(ONES, ONES), "Evidence.",
+        ),
+    ),
+    Unexplained(), (), None, Fit(ONES, ONES, ONES, 1.0, (1.0, 1.0)), RowCount(1, {}),
+)  # fmt: skip
 EVALUATION = {
     "bandwidth": 20.0,
     "joints": ["<one>"],
@@ -33,12 +57,16 @@ EVALUATION = {
 def out(tmp_path, monkeypatch):
     """A folder with what the parts leave; the stream's log is left out."""
     (tmp_path / "evaluation").mkdir()
-    for name in ("plan.png", "live.png", "evaluation/loops.png", "evaluation/torque.png"):
-        (tmp_path / name).write_bytes(PIXEL)
+    (tmp_path / "evaluation" / "loops.png").write_bytes(PIXEL)
+    time = np.linspace(0.0, 2.0, 50)
+    still = np.zeros((50, 7))
+    Trajectory(time, still + time[:, None] / 10, still + 0.1, still, robot="iiwa14").save(
+        tmp_path / "train.traj.parquet"
+    )
     (tmp_path / "evaluation" / "evaluation.json").write_text(json.dumps(EVALUATION))
     (tmp_path / "diagnosis").mkdir()
-    (tmp_path / "diagnosis" / "verdict.json").write_text('{"findings": []}')
-    monkeypatch.setitem(demo_page.SECTIONS, "live", ("stream", lambda _: "<i>streamed</i>"))
+    VERDICT.save(tmp_path / "diagnosis" / "verdict.json")
+    monkeypatch.setitem(demo_page.SECTIONS, "Live", ("stream", lambda *_: "<i>streamed</i>"))
     return tmp_path
 
 
@@ -54,7 +82,12 @@ def outcomes(out, monkeypatch, *failing):
 def test_all_that_went_well_is_on_the_page(out, monkeypatch, capfd):
     demo.finish(outcomes(out, monkeypatch), out)
     page = (out / "index.html").read_text()
-    assert "<h1>Torque error: 1.00 N m with a rigid body, 0.10 N m with what drives do</h1>" in page
+    check_page(page)
+    said = title_of(page).replace("\N{NO-BREAK SPACE}", " ")
+    assert said.startswith(
+        "Payload of 0.8 kg at the flange was concealed, 0.78 kg [0.68, 0.88] was"
+    )
+    assert said.endswith("at joint 4 was concealed and not found.")
     assert "&lt;one&gt;" in page
     assert "<i>streamed</i>" in page
     assert "missing, see above" not in page
@@ -74,10 +107,10 @@ def test_a_part_that_fails_takes_only_those_with_it_that_need_it(out, monkeypatc
         assert "No such command" in text
         assert "left out: it needs identify" in text
         assert "left out: it needs train" in text
-    assert "<h1>The demo did not get through</h1>" in page
-    assert page.count("missing, see above") == 4
+    assert "0.78" in title_of(page)  # of the diagnosis, which went well
+    assert page.count("missing, see above") == 3
     assert "streamed" not in page  # of an earlier run
-    assert "Concealed in the arm" in page
+    assert "What was concealed, and what was found" in page
 
 
 def test_a_folder_with_a_space_is_one_word_of_every_command(tmp_path):
@@ -108,18 +141,19 @@ def test_ctrl_c_ends_with_a_page_of_what_there_is(tmp_path, monkeypatch, capfd):
         demo.finish(demo.run_all(wanted), tmp_path)
     page, said = (tmp_path / "index.html").read_text(), capfd.readouterr().err
     assert said.strip() == "limo demo: interrupted"
+    assert "<h1>The demo did not get through</h1>" in page
     assert "Interrupted: 1 of 10 parts were done, 1 failed" in page  # it left no picture
 
 
 @pytest.mark.slow("draws all pages of the demo once more")
 def test_what_cannot_be_shown_is_a_failure_too(out, monkeypatch, capfd):
-    (out / "plan.png").unlink()
+    (out / "train.traj.parquet").unlink()
     (out / "diagnosis" / "verdict.json").write_text("{}")
     with pytest.raises(SystemExit, match="1"):
         demo.finish(outcomes(out, monkeypatch), out)
     said = capfd.readouterr().err
     assert "2 of 10 parts failed" in said
-    assert "what it left cannot be shown: KeyError('findings')" in said
+    assert "what it left cannot be shown: ConfigError" in said
     assert "2 of 10 parts failed" in (out / "index.html").read_text()
 
 

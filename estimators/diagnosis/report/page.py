@@ -10,13 +10,16 @@ from estimators.diagnosis.report.arm import arm
 from estimators.diagnosis.report.contact import pushed
 from estimators.diagnosis.report.findings import overview
 from estimators.diagnosis.report.telemetry import telemetry
+from estimators.diagnosis.report.truth import beside_the_truth
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.page import FOOTER
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from estimators.diagnosis.result import Diagnosis
+    from limo_driver.physics import Effect
 
 _FOOTER = (
     f"{FOOTER} Positive torque acts along the joint axis. The same content for programs: "
@@ -24,17 +27,20 @@ _FOOTER = (
 )
 
 
-def write_report(diagnosis: Diagnosis, path: Path) -> None:
+def write_report(
+    diagnosis: Diagnosis, path: Path, concealed: Sequence[Effect] | None = None
+) -> None:
     """Write a diagnosis as one HTML file that needs no network.
 
     Args:
         diagnosis: What was found.
         path: File to write.
+        concealed: What is known to be in the arm, where that was made up.
 
     Raises:
         ConfigError: The file cannot be written.
     """
-    report(diagnosis).save(path)
+    report(diagnosis, concealed).save(path)
 
 
 def render(diagnosis: Diagnosis) -> str:
@@ -42,13 +48,14 @@ def render(diagnosis: Diagnosis) -> str:
     return report(diagnosis).html()
 
 
-def report(diagnosis: Diagnosis) -> Page:
-    """Return the page of a diagnosis."""
-    charts = Charts()
+def report(diagnosis: Diagnosis, concealed: Sequence[Effect] | None = None) -> Page:
+    """Return the page of a diagnosis, as `write_report` writes it."""
+    charts, n = Charts(), diagnosis.before.model.n
+    known = beside_the_truth(concealed, diagnosis.verdict.findings, n) if concealed else ""
     view, on_the_arm = arm(diagnosis, charts)
     worth, worth_in_full = telemetry(diagnosis)
     body = (
-        overview(diagnosis, charts, worth + on_the_arm)
+        overview(diagnosis, charts, known + worth + on_the_arm)
         + sections.identified(diagnosis)
         + worth_in_full
         + pushed(diagnosis, charts)
