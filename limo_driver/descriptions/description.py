@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -21,6 +21,24 @@ _MARK: Final = "#"  # between the path of a description and the joints that are 
 DOWN: Final = (0.0, 0.0, -9.81)  # [m/s²]
 
 
+class StatedBristles(NamedTuple):
+    """LuGre friction of a joint."""
+
+    stiffness: float  # [N m/rad]
+    damping: float  # [N m s/rad]
+    sliding: float  # [N m]
+    breakaway: float  # [N m]
+    speed: float  # [rad/s], over which breakaway fades to sliding
+
+
+class StatedRipple(NamedTuple):
+    """Torque on a joint that repeats with its angle: amplitude sin(cycles q + phase)."""
+
+    amplitude: float  # [N m]
+    cycles: float  # [1/rev]
+    phase: float  # [rad]
+
+
 @dataclass(frozen=True)
 class JointDynamics:
     """What a description states of the physics of one joint; 0 where it states nothing."""
@@ -32,6 +50,8 @@ class JointDynamics:
     rest: float = 0.0  # [rad], where the spring has no pull
     cubic: float = 0.0  # [N m/rad³], by which that spring stiffens
     drag: float = 0.0  # [N m s²/rad²], in proportion to the square of the speed
+    bristles: tuple[StatedBristles, ...] = ()
+    ripples: tuple[StatedRipple, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,13 @@ from xml.etree import ElementTree as ET
 import mujoco
 import numpy as np
 
-from limo_driver.descriptions.description import JointDynamics, RobotDescription, StatedServo
+from limo_driver.descriptions.description import (
+    JointDynamics,
+    RobotDescription,
+    StatedBristles,
+    StatedRipple,
+    StatedServo,
+)
 from limo_driver.descriptions.geometry import numbers, rpy_of, turned
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.errors import ConfigError
@@ -145,7 +151,11 @@ def _left_aside(model: Any, root: int) -> list[str]:  # noqa: ANN401
             notes.append(f"not represented: {what}")
     if np.any(model.actuator_armature) or np.any(model.actuator_damping):
         notes.append("not represented: armature and damping of actuators")
-    moving = [u for u in range(model.nu) if int(model.actuator_dyntype[u]) != 0]
+    moving = [
+        u
+        for u in range(_actuators(model))
+        if int(model.actuator_dyntype[u]) != 0 and not is_passive_motor(model, u)
+    ]
     if moving:
         notes.append(f"not represented: the dynamics of {len(moving)} actuators")
     if np.any(model.actuator_delay):
@@ -314,7 +324,7 @@ def _effort(model: Any, joint: int) -> float:  # noqa: ANN401
     if model.jnt_actfrclimited[joint]:
         return float(np.abs(model.jnt_actfrcrange[joint]).max())
     total = 0.0
-    for u in range(model.nu):
+    for u in range(_actuators(model)):
         of_joint = int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
         if not of_joint or int(model.actuator_trnid[u][0]) != joint:
             continue
@@ -335,7 +345,7 @@ def _effort(model: Any, joint: int) -> float:  # noqa: ANN401
 def _servos(model: Any) -> dict[str, StatedServo]:  # noqa: ANN401
     """Return the position actuators that move a joint alone, by the name of that joint."""
     found: dict[str, StatedServo] = {}
-    for u in range(model.nu):
+    for u in range(_actuators(model)):
         gain, bias = np.array(model.actuator_gainprm[u]), np.array(model.actuator_biasprm[u])
         is_servo = (
             int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
@@ -370,7 +380,40 @@ def _dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401
         rest=float(model.qpos_spring[model.jnt_qposadr[joint]]),
         cubic=float(model.jnt_stiffnesspoly[joint][1]),
         drag=float(model.dof_dampingpoly[dof][0]),
+        **_motors(model, joint),
     )
+
+
+def is_passive_motor(model: Any, actuator: int) -> bool:  # noqa: ANN401
+    """Say whether an actuator is a DC motor without inputs: friction and cogging of its joint."""
+    return (
+        int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_DCMOTOR)
+        and int(model.actuator_ctrlnum[actuator]) == 0
+    )
+
+
+def _actuators(model: Any) -> int:  # noqa: ANN401
+    return len(model.actuator_trntype)  # `nu` counts their inputs
+
+
+def _motors(model: Any, joint: int) -> dict[str, Any]:  # noqa: ANN401
+    """Return LuGre friction and cogging of the DC motors on a joint."""
+    bristles, ripples = list[StatedBristles](), list[StatedRipple]()
+    for u in range(_actuators(model)):
+        of_joint = (
+            int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+            and int(model.actuator_trnid[u][0]) == joint
+        )
+        is_motor = int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_DCMOTOR)
+        if not (of_joint and is_motor and float(model.actuator_gear[u][0]) == 1.0):
+            continue
+        amplitude, cycles, phase, sliding, breakaway, speed, *_ = model.actuator_biasprm[u].tolist()
+        *_, stiffness, damping = model.actuator_dynprm[u].tolist()[:7]
+        if stiffness:
+            bristles.append(StatedBristles(stiffness, damping, sliding, breakaway, speed))
+        if amplitude:
+            ripples.append(StatedRipple(amplitude, cycles, phase))
+    return {"bristles": tuple(bristles), "ripples": tuple(ripples)}
 
 
 def _matrix(quaternion: Any) -> FloatArray:  # noqa: ANN401

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.descriptions.description import JointDynamics
+from limo_driver.descriptions.description import JointDynamics, StatedBristles, StatedRipple
 from limo_driver.exports.formats import MJCF, WITH_ARMATURE, WITH_FRICTION
 from limo_driver.physics import (
     Armature,
@@ -20,15 +21,18 @@ from limo_driver.physics import (
     PreslidingHysteresis,
     QuadraticDrag,
     SpringLoad,
+    TorqueRipple,
     ViscousFriction,
 )
 from limo_driver.physics.described import SIGN_WIDTH
+from limo_driver.physics.hysteresis import LAWS, MAXWELL_SLIP
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation
 
 
 _SHARP: Final = 1e-4  # [rad/s]
+_STIFFER: Final = 1.2  # than height over mean width: least torque left of four elements
 
 
 @dataclass(frozen=True)
@@ -66,13 +70,14 @@ def split(simulation: Simulation, target: str) -> EffectSplit:
             continue
         else:
             j = effect.joints[0] - 1
-            shown = stand_in(effect) or effect
-            after = _with(joints[j], shown, target)
+            shown = stand_in(effect, target) or effect
+            after = _with(joints[j], shown, target) or _with_motor(joints[j], shown, target)
             if after is None:
                 left.append(effect)
                 continue
             if shown is not effect:
-                stand_ins.append((effect, shown))
+                if target != MJCF or not _is_exact(effect):
+                    stand_ins.append((effect, shown))
                 effect = shown  # noqa: PLW2901  # what is expressed
             joints[j] = after
         expressed.append(effect)
@@ -81,14 +86,20 @@ def split(simulation: Simulation, target: str) -> EffectSplit:
     )
 
 
-def stand_in(effect: Effect) -> Effect | None:
-    """Return what comes nearest to an effect among those that descriptions have numbers for.
+def stand_in(effect: Effect, target: str) -> Effect | None:
+    """Return what comes nearest to an effect among those that a target has numbers for.
 
-    Hysteresis is dry friction once it slides; friction that differs by direction has a mean.
+    Hysteresis is dry friction once it slides, and MuJoCo has bristles for what goes before;
+    friction that differs by direction has a mean.
+
+    Args:
+        effect: That was found.
+        target: One of `KINDS`.
     """
     match effect:
-        case PreslidingHysteresis(law="maxwell_slip"):
-            height = float(np.dot(effect.stiffness, effect.width))
+        case PreslidingHysteresis() if target == MJCF:
+            return as_bristles(effect)
+        case PreslidingHysteresis() if (height := _height(effect)) is not None:
             return CoulombFriction(joint=effect.joint, tau_c=height, v_eps=SIGN_WIDTH)
         case AsymmetricFriction():
             mean = 0.5 * (effect.tau_plus + effect.tau_minus)
@@ -97,6 +108,43 @@ def stand_in(effect: Effect) -> Effect | None:
             return ViscousFriction(joint=effect.joint, f_v=0.5 * (plus + minus))
         case _:
             return None
+
+
+def as_bristles(effect: PreslidingHysteresis) -> PreslidingHysteresis | None:
+    """Return hysteresis by the law of LuGre; None if it has that law, or none comes near to it.
+
+    Slip elements are one bristle of their height, as stiff as makes it build up over their mean
+    width, which leaves 3 % of their torque where dry friction leaves 30 %.
+
+    Args:
+        effect: By any law.
+    """
+    height = _height(effect)
+    if effect.law == "lugre" or height is None:
+        return None
+    stiffness = effect.sigma_0
+    if effect.law == MAXWELL_SLIP:
+        mean_width = float(np.dot(effect.stiffness, np.square(effect.width))) / height
+        stiffness = _STIFFER * height / mean_width
+    return PreslidingHysteresis(joint=effect.joint, law="lugre", sigma_0=stiffness, tau_c=height)
+
+
+def _height(effect: PreslidingHysteresis) -> float | None:
+    """Return the friction once it slides [N m]; None where that depends on the position."""
+    if effect.law == MAXWELL_SLIP:
+        return float(np.dot(effect.stiffness, effect.width))
+    return effect.tau_c
+
+
+def _is_exact(effect: Effect) -> bool:
+    """Say whether hysteresis is the same by the law of LuGre."""
+    match effect:
+        case PreslidingHysteresis(law="dahl"):
+            return (effect.exponent or 1.0) == 1.0
+        case PreslidingHysteresis(law="bouc_wen"):
+            return effect.beta_ratio == 1.0 and (effect.exponent or 1.0) == 1.0
+        case _:
+            return False
 
 
 def sharp(effect: Effect) -> Effect:
@@ -122,3 +170,27 @@ def _with(known: JointDynamics, effect: Effect, target: str) -> JointDynamics | 
             return replace(known, stiffness=effect.stiffness, rest=effect.rest, cubic=effect.cubic)
         case _:
             return None
+
+
+def _with_motor(known: JointDynamics, effect: Effect, target: str) -> JointDynamics | None:
+    """Return the numbers of a joint whose friction has memory, or that cogs, likewise."""
+    if target != MJCF:
+        return None
+    match effect:
+        case TorqueRipple():
+            lines = zip(effect.amplitude, effect.cycles_per_rev, effect.phase, strict=True)
+            added = [StatedRipple(A, N, _against(phi)) for A, N, phi in lines if A]
+            return replace(known, ripples=(*known.ripples, *added))
+        case PreslidingHysteresis(law="lugre", sigma_0=float(stiffness), tau_c=float(sliding)):
+            breakaway = sliding + (effect.tau_s or 0.0)
+            speed = effect.v_s or LAWS["lugre"].optional["v_s"]
+            damping = effect.sigma_1 or 0.0
+            own = StatedBristles(stiffness, damping, sliding, breakaway, speed)
+            return replace(known, bristles=(*known.bristles, own))
+        case _:
+            return None
+
+
+def _against(phase: float) -> float:
+    """Return the phase of a torque on a joint that another one holds against."""
+    return math.remainder(phase + math.pi, math.tau)

@@ -12,6 +12,7 @@ import numpy as np
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
+from limo_driver.exports.motors import append_motors, write_motors
 from limo_driver.exports.xml_edits import Element, XmlText
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
     spec = mujoco.MjSpec.from_file(str(into))
     for name, body in target.inertials.items():
         _write_inertial(texts, name, body, spec, into)
+    motors = list[str]()
     for j, name in enumerate(target.model.joint_names):
         stated = target.model.description.dynamics.get(name, JointDynamics())
         values = _joint_values(stated, target.split.joints[j], degrees=bool(spec.compiler.degree))
@@ -59,6 +61,8 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
             text, element = _found(texts, "joint", name, into)
             for attribute, value in values.items():
                 text.set(element, attribute, value)
+        motors += write_motors(texts, name, stated, target.split.joints[j], into)
+    append_motors(texts[0], motors)
     _write_payloads(texts, target, into)
     gravity = target.simulation.body.gravity
     if not np.allclose(gravity, target.model.gravity, rtol=_SAME, atol=1e-12):

@@ -4,7 +4,8 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+import math
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray, Motion
 
+_FINE: Final = 2e-3  # [s], steps in which memory goes on
 MOVING: Final = 0.02  # [rad/s], above which a joint counts as moving
 
 
@@ -57,6 +59,42 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
         data.qacc[velocities] = motion.acceleration[k]
         mujoco.mj_inverse(model, data)
         torque[k] = data.qfrc_inverse[velocities]
+    return torque + _torque_of_motors(model, data, positions, velocities, motion)
+
+
+def _torque_of_motors(  # noqa: ANN202
+    model: Any,  # noqa: ANN401
+    data: Any,  # noqa: ANN401
+    positions: Any,  # noqa: ANN401
+    velocities: Any,  # noqa: ANN401
+    motion: Motion,
+):
+    """Return what has to be held against motors without input, (T, n) [N m].
+
+    What they remember goes on as MuJoCo steps it, along the motion.
+    """
+    import mujoco
+
+    from limo_driver.descriptions.mjcf import is_passive_motor
+
+    torque = np.zeros_like(motion.position)
+    passive = np.array([is_passive_motor(model, u) for u in range(len(model.actuator_trntype))])
+    if not passive.any():
+        return torque
+    model.actuator_gainprm[~passive] = model.actuator_biasprm[~passive] = 0.0
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    steps = np.diff(motion.time, append=2 * motion.time[-1] - motion.time[-2])
+    rows = (motion.position, motion.velocity, motion.acceleration, steps)
+    for k, (q, v, a, step) in enumerate(zip(*rows, strict=True)):
+        parts = math.ceil(float(step) / _FINE)
+        model.opt.timestep = float(step) / parts
+        for part in range(parts):
+            since = part * model.opt.timestep
+            data.qpos[positions] = q + v * since + 0.5 * a * since**2
+            data.qvel[velocities] = v + a * since
+            mujoco.mj_step(model, data)
+            if part == 0:
+                torque[k] = -data.qfrc_actuator[velocities]
     return torque
 
 

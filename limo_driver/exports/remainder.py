@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.physics import SensorEffect, spoken
+from limo_driver.physics import PreslidingHysteresis, SensorEffect, spoken
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ def remainders(simulation: Simulation, split: EffectSplit, motion: Motion) -> tu
 
 
 def _instead(effect: Effect, instead: Effect | None) -> str:
+    if isinstance(instead, PreslidingHysteresis):
+        return "is written as LuGre friction"
     if instead is not None:
         return f"is written as {spoken(instead.name)}"
     if isinstance(effect, SensorEffect):

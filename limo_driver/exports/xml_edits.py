@@ -32,6 +32,7 @@ class Element:
     head_end: int  # after the last attribute
     stop: int  # after the start tag
     is_empty: bool  # <tag/>
+    end: int = 0  # where its end tag starts; after the start tag, if it is empty
     children: list[Element] = field(default_factory=list)
     parent: Element | None = field(default=None, repr=False)
 
@@ -109,6 +110,11 @@ class XmlText:
         else:
             self._edits.append((element.stop, element.stop, f"{indent}  {text}".encode()))
 
+    def append(self, element: Element, text: str) -> None:
+        """Insert a line as the last content of an element that is not empty."""
+        indent = self._indent(element)
+        self._edits.append((element.end, element.end, f"  {text}{indent}".encode()))
+
     def text(self) -> str:
         """Return the text with all edits."""
         data = self.data
@@ -152,7 +158,11 @@ class XmlText:
             stack.append(element)
 
         parser.StartElementHandler = start
-        parser.EndElementHandler = lambda _: stack.pop()
+
+        def end(_: str) -> None:
+            stack.pop().end = parser.CurrentByteIndex
+
+        parser.EndElementHandler = end
         try:
             parser.Parse(self.data, True)
         except expat.ExpatError as error:

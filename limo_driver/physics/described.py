@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.physics.environment import SpringLoad
 from limo_driver.physics.friction import CoulombFriction, QuadraticDrag, ViscousFriction
-from limo_driver.physics.transmission import Armature
+from limo_driver.physics.hysteresis import PreslidingHysteresis
+from limo_driver.physics.transmission import Armature, TorqueRipple
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from limo_driver.descriptions.description import StatedBristles
     from limo_driver.model import RobotModel
     from limo_driver.physics.effect import Effect
 
@@ -17,7 +22,7 @@ SIGN_WIDTH: Final = 0.005  # [rad/s]
 
 
 def described_effects(model: RobotModel) -> tuple[Effect, ...]:
-    """Return friction, damping, armature and springs that the robot's description states.
+    """Return friction, damping, armature, springs and cogging that the robot's description states.
 
     Args:
         model: The robot.
@@ -41,4 +46,26 @@ def described_effects(model: RobotModel) -> tuple[Effect, ...]:
                     joint=joint, stiffness=stated.stiffness, rest=stated.rest, cubic=stated.cubic
                 )
             )
+        found += _bristles(joint, stated.bristles)
+        if stated.ripples:
+            amplitude, cycles, phase = zip(*stated.ripples, strict=True)
+            needed = tuple(angle + math.pi for angle in phase)  # to hold against it
+            found.append(
+                TorqueRipple(joint=joint, cycles_per_rev=cycles, amplitude=amplitude, phase=needed)
+            )
     return tuple(found)
+
+
+def _bristles(joint: int, stated: Iterable[StatedBristles]) -> list[Effect]:
+    return [
+        PreslidingHysteresis(
+            joint=joint,
+            law="lugre",
+            sigma_0=item.stiffness,
+            sigma_1=item.damping,
+            tau_c=item.sliding,
+            tau_s=max(item.breakaway - item.sliding, 0.0),
+            v_s=item.speed,
+        )
+        for item in stated
+    ]

@@ -123,12 +123,12 @@ def test_what_is_not_expressible_is_said_with_its_size(model, tmp_path):
     offset = said["torque_offset, joint 2"]
     assert offset == ("torque_offset, joint 2 is not expressible: 0.3 N m RMS remain (joint 2)")
     assert "is not expressible" in said["stribeck_friction, joint 1"]
-    assert "is written as coulomb friction" in said["presliding_hysteresis, joint 3"]
+    assert "is written as LuGre friction" in said["presliding_hysteresis, joint 3"]
     sizes = {item.place: max(item.rms) for item in written.remainder}
     assert sizes["asymmetric_friction, joint 4"] == pytest.approx(0.2, rel=0.02)
-    assert 0.01 < sizes["presliding_hysteresis, joint 3"] < 0.45
+    assert 1e-4 < sizes["presliding_hysteresis, joint 3"] < 0.05
     text = written.file.read_text()
-    assert 'frictionloss="0.9"' in text  # 40 · 0.01 + 10 · 0.05
+    assert " 0 0.9 0.9 " in text  # 40 · 0.01 + 10 · 0.05
     assert 'frictionloss="1"' in text
 
 
