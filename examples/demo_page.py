@@ -141,7 +141,7 @@ def loops(out: Path, _drawn: Drawn) -> str:
     )
     data = base64.b64encode((out / "evaluation" / "loops.png").read_bytes()).decode()
     return (
-        f'<figure class="picture"><figcaption>{said}</figcaption><div class="scroll" tabindex="0">'
+        f'<figure class="picture"><figcaption>{said}</figcaption><div class="scroll">'
         f'<img src="data:image/png;base64,{data}" alt="{said}"></div></figure>'
     )
 

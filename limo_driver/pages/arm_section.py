@@ -74,7 +74,8 @@ def _player(motion: PlayedMotion) -> str:
     return (
         f'{ghosts}<div class="controls player"><button type="button" class="play">Play</button>'
         f'<input type="range" min="0" max="{len(motion.time) - 1}" value="0" step="1" '
-        f'aria-label="Time"><output></output></div>{paragraph(motion.caption, "small")}'
+        'aria-label="Time"><output aria-live="off"></output></div>'
+        f"{paragraph(motion.caption, 'small')}"
     )
 
 

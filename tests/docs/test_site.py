@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+from audit import violations
+from browser import browser, program
 
 ROOT = Path(__file__).parents[2]
 
@@ -73,6 +75,19 @@ def test_nothing_is_fetched_from_elsewhere(site):
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert not re.findall(r'(?:src=|<link[^>]*href=)"https?://[^"]*"', text), page
+
+
+@pytest.mark.slow("builds the site, and starts a browser")
+@pytest.mark.skipif(program() is None, reason="no Chromium is installed on this machine")
+@pytest.mark.parametrize("name", ["index.html", "start.html", "sample.html", "diagnosis.html"])
+def test_everybody_can_use_it(site, name):
+    """What the theme has of its own is held to WCAG, not to more."""
+    with browser() as tab:
+        found = violations(
+            tab, (site / name).as_uri(), 1400, dark=False, ready="document.body.dataset.named",
+            tags=("wcag2a", "wcag2aa"),
+        )  # fmt: skip
+    assert found == []
 
 
 @pytest.mark.slow("builds the site")

@@ -9,6 +9,8 @@ import demo_page
 import numpy as np
 import pytest
 import stream_and_push
+from audit import violations
+from browser import browser, program
 from one_file import check_page, title_of
 
 from estimators.diagnosis.verdict import (
@@ -94,6 +96,16 @@ def test_all_that_went_well_is_on_the_page(out, monkeypatch, capfd):
     assert "parts failed" not in page
     assert page.count("<pre>") == 10
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.slow("starts a browser")
+@pytest.mark.skipif(program() is None, reason="no Chromium is installed on this machine")
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])
+def test_everybody_can_use_the_page(out, monkeypatch, width, dark):
+    demo.finish(outcomes(out, monkeypatch), out)
+    with browser() as tab:
+        assert violations(tab, (out / "index.html").as_uri(), width, dark=dark) == []
+        assert tab.errors == []
 
 
 def test_a_part_that_fails_takes_only_those_with_it_that_need_it(out, monkeypatch, capfd):

@@ -40,7 +40,7 @@ def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdi
     pairs = _pairs(verdicts)
     changed = [key for key, pair in pairs.items() if _differs(*pair)]
     heads = "".join(
-        f"<div><h3>{escape(name)}</h3>{paragraph(headline(verdict))}</div>"
+        f"<div><h2>{escape(name)}</h2>{paragraph(headline(verdict))}</div>"
         for name, verdict in zip(names, verdicts, strict=True)
     )
     title = _title(names, pairs, changed, model.n)
@@ -147,7 +147,7 @@ def _findings(pairs: dict[tuple[str, tuple[int, ...]], _Pair], names: Sequence[s
             texts = [escape(quantity(k)) if k else UNSAID for k in known]
             differs = known[0] is None or known[1] is None or _apart(known[0], known[1])
             rows.append([escape(what), escape(key), *texts, "<b>differs</b>" if differs else ""])
-    return table(("finding", "parameter", *names, ""), rows)
+    return table(("finding", "parameter", *names, "change"), rows)
 
 
 def _errors(names: Sequence[str], verdicts: Sequence[Verdict]) -> str:

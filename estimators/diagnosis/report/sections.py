@@ -187,7 +187,7 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
              escape(_note(item, top))]
             for item in diagnosis.explanations
         ]  # fmt: skip
-        headings = ("explanation", "beside the chosen", "removes of the remaining error", "")
+        headings = ("explanation", "beside the chosen", "removes of the remaining error", "note")
         body += table(headings, rows)
     tellable = CONTRIBUTION.tellable
     lead = (

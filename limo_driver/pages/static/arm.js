@@ -2,6 +2,7 @@
 const CROWDED = 3; // texts beyond which a narrow stage shows none: they would hide the arm
 const SCALE = ["#8fa3b5", "#e3b04b", "#d9730d", "#b3261e"]; // as in still.py
 const PATH = 0xd9730d; // in the day and in the dark
+const KEY = 0.12, STEEPEST = 1.5; // [rad] that a key turns the view, and its steepest
 const MOST = 100; // noise floors of an error that has the last colour
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
@@ -23,7 +24,9 @@ class ArmScene {
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.domElement.setAttribute("role", "img");
-    this.renderer.domElement.setAttribute("aria-label", "The arm in 3-D; drag to turn it");
+    this.renderer.domElement.setAttribute("aria-label", "The arm in 3-D; drag, or press arrow keys, to turn it");
+    this.renderer.domElement.tabIndex = 0;
+    this.renderer.domElement.addEventListener("keydown", (event) => this.turnByKey(event));
     stage.prepend(this.renderer.domElement);
     this.scene = new THREE.Scene();
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a939c, 2.2));
@@ -50,6 +53,21 @@ class ArmScene {
     this.controls.addEventListener("change", () => this.render());
     this.labels = this.arm.pins.map((pin) => this.label(pin));
     new ResizeObserver(() => this.render()).observe(stage);
+    this.render();
+  }
+
+  // Arrow keys turn the view as a finger does.
+  turnByKey(event) {
+    const [around, up] = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key] ?? [0, 0];
+    if (!around && !up) return;
+    event.preventDefault();
+    const from = this.camera.position.clone().sub(this.controls.target);
+    const flat = Math.hypot(from.x, from.y), away = from.length();
+    const azimuth = Math.atan2(from.y, from.x) + KEY * around;
+    const height = Math.min(Math.max(Math.atan2(from.z, flat) + KEY * up, -STEEPEST), STEEPEST);
+    from.set(Math.cos(height) * Math.cos(azimuth), Math.cos(height) * Math.sin(azimuth), Math.sin(height));
+    this.camera.position.copy(this.controls.target).addScaledVector(from, away);
+    this.controls.update();
     this.render();
   }
 

@@ -11,6 +11,23 @@ function library(name) {
   })());
 }
 
+// What is wider than its place can be reached and scrolled by keyboard.
+function reachable() {
+  document.querySelectorAll(".scroll, pre").forEach((item) => {
+    const scrolls = item.scrollWidth > item.clientWidth + 1;
+    item.tabIndex = scrolls ? 0 : -1;
+    if (scrolls) {
+      item.setAttribute("role", "group");
+      item.setAttribute("aria-label", item.matches("pre") ? "Command" : "Table, scrolls sideways");
+    } else {
+      ["tabindex", "role", "aria-label"].forEach((name) => item.removeAttribute(name));
+    }
+  });
+}
+reachable();
+addEventListener("resize", reachable);
+document.querySelectorAll("details").forEach((item) => item.addEventListener("toggle", reachable));
+
 // Colours of charts are those of paper; in the dark some have to be lighter or darker.
 const IN_THE_DARK = {
   "#0b559f": "#6cb2f5", "#2f9e6f": "#4cc38f", "#d9730d": "#f0913a", "#f7f7f5": "#262c33",

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from audit import violations
+from browser import browser, program
 
 from estimators.diagnosis.verdict import Fit, RowCount, Unexplained, Verdict
 from estimators.fleet import FleetDiagnosis, FleetRow
@@ -65,6 +67,17 @@ def test_the_page_says_how_many_dates_it_takes(tmp_path):
     assert "before an arm has 8 dates; one has 7" in fleet_page(found, tmp_path).html()
     more = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(8)]
     assert FleetDiagnosis("seven", tuple(more)).drifting
+
+
+@pytest.mark.slow("starts a browser")
+@pytest.mark.skipif(program() is None, reason="no Chromium is installed on this machine")
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])
+def test_everybody_can_use_the_page(tmp_path, width, dark):
+    page = tmp_path / "fleet.html"
+    fleet_page(fleet(0, odd=5.0, growth=1.0), tmp_path).save(page)
+    with browser() as tab:
+        assert violations(tab, page.as_uri(), width, dark=dark) == []
+        assert tab.errors == []
 
 
 def test_a_recording_without_a_date_does_not_hide_a_drift(tmp_path):

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from audit import violations
 from browser import browser, program
 from sessions import sessions_of_two, wait_until
 
@@ -131,6 +132,9 @@ def test_a_browser_shows_the_arm_as_it_moves(followed, model):
             text = tab.value("document.body.innerText")
             assert tab.errors == []
             assert tab.value("document.querySelectorAll('canvas.strip').length") == N
+            live = "Number(document.body.dataset.frames) > 5"
+            assert violations(tab, server.address, 390, dark=True, ready=live) == []
+            tab.wait("document.querySelectorAll('canvas.strip.pushed').length")
             assert tab.value("document.querySelectorAll('canvas.strip.pushed').length") == 1
     finally:
         stop.set()

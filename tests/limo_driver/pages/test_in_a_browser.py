@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from audit import reached_by_tab, violations
 from browser import browser, program
 
 from limo_driver.model import RobotModel
@@ -63,6 +64,29 @@ def test_it_draws_at_any_width_by_day_and_night(tab, address, width, dark):
     light = [int(part) > 200 for part in paper.removeprefix("rgb(").rstrip(")").split(",")]
     assert light == [not dark] * 3
     assert tab.value("performance.getEntriesByType('resource').length") == 0  # nothing is fetched
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])
+def test_everybody_can_use_it(tab, address, width, dark):
+    assert violations(tab, address, width, dark=dark) == []
+    made, there = reached_by_tab(tab)
+    # one radio button of a group is a stop, the others are reached by arrow keys
+    radios = tab.value("document.querySelectorAll('input[type=radio]').length")
+    assert made >= there - max(radios - 1, 0) > 4
+
+
+def test_arrow_keys_turn_the_arm(tab, address):
+    tab.look(address)
+    tab.wait(DRAWN)
+    picture = "document.querySelector('#arm canvas').toDataURL()"
+    tab.value("document.querySelector('#arm canvas').focus()")
+    seen = [tab.value(picture)]
+    for key in ("ArrowLeft", "ArrowUp", "ArrowRight", "ArrowDown"):
+        tab.ask("Input.dispatchKeyEvent", type="keyDown", key=key, code=key)
+        seen.append(tab.value(picture))
+    assert len({*seen[:-1]}) == 4
+    assert tab.value("scrollY") == 0  # the page stays where it is
+    assert tab.errors == []
 
 
 def test_the_slider_moves_the_arm_and_the_line_in_the_chart(tab, address):

@@ -7,6 +7,8 @@ from dataclasses import replace
 from math import nan
 
 import pytest
+from audit import violations
+from browser import browser, program
 
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.report.comparison import comparison
@@ -53,6 +55,16 @@ def payload(mass):
 @pytest.fixture(scope="module")
 def model():
     return RobotModel.load("iiwa14")
+
+
+@pytest.mark.slow("starts a browser")
+@pytest.mark.skipif(program() is None, reason="no Chromium is installed on this machine")
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])
+def test_everybody_can_use_the_page(model, tmp_path, width, dark):
+    pair = (verdict(payload(1.0)), verdict(payload(1.5), found("quadratic_drag", (4,))))
+    comparison(model, ("monday", "tuesday"), pair).save(tmp_path / "page.html")
+    with browser() as tab:
+        assert violations(tab, (tmp_path / "page.html").as_uri(), width, dark=dark) == []
 
 
 def test_a_verdict_reads_back_as_it_was_saved(tmp_path):

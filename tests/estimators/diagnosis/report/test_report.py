@@ -14,6 +14,8 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 import yaml
+from audit import reached_by_tab, violations
+from browser import browser, program
 
 from estimators.diagnosis.headline import headline
 from estimators.diagnosis.report import figures, worst_stretch, write_report
@@ -232,6 +234,18 @@ def test_the_page_needs_no_network_and_stays_small(page, parsed):
     assert all(link.startswith("#") for link in parsed.links)
     assert len(set(parsed.anchors)) == len(parsed.anchors)
     assert {link[1:] for link in parsed.links} <= set(parsed.anchors)
+
+
+@pytest.mark.slow("starts a browser")
+@pytest.mark.skipif(program() is None, reason="no Chromium is installed on this machine")
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])
+def test_everybody_can_use_the_page(page, tmp_path, width, dark):
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    with browser() as tab:
+        assert violations(tab, (tmp_path / "report.html").as_uri(), width, dark=dark) == []
+        made, there = reached_by_tab(tab)
+        assert made >= there - tab.value("document.querySelectorAll('input[type=radio]').length")
+        assert tab.errors == []
 
 
 def test_the_first_screen_says_what_was_found_and_how_sure(parsed, diagnosis):
