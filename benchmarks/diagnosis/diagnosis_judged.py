@@ -116,9 +116,15 @@ class Judged:
 
     @property
     def called_wrong(self) -> bool:
-        """Whether every value that is wrong in the file is said to be wrong, not missing."""
+        """Whether every value that is wrong in the file is said to be wrong, not missing.
+
+        A finding that is the same in any motion says so by listing it: a load is a wrong last link.
+        """
         return all(
-            any(names(f, e) and f.get("kind") == e["kind"] for f in self.findings)
+            any(
+                names(f, e) and (f.get("kind") == e["kind"] or f["effect"] in e["equivalent"])
+                for f in self.findings
+            )
             for e in self.effects
         )
 

@@ -301,7 +301,9 @@ class _Judged:
     def of(cls, problem: RegressionProblem, solution: Solution) -> _Judged:
         """Prove and judge a set."""
         proven = _proven(problem, solution)
-        remaining = remaining_residual(problem.observed, proven)
+        # what sensors may add within their tolerances is in no simulation, and nothing unknown
+        left = proven - problem.sensed(solution.fitted)
+        remaining = remaining_residual(problem.observed, left)
         named, unknown = abstained(problem, solution, remaining)
         if not gains(problem, solution, proven, remaining):
             named = ordinary(problem, solution, named)

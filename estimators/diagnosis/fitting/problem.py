@@ -71,6 +71,15 @@ class RegressionProblem:
         """Return the residual of a fit, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
 
+    def sensed(self, fitted: Posterior) -> FloatArray:
+        """Return what a fit ascribes to lags and offsets of sensors, (K, n) [N m].
+
+        They are within their tolerances, and in no simulation.
+        """
+        index = self.nuisance.prior.index
+        own = np.where(self.nuisance.entered, 0.0, fitted.mean[: index.size])
+        return self.columns.apply(index, own)
+
     def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:
         """Return how much larger errors are than what a fit leaves of them, (n,).
 

@@ -3,6 +3,9 @@
 A law with many free parameters follows whatever is there: presliding with many elements becomes an
 offset, or friction that is a little higher. Where a simpler effect of the same joints explains most
 of the same, and predicts motion held out no worse, it takes the place of the other.
+
+A load at the flange and another body of the last link are one and the same to every joint. Links
+are made as they were drawn, and loads come and go: so a load has the name where there can be one.
 """
 
 from __future__ import annotations
@@ -11,13 +14,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.contribution import coefficients
+from estimators.diagnosis.fitting.problem import improve
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.wording import LINK_INERTIA
+from estimators.regression.evidence import REACH
+from limo_driver.physics import Payload
 from limo_driver.physics.effect import SensorEffect
 
 if TYPE_CHECKING:
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.selection.candidates import Candidate
+    from limo_driver.types import FloatArray
 
 
 def simplified(problem: RegressionProblem, solution: Solution) -> Solution:
@@ -48,9 +57,31 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     simpler.sort(key=lambda i: (_freedom(candidates[i]), -search.gain((*rest, i))))
     for other in simpler:
         new = solution.having((*rest, other))
-        if not _surely_worse(problem, new, solution):
+        ahead, behind = problem.left(new.fitted), problem.left(solution.fitted)
+        if not _surely_worse(problem, ahead, behind):
             return new
     return solution
+
+
+def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
+    """Return a solution with a load at the flange for a wrong last link, where one can be.
+
+    It can where it has mass, its centre is near enough, and the simulation with it predicts motion
+    held out no worse.
+    """
+    candidates, last = problem.candidates, (problem.observed.n - 1,)
+    places = [candidates[i].place for i in solution.members]
+    if (LINK_INERTIA, last) not in places:
+        return solution
+    load = next(i for i, item in enumerate(candidates) if item.place == (Payload.name, last))
+    wrong = solution.members[places.index((LINK_INERTIA, last))]
+    new = solution.having(tuple(load if i == wrong else i for i in solution.members))
+    mass, *moment = coefficients(problem, new, load)[:4].tolist()
+    unit, lever = candidates[load].prior.deviation[:2].tolist()  # [kg], [kg m]
+    if mass <= 0.0 or float(np.linalg.norm(moment)) > REACH * mass * lever / unit:
+        return solution
+    ahead, behind = (_simulated(problem, item) for item in (new, solution))
+    return solution if _surely_worse(problem, ahead, behind) else new
 
 
 def _freedom(candidate: Candidate) -> int:
@@ -68,9 +99,19 @@ def _is_of_sensor(candidate: Candidate) -> bool:
     return hypothesis is not None and any(isinstance(e, SensorEffect) for e in hypothesis.terms)
 
 
-def _surely_worse(problem: RegressionProblem, new: Solution, old: Solution) -> bool:
-    """Say whether motion held out is surely predicted worse, whichever blocks had been recorded."""
+def _simulated(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return what the simulation of a fit leaves, (K, n) [N m]."""
+    return problem.observed.beside(improve(problem, solution)).residual
+
+
+def _surely_worse(problem: RegressionProblem, ahead: FloatArray, behind: FloatArray) -> bool:
+    """Say whether motion held out is surely predicted worse, whichever blocks had been recorded.
+
+    Args:
+        problem: What is compared.
+        ahead: Residual (K, n) of what would take a name [N m].
+        behind: That of what has it.
+    """
     rows = problem.split.held_out
-    ahead, behind = problem.left(new.fitted), problem.left(old.fitted)
     scale = np.maximum(rmse(behind, rows), 1e-12)
     return surely_positive((ahead**2 - behind**2) / scale**2, problem.observed, rows)

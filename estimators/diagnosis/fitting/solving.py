@@ -18,7 +18,7 @@ from estimators.diagnosis.fitting.problem import (
     search_on,
 )
 from estimators.diagnosis.fitting.refinement import Setting, replaced
-from estimators.diagnosis.fitting.simplicity import simplified
+from estimators.diagnosis.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.hypotheses.ripple import ripples
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
@@ -216,7 +216,8 @@ def settled(
 ) -> tuple[RegressionProblem, Solution]:
     """Prune, refine and simplify a set; return it with the problem that has its candidates."""
     problem, solution = refined(problem, pruned(problem, solution), progress)
-    return problem, pruned(problem, simplified(problem, pruned(problem, solution)))
+    simple = simplified(problem, pruned(problem, solution))
+    return problem, pruned(problem, loaded(problem, simple))
 
 
 def settled_around(
@@ -247,9 +248,8 @@ def suspects(
 
 def curved(problem: RegressionProblem, solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
-    fit, index = solution.fitted, problem.nuisance.prior.index
-    sensors = np.where(problem.nuisance.entered, 0.0, fit.mean[: index.size])
-    linear = problem.left(fit) + problem.columns.apply(index, sensors)  # those are in no simulation
+    fit = solution.fitted
+    linear = problem.left(fit) + problem.sensed(fit)
     improved = problem.observed.beside(improve(problem, solution))
     moving = problem.observed.moving
     off, rest = rmse(improved.residual - linear, moving), rmse(linear, moving)

@@ -36,8 +36,15 @@ from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
-from estimators.diagnosis.wording import is_of_bodies, likelier, listed, of_joints, signature_of
-from limo_driver.physics import spoken
+from estimators.diagnosis.wording import (
+    LINK_INERTIA,
+    is_of_bodies,
+    likelier,
+    listed,
+    of_joints,
+    signature_of,
+)
+from limo_driver.physics import Payload, spoken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,6 +112,7 @@ def findings_of(
                     float(remaining.floor[joint]),
                     lead,
                 )
+                + _identical_sentence(problem, member)
                 + sentence_of(candidate.laws)
                 + _siblings_sentence(far.get(member)),
                 signs=asdict(signs),
@@ -130,6 +138,17 @@ def _sentence(
             else "the next explanation does as well."
         )
     )
+
+
+def _identical_sentence(problem: RegressionProblem, member: int) -> str:
+    """Say what would look the same in any motion; nothing where nothing does."""
+    own = problem.candidates[member]
+    if own.effect == Payload.name:
+        name = problem.observed.simulation.model.link_names[own.joints[0]]
+        return f" A wrong mass, centre or inertia of {name} would look the same."
+    if identical(problem, member) and own.effect == LINK_INERTIA:
+        return " A load at the flange would look the same, but none has these values."
+    return ""
 
 
 def _siblings_sentence(times: float | None) -> str:

@@ -121,10 +121,11 @@ def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
 def margin(
     problem: RegressionProblem, solution: Solution, member: int, same: Sequence[Candidate]
 ) -> float:
-    """Return the evidence for a member over the best other explanation in its place [nat]."""
+    """Return the evidence for a member over the best explanation that differs from it [nat]."""
     own = problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
     taken = {problem.candidates[i].place for i in rest} | {own.place} | {c.place for c in same}
+    taken |= {(effect, own.joints) for effect in identical(problem, member)}
     other = max(
         (
             solution.search.gain((*rest, i))

@@ -114,6 +114,22 @@ def test_a_simulation_that_is_right_is_consistent(given, seed):
     assert error(found.after, given) < 0.01
 
 
+def test_a_lag_of_a_sensor_within_its_tolerance_is_neither_unknown_nor_noise(given):
+    """Where fast motion turns round, the sign of friction comes half a millisecond late."""
+    motion = motion_of(given, 0, 15.0)
+    noise = 0.003 * np.random.default_rng(0).standard_normal(motion.position.shape)
+
+    def diagnosed(lag):
+        late = [np.interp(motion.time - lag, motion.time, tau) for tau in given.predict(motion).T]
+        torque = np.transpose(late) + noise
+        return diagnose(given, [Recording.from_arrays(motion.time, motion.position, torque)])
+
+    prompt, late = diagnosed(0.0), diagnosed(5e-4)
+    assert late.verdict.verdict == "consistent"
+    floors = [found.verdict.fit.noise_floor for found in (late, prompt)]
+    np.testing.assert_allclose(*floors, rtol=0.2)
+
+
 def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeypatch):
     scans = iter([(), (PUSH,), (PUSH,)])  # of the first set, of the whole one, and without its rows
     monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))

@@ -1,4 +1,4 @@
-"""Which members of a set stay: none that a simulation cannot follow, and the simpler of two."""
+"""Which members of a set stay: what a simulation can follow, the simpler, and a load of equals."""
 
 from __future__ import annotations
 
@@ -9,19 +9,23 @@ import pytest
 from noisy_recordings import observed
 
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
-from estimators.diagnosis.fitting.simplicity import simplified
+from estimators.diagnosis.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.fitting.solving import pruned
 from estimators.diagnosis.judgement.judgement import acts_most
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.stages import quiet
-from limo_driver.physics import JointElasticity, Payload, SpringLoad, TorqueOffset
+from limo_driver.physics import JointElasticity, Payload, Simulation, SpringLoad, TorqueOffset
 
 BODY = Payload(mass=1.5, com=(0.0, 0.0, 0.1), inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
 
 
 def problem_of(*effects):
     """Lay out what competes, with the noise that is left once the effects are known."""
-    problem = RegressionProblem.of(observed(*effects), quiet)
+    return laid_out(observed(*effects))
+
+
+def laid_out(observed):
+    problem = RegressionProblem.of(observed, quiet)
     noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
     return problem, noise
 
@@ -37,12 +41,12 @@ def place_of(problem, effect, joint):
 
 
 @pytest.fixture(scope="module")
-def loaded():
+def carrying():
     return problem_of(BODY)
 
 
-def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(loaded):
-    problem, noise = loaded
+def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(carrying):
+    problem, noise = carrying
     payload, soft = place_of(problem, "payload", 7), place_of(problem, "joint_elasticity", 4)
     solution = fitted(problem, (payload, soft), noise)
     mean = solution.fitted.mean.copy()
@@ -56,8 +60,8 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(l
     assert pruned(problem, runaway).members == (payload,)
 
 
-def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(loaded):
-    problem, noise = loaded
+def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carrying):
+    problem, noise = carrying
     payload = place_of(problem, "payload", 7)
     drag = place_of(problem, "spring_load", 6)
     solution = fitted(problem, tuple(sorted((payload, drag))), noise)
@@ -77,3 +81,19 @@ def test_what_is_more_than_the_simpler_explains_keeps_its_name():
     knots = place_of(problem, "spring_load", 3)
     (kept,) = simplified(problem, fitted(problem, (knots,), noise)).members
     assert problem.candidates[kept].effect == "spring_load"
+
+
+def test_a_load_has_the_name_of_the_wrong_last_link_that_it_equals(carrying):
+    problem, noise = carrying
+    link, other = place_of(problem, "link_inertia", 7), place_of(problem, "link_inertia", 6)
+    payload = place_of(problem, "payload", 7)
+    assert loaded(problem, fitted(problem, (link,), noise)).members == (payload,)
+    assert loaded(problem, fitted(problem, (other,), noise)).members == (other,)
+
+
+def test_a_last_link_that_lacks_mass_carries_no_load():
+    given = Simulation("iiwa14")
+    body = given.model.inertials["link7"].joined(BODY.load)
+    problem, noise = laid_out(observed().beside(replace(given, inertials={"link7": body})))
+    lighter = fitted(problem, (place_of(problem, "link_inertia", 7),), noise)
+    assert loaded(problem, lighter) is lighter
