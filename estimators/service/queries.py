@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import logging
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import LimoError
-from limo_driver.network.limits import PeerLimits
+from limo_driver.network.limits import PacedQueryable
 from limo_driver.network.streaming import to_json
 
 if TYPE_CHECKING:
@@ -16,17 +17,17 @@ if TYPE_CHECKING:
 
     from estimators.service.roles import ModelChanges
 
+_log = logging.getLogger("limo")
 _LONGEST: Final = 4096  # bytes of a query
-_ASKED, _AT_ONCE = 50.0, 100  # queries of a peer that are answered: in a second, and together
-_REFUSED: Final = 5.0  # that are refused with a word [1/s]
+_ASKED, _AT_ONCE = 50.0, 100  # queries of a verb that are answered: in a second, and together
 
 
 class ModelQueries:
-    """Answers queries on `limo/<arm>/model/<verb>`; changes come one after the other.
+    """Answers queries on `limo/<arm>/model/<verb>`, those of each verb one after the other.
 
     A query's payload is a JSON object, `{"version": "3", "reason": "..."}` where that is needed;
-    the answer is one, too, or an error that says why not. A peer that asks too often is refused at
-    first and then not answered, so that a flood of queries does not hold the stream.
+    the answer is one, too, or an error that says why not. Of a flood of queries, most are not
+    answered, so that it does not hold the stream.
 
     Args:
         session: Open Zenoh session.
@@ -41,10 +42,13 @@ class ModelQueries:
             "rollback": lambda asked: server.rollback(_reason(asked)),
             "retrain": lambda asked: server.retrain(_reason(asked)),
         }
-        self._limits, self._refusals = PeerLimits(_ASKED, _AT_ONCE), PeerLimits(_REFUSED, 1)
         self._queryables = [
-            session.declare_queryable(
-                server.keys.model(verb), lambda query, act=act: self._answer(query, act)
+            PacedQueryable(
+                session,
+                server.keys.model(verb),
+                lambda query, act=act: _answer(query, act),
+                _ASKED,
+                _AT_ONCE,
             )
             for verb, act in verbs.items()
         ]
@@ -52,26 +56,19 @@ class ModelQueries:
     def close(self) -> None:
         """Answer no more."""
         for queryable in self._queryables:
-            queryable.undeclare()
+            queryable.close()
 
-    def _answer(self, query: zenoh.Query, act: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        info = query.source_info
-        peer = "" if info is None else str(info.source_id)
-        if not self._limits.admits(peer):
-            if self._refusals.admits(peer):
-                query.reply_err(to_json({"error": f"asked more than {_ASKED:g} times a second"}))
-            query.drop()
-            return
-        with query:
-            try:
-                answer = to_json(act(_asked(query)))
-            except LimoError as error:
-                query.reply_err(to_json({"error": str(error)}))
-            except Exception as error:  # of our own; who asked should not wait in vain
-                query.reply_err(to_json({"error": f"the service failed: {error!r}"}))
-                raise
-            else:
-                query.reply(query.key_expr, answer)
+
+def _answer(query: zenoh.Query, act: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    try:
+        answer = to_json(act(_asked(query)))
+    except LimoError as error:
+        query.reply_err(to_json({"error": str(error)}))
+    except Exception as error:  # noqa: BLE001  # of our own; who asked should not wait in vain
+        query.reply_err(to_json({"error": f"the service failed: {error!r}"}))
+        _log.exception("a query on %s failed", query.key_expr)
+    else:
+        query.reply(query.key_expr, answer)
 
 
 def _asked(query: zenoh.Query) -> dict[str, Any]:

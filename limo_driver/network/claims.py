@@ -2,12 +2,14 @@
 
 Tokens of liveliness reach the sessions that are linked to each other, and no peer passes them on:
 in a star, the ends do not see each other. So every driver and service tells, when asked under
-`limo/<arm>/seen/<part>`, which tokens it sees; who claims a name asks all that it is linked to.
+`limo/<arm>/seen/<part>`, which tokens it sees; who claims a name asks all that it is linked to, and
+gets none while one of those does not answer, as in a flood of queries.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import time
 from threading import Lock
 from typing import Final
@@ -17,12 +19,15 @@ import zenoh
 from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError
 from limo_driver.network.keys import Keys
-from limo_driver.network.limits import PeerLimits
+from limo_driver.network.limits import PacedQueryable
 
 LINKING: Final = 0.5  # [s] in which those who are there are linked
+PATIENCE: Final = 5.0  # [s] in which those who are linked tell whom they see
 _MOST_TOKENS: Final = 1000  # that are remembered, and told at once
-_ASKED: Final = 200  # queries of a peer that are answered in a second
+_ASKED: Final = 200  # queries that are answered in a second
 _LONGEST: Final = 1 << 18  # bytes of an answer
+_ANY: Final = "*"
+_IDENTITY: Final = re.compile(r"/[0-9]+-([0-9a-f]+)$")  # of a token: when it was made, and by whom
 
 
 class Witness(Closing):
@@ -34,16 +39,15 @@ class Witness(Closing):
 
     def __init__(self, session: zenoh.Session) -> None:
         self._lock, self._tokens = Lock(), dict[str, None]()
-        self._limits = PeerLimits(_ASKED, _ASKED)
         every = Keys.of_any()
         self._subscriber = session.liveliness().declare_subscriber(
             every.alive("*"), self._note, history=True
         )
-        self._queryable = session.declare_queryable(every.seen(), self._tell)
+        self._queryable = PacedQueryable(session, every.seen(), self._tell, _ASKED, _ASKED)
 
     def close(self) -> None:
         """Tell no more."""
-        self._queryable.undeclare()
+        self._queryable.close()
         self._subscriber.undeclare()
 
     def _note(self, sample: zenoh.Sample) -> None:
@@ -55,16 +59,11 @@ class Witness(Closing):
                 self._tokens[token] = None
 
     def _tell(self, query: zenoh.Query) -> None:
-        info = query.source_info
-        if not self._limits.admits("" if info is None else str(info.source_id)):
-            query.drop()
-            return
-        with query, self._lock:
-            asked = str(query.key_expr)
-            arm, _, part = asked.rpartition("/seen/")
-            wanted = f"{arm}/alive/{part}/"
-            seen = [token for token in self._tokens if token.startswith(wanted)]
-            query.reply(query.key_expr, json.dumps(seen).encode())
+        with self._lock:
+            tokens = list(self._tokens)
+        arm, _, part = str(query.key_expr).rpartition("/seen/")
+        seen = [token for token in tokens if token.startswith(f"{arm}/alive/{part}/")]
+        query.reply(query.key_expr, json.dumps(seen).encode())
 
 
 def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToken:
@@ -76,14 +75,18 @@ def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToke
     that began earlier. Links to others need time to come about, so it takes a second.
 
     Raises:
-        ConfigError: Another one is there.
+        ConfigError: Another one is there, or somebody linked does not tell whom it sees.
     """
     identity = f"{time.time_ns()}-{session.zid()}"
     own = keys.alive(part, identity)
     if not _others(session, keys, part, own):
         token = session.liveliness().declare_token(own)
-        if not any(other < own for other in _others(session, keys, part, own)):
-            return token
+        try:
+            if not any(other < own for other in _others(session, keys, part, own)):
+                return token
+        except ConfigError:
+            token.undeclare()
+            raise
         token.undeclare()
     raise ConfigError(
         f"another {part} of an arm called {keys.arm!r} is on the network already; give this one "
@@ -92,22 +95,48 @@ def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToke
 
 
 def _others(session: zenoh.Session, keys: Keys, part: str, own: str) -> set[str]:
-    """Return the other tokens that are seen while links come about, and when they have."""
+    """Return the other tokens that are seen while links come about, and when they have.
+
+    Raises:
+        ConfigError: Somebody linked does not tell whom it sees.
+    """
     seen: set[str] = set()
-    ends = time.monotonic() + LINKING
+    began = time.monotonic()
     while True:
-        linked = time.monotonic() >= ends
-        replies = session.liveliness().get(keys.alive(part), timeout=LINKING)
-        seen |= {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
-        seen |= _told(session, keys, part)
-        if linked:
-            return seen - {own}
+        linked = time.monotonic() >= began + LINKING
+        alive = _alive(session)
+        told, witnesses = _told(session, keys, part)
+        seen |= told | {token for token in alive if token.startswith(keys.alive(part, ""))}
+        silent = {zid for token in alive if (zid := _zid(token))} - witnesses - {str(session.zid())}
+        others = seen - {own}
+        if linked and (not silent or any(other < own for other in others)):
+            return others
+        if time.monotonic() >= began + PATIENCE:
+            raise ConfigError(
+                f"whether another {part} of an arm called {keys.arm!r} is on the network cannot be "
+                f"told: {len(silent)} of the drivers and services there did not answer within "
+                f"{PATIENCE:g} s (Zenoh id {', '.join(sorted(silent))}); try again once they are "
+                "not asked by others all the time"
+            )
         time.sleep(LINKING / 10)
 
 
-def _told(session: zenoh.Session, keys: Keys, part: str) -> set[str]:
-    """Return the tokens that others see."""
+def _alive(session: zenoh.Session) -> set[str]:
+    """Return the tokens of all drivers and services that are seen from here."""
+    replies = session.liveliness().get(Keys.of_any().alive(_ANY), timeout=LINKING)
+    return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+
+
+def _zid(token: str) -> str:
+    """Return the Zenoh id of the session that a token is of; empty if that made none like ours."""
+    found = _IDENTITY.search(token)
+    return found[1] if found else ""
+
+
+def _told(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set[str]]:
+    """Return the tokens that others see, and the Zenoh ids of those who told."""
     told: set[str] = set()
+    witnesses: set[str] = set()
     prefix = keys.alive(part, "")
     for reply in session.get(
         keys.seen(part), target=zenoh.QueryTarget.ALL, timeout=LINKING,
@@ -121,4 +150,6 @@ def _told(session: zenoh.Session, keys: Keys, part: str) -> set[str]:
         if isinstance(tokens, list):
             names = (token for token in tokens if isinstance(token, str))
             told |= {token for token in names if token.startswith(prefix)}
-    return told
+            if reply.replier_id is not None:
+                witnesses.add(str(reply.replier_id.zid))
+    return told, witnesses

@@ -6,7 +6,10 @@ import sys
 
 import pytest
 from ports import free_port
+from sessions import sessions_of_two, wait_until
 
+from limo_driver.errors import ConfigError
+from limo_driver.network import claims
 from limo_driver.network.streaming import (
     JointStatePublisher,
     Keys,
@@ -87,6 +90,21 @@ def test_of_two_that_begin_together_at_the_ends_of_a_star_one_stays(star):
             each.communicate("\n")
     assert said[0] == "claimed\n"
     assert said[1].startswith("refused:")
+
+
+def test_no_name_is_had_while_somebody_does_not_tell_whom_it_sees(tmp_path, monkeypatch):
+    """As a witness that is flooded with queries, whose ring drops ours."""
+    monkeypatch.setattr(claims, "PATIENCE", 1.0)
+    with sessions_of_two(tmp_path) as (here, there):
+        token = there.liveliness().declare_token(f"limo/other/alive/driver/1-{there.zid()}")
+        wait_until(lambda: is_alive(here, "limo/other/alive/driver/*"))
+        silent = f"cannot be told: 1 of the drivers and services .* {there.zid()}"
+        with pytest.raises(ConfigError, match=silent):
+            claims.claim(here, Keys("arm"), "service")
+        assert not is_alive(there, "limo/arm/alive/service/*")
+        with claims.Witness(there):
+            claims.claim(here, Keys("arm"), "service").undeclare()
+        token.undeclare()
 
 
 def test_a_driver_that_publishes_is_a_hub_too(star):

@@ -1,32 +1,51 @@
-"""Peers that ask too often are not answered, and others are all the same."""
+"""Queries are answered so many a second, and the rest of a flood is dropped without us."""
 
-from limo_driver.network.limits import PeerLimits
+import threading
+
+import pytest
+from sessions import sessions_of_two
+
+from limo_driver.network.limits import WAITING, PacedQueryable, RateLimit
+
+KEY = "limo/arm/model/index"
 
 
-def limits(times, rate=10.0, burst=5):
-    return PeerLimits(rate, burst, clock=lambda: times[0])
-
-
-def test_some_requests_may_come_together_and_then_a_few_a_second():
+def test_some_may_come_together_and_then_a_few_a_second():
     times = [0.0]
-    peers = limits(times)
-    assert [peers.admits("a") for _ in range(7)] == [True] * 5 + [False] * 2
+    limit = RateLimit(10.0, 5, clock=lambda: times[0])
+    assert [limit.take() for _ in range(7)] == pytest.approx([0, 0, 0, 0, 0, 0.1, 0.2])
     times[0] = 0.25
-    assert [peers.admits("a") for _ in range(4)] == [True, True, False, False]
+    assert limit.take() == pytest.approx(0.05)
     times[0] = 1000.0
-    assert [peers.admits("a") for _ in range(6)] == [True] * 5 + [False]
-    assert peers.refused == 5
+    assert [limit.take() for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.1])
 
 
-def test_one_that_floods_costs_the_others_nothing():
-    peers = limits([0.0])
-    for _ in range(1000):
-        peers.admits("flood")
-    assert peers.admits("other")
+def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path):
+    """While one is answered, many more come: those that still waited then are the last of them."""
+    answered, busy, free = [], threading.Event(), threading.Event()
+
+    def answer(query):
+        if not answered:
+            busy.set()
+            free.wait(60.0)
+        answered.append(str(query.parameters))
+        query.reply(KEY, b"")
+
+    with sessions_of_two(tmp_path) as (here, there), PacedQueryable(here, KEY, answer, 1e6, 1000):
+        while not busy.is_set():  # until the two know each other
+            first = there.get(f"{KEY}?k=first", timeout=60.0)
+            busy.wait(0.1)
+        asked = [there.get(f"{KEY}?k={k}", timeout=60.0) for k in range(10 * WAITING)]
+        heard = there.get("limo/arm/other", timeout=60.0)  # comes after those
+        assert not list(heard)
+        free.set()
+        got = [len(list(replies)) for replies in asked]
+        assert len(list(first)) == 1
+    assert got == [0] * (len(asked) - WAITING) + [1] * WAITING
 
 
-def test_only_so_many_peers_are_remembered():
-    peers = limits([0.0])
-    for k in range(10_000):
-        assert peers.admits(str(k))
-    assert len(peers._left) <= 256
+def test_a_second_close_does_nothing(tmp_path):
+    with sessions_of_two(tmp_path) as (here, _):
+        queries = PacedQueryable(here, KEY, lambda query: query.drop(), 1.0, 1)
+        queries.close()
+        queries.close()
