@@ -170,7 +170,7 @@ class MujocoRobot(SimulatedRobot):
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")
         path, limited_by, time, log = self._simulate(targets)
-        self._close_run(float(time[-1]), log[-1])
+        self._close_run(log)
         return SimulatedRun(
             time=time,
             position=log[:, layout.MEASURED_POSITION],
@@ -208,7 +208,7 @@ class MujocoRobot(SimulatedRobot):
         torque = np.ascontiguousarray(log[:, layout.MEASURED_TORQUE])
         if limited_by or not self._contract.finds_nothing_in(position, velocity, torque):
             return None
-        self._close_run(float(time[-1]), log[-1])
+        self._close_run(log)
         last = self._state
         if last is None or self._contract.holding:
             return None
@@ -296,16 +296,13 @@ class MujocoRobot(SimulatedRobot):
             sequence=cycle,
         )
 
-    def _close_run(self, time: float, log: FloatArray) -> None:
-        """Leave the books as if the last cycle had been received."""
-        state = JointState(
-            time,
-            log[layout.MEASURED_POSITION],
-            log[layout.MEASURED_VELOCITY],
-            log[layout.MEASURED_TORQUE],
-            self._cycle - 1,
-        )
-        self._state, self._answered = self._contract.observe(state), False
+    def _close_run(self, log: FloatArray) -> None:
+        """Leave all as if each cycle of a log (T, 7, n) had been received."""
+        last = self._cycle - 1
+        if len(log) > 1:
+            self._contract.pass_by(self._measurement(last - 1, log[-2]))
+        self._state = self._contract.observe(self._measurement(last, log[-1]))
+        self._answered = False
 
     def _place(self, position: FloatArray) -> None:
         """Put the arm at rest in equilibrium where the encoders read `position`."""

@@ -4,12 +4,12 @@
     python benchmarks/backends/fri_cycle.py --fuzz 1000000
 
 One core. A cycle is what stands between the socket and the socket: decode a monitoring message,
-check it, keep the session's books, make the joint state, apply the safety contract to a position
+check it, keep track of the session, make the joint state, apply the safety contract to a position
 command, encode the answer. It ends where the answer is handed to the socket; the last row has all
 that is counted after that. The peer is the code that protobuf generates from `fri.proto` (upb, in
-C): it decodes, reads the joint arrays, and encodes an answer; no safety, no books. All are timed in
-turn in one run, so that they suffer alike from whatever else the machine does: wall time, and the
-99th percentile of CPU time, which leaves out what the scheduler gave to others.
+C): it decodes, reads the joint arrays, and encodes an answer; no safety, no session. All are timed
+in turn in one run, so that they suffer alike from whatever else the machine does: wall time, and
+the 99th percentile of CPU time, which leaves out what the scheduler gave to others.
 """
 
 from __future__ import annotations

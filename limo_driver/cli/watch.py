@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from limo_driver.network.messages import Event
     from limo_driver.network.streaming import Keys
 
+_PORT = 8642  # of the page of --web
 _EVENTS = 12  # shown
 _STALE = 3.0  # [s] without status, after which a service is shown as silent
 _LONGEST = 65536  # bytes of a status
@@ -63,11 +64,15 @@ def command(
         bool, typer.Option("--web", help="Serve a page to this machine: the arm, torques, events.")
     ] = False,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="With --web: of the page; 0 for any.")
-    ] = 8642,
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="With --web: of the page; 0 for any. 8642 if not given."
+        ),
+    ] = None,
     robot: Annotated[
-        str, typer.Option(help="With --web: the robot that is drawn, built in, URDF or MJCF.")
-    ] = "iiwa14",
+        str | None,
+        typer.Option(help="With --web: the robot drawn, built in, URDF or MJCF; else iiwa14."),
+    ] = None,
 ) -> None:
     """Show rates, latency, external torque, models, contacts and losses of arms on the network.
 
@@ -83,7 +88,12 @@ def command(
     from limo_driver.errors import ConfigError
     from limo_driver.network.streaming import Keys, follow_history, open_session
 
+    if not web and (port is not None or robot is not None):
+        given = "--port" if robot is None else "--robot"
+        raise ConfigError(f"{given} is of the page that --web serves")
     if until is not None:
+        if web:
+            raise ConfigError("--web is for watching; --until only waits")
         if duration is not None:
             raise ConfigError("--duration is for watching; --until ends after --timeout")
         _wait(arm, until, timeout, (connect or (), listen or (), config), as_json=as_json)
@@ -102,7 +112,8 @@ def command(
         with suppress(KeyboardInterrupt):
             seconds = shortened("--duration", duration, 5.0)
             if web:
-                _serve(watched, session, keys, robot, port, seconds)
+                page = _PORT if port is None else port
+                _serve(watched, session, keys, robot, page, seconds)
             else:
                 _show(watched, seconds)
         for subscriber in followed:
@@ -113,24 +124,22 @@ def _serve(
     watched: Watched,
     session: zenoh.Session,
     keys: Keys,
-    robot: str,
+    robot: str | None,
     port: int,
     duration: float | None,
 ) -> None:
     """Serve the page of an arm until the time is over."""
     from limo_driver.live.feed import ArmFeed
     from limo_driver.live.web import LiveServer
-    from limo_driver.model import RobotModel
+    from limo_driver.model import BUILT_IN, RobotModel
 
-    model = RobotModel.load(robot)
-    feed = ArmFeed(session, keys, model, lambda: watched.of(keys.arm))
-    server = LiveServer(keys.arm, model, feed.snapshot, port)
-    typer.echo(f"open {server.address}")
-    try:
+    model = RobotModel.load(robot or BUILT_IN[0])
+    with (
+        ArmFeed(session, keys, model, lambda: watched.of(keys.arm)) as feed,
+        LiveServer(keys.arm, model, feed.snapshot, port) as server,
+    ):
+        typer.echo(f"open {server.address}")
         threading.Event().wait(duration)
-    finally:
-        server.close()
-        feed.close()
 
 
 def _wait(

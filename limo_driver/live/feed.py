@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from limo_driver.closing import Closing
 from limo_driver.errors import WireFormatError
 from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import zenoh
 
@@ -25,10 +26,11 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SURE: Final = 1.96  # standard deviations of a 95 % interval
+_NAMED: Final = 8  # joints, in a sentence
 _DAMPING: Final = 0.05  # [m], of the force at the flange in directions that no joint feels well
 
 
-class ArmFeed:
+class ArmFeed(Closing):
     """Follows one arm on the network.
 
     Args:
@@ -48,8 +50,9 @@ class ArmFeed:
         import zenoh
 
         newest = zenoh.handlers.RingChannel(1)
-        self._states = session.declare_subscriber(keys.joints, newest)
-        self._estimates = session.declare_subscriber(keys.estimate, newest)
+        self._followed = [session.declare_subscriber(keys.joints, newest)]
+        self._followed.append(session.declare_subscriber(keys.estimate, newest))
+        self._states, self._estimates = (each.handler for each in self._followed)
         self._model, self._said = model, said
         self._shown: dict[str, Any] = {}
         self._came = -math.inf
@@ -65,23 +68,26 @@ class ArmFeed:
 
     def close(self) -> None:
         """Stop following."""
-        self._states.undeclare()
-        self._estimates.undeclare()
+        while self._followed:
+            self._followed.pop().undeclare()
 
     def _take(self) -> None:
-        if (sample := self._states.handler.try_recv()) is not None:
+        if (sample := self._states.try_recv()) is not None:
             state = decode_joint_state(sample.payload.to_bytes())
             self._came = time.monotonic()
-            if len(state.position) != self._model.n:
+            drawn = self._model.joint_names
+            self._shown["drawn"] = state.names == drawn and len(state.position) == len(drawn)
+            if not self._shown["drawn"]:
+                self._shown.pop("position", None)
                 self._shown["problem"] = (
-                    f"the stream has {len(state.position)} joints, and the robot that is drawn, "
-                    f"{self._model.name}, {self._model.n}: name it with --robot"
+                    f"the arm is not drawn: its joints are {_listed(state.names)}, those of "
+                    f"{self._model.name} {_listed(drawn)}; name its robot with --robot"
                 )
             else:
                 self._shown.pop("problem", None)
                 self._shown["position"] = _plain(state.position, 5)
                 self._shown["stamp"] = state.stamp_ns / 1e9
-        if (sample := self._estimates.handler.try_recv()) is not None:
+        if (sample := self._estimates.try_recv()) is not None:
             estimate = decode_torque_estimate(sample.payload.to_bytes())
             self._shown |= {
                 "estimate_stamp": estimate.stamp_ns / 1e9,
@@ -106,6 +112,12 @@ class ArmFeed:
         J = self._model.flange_jacobian(np.array(position, dtype=float))[:3]
         force = np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(3), -J @ external)
         return _plain(np.asarray(force, dtype=np.float64), 2)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return names in a sentence, the first few of them."""
+    more = f", ... ({len(names)} in all)" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more if names else "none"
 
 
 def _plain(values: FloatArray, digits: int) -> list[float | None]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Page, arm_view
 from limo_driver.pages.markup import paragraph
@@ -34,7 +35,7 @@ _LEAD = (
 )
 
 
-class LiveServer:
+class LiveServer(Closing):
     """Serves the live page of an arm until it is closed.
 
     Args:
@@ -55,8 +56,9 @@ class LiveServer:
         page = live_page(arm, model).html().encode()
 
         def values() -> bytes:
-            with self._lock:
-                return json.dumps(snapshot(), allow_nan=False).encode()
+            with self._lock:  # nothing is asked for once it was closed
+                now = {} if self._closed.is_set() else snapshot()
+            return json.dumps(now, allow_nan=False).encode()
 
         handler = _handler(page, values, self._closed)
         try:
@@ -69,8 +71,9 @@ class LiveServer:
         self._thread.start()
 
     def close(self) -> None:
-        """End all connections."""
-        self._closed.set()
+        """End all connections; no snapshot is taken from then on."""
+        with self._lock:
+            self._closed.set()
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()

@@ -163,7 +163,7 @@ class Playback:
             open_.enter_context(self._braking(robot, recorder))
             while done < len(targets):  # how far it came
                 if done % _CYCLES == 0 and done + _CYCLES <= len(targets):
-                    ahead = targets[done : done + _CYCLES - 1]  # the last keeps the books as always
+                    ahead = targets[done : done + _CYCLES - 1]  # the last goes as always
                     if (found := self._ahead(robot, state, ahead)) is not None:
                         self._keep(found, state, ahead, done, recorder, errors)
                         done, state = done + len(ahead), found.last

@@ -1,7 +1,7 @@
 """Robot: one arm, simulated or real; the constructor opens it and `with` closes it.
 
 A backend writes only how a measurement gets off the wire and a set-point onto it (`_receive`,
-`_send`, `_close`). The base keeps the books: the safety contract, the one set-point of each cycle,
+`_send`, `_close`). The base does all else: the safety contract, the one set-point of each cycle,
 stale measurements, and the end of the session.
 """
 
@@ -134,7 +134,8 @@ class Robot(Closing):
     def send_ahead(self, targets: FloatArray) -> StatesAhead | None:  # noqa: ARG002  # by default none
         """Answer as many cycles in a row with positions, in one call, if that changes nothing.
 
-        The same, bit for bit, as `send` and `receive` for each of them. A robot that cannot look
+        The same, bit for bit, as `send` and `receive` for each of them: what is sent, what is
+        measured, and all that later cycles follow from. A robot that cannot look
         ahead, or finds that a limit, a fault or a lost measurement would come up on the way, is
         left as it was, for the cycles to be taken one by one.
 
@@ -287,7 +288,7 @@ class Robot(Closing):
         return state
 
     def _save_session(self) -> object:
-        """Return a copy of the books, for simulated robots that can go back."""
+        """Return a copy of all that is remembered, for simulated robots that can go back."""
         return self._contract.save(), self._state, self._answered
 
     def _restore_session(self, saved: Any) -> None:  # noqa: ANN401  # what _save_session returned

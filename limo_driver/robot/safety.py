@@ -190,6 +190,10 @@ class SafetyContract:
         """
         return self._measured.all_fine(position, velocity, torque, self._memory.belief)
 
+    def pass_by(self, state: JointState) -> None:
+        """Believe the state before the one that is observed next, after `finds_nothing_in`."""
+        self._measured.take(state, self._memory.belief)
+
     def stand_in(self) -> JointCommand | None:
         """Return what to send in a cycle for which no command came; None if nothing changes."""
         memory, pose = self._memory, self._pose()

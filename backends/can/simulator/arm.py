@@ -31,7 +31,7 @@ WARMING_TIME: Final = 300.0  # [s]
 
 
 class DrivenArm(MujocoRobot):
-    """A MuJoCo arm whose joints each have their own drive, without the books of a `Robot`."""
+    """A MuJoCo arm whose joints each have their own drive, without a contract of its own."""
 
     @property
     def encoders(self) -> FloatArray:

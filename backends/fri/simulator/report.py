@@ -147,22 +147,22 @@ class ControllerReport:
 
     def as_text(self) -> str:
         """Return lines for people."""
-        books = self.ledger
+        ledger = self.ledger
         lines = [
             f"FRI {self.version} to {self.client} from {self.bound}, {self.mode}, every "
             f"{self.period_ms} ms, {self.duration:.2f} s",
-            f"packets   {books.sent} sent; of {books.expected} answers expected {books.answered} "
-            f"came, {books.late} late, {books.lost} lost",
-            f"answers   {books.latency.summary()}"
-            + ("" if books.late_ns is None else f"; {books.slow} slower than "
-               f"{1e-6 * books.late_ns:g} ms"),
+            f"packets   {ledger.sent} sent; of {ledger.expected} answers expected "
+            f"{ledger.answered} came, {ledger.late} late, {ledger.lost} lost",
+            f"answers   {ledger.latency.summary()}"
+            + ("" if ledger.late_ns is None else f"; {ledger.slow} slower than "
+               f"{1e-6 * ledger.late_ns:g} ms"),
             "states    " + self._states(),
             f"quality   {self.quality.name} at the end, {self.findings.quality_changes} changes",
             *self._ranges(),
             f"steps     at most {100 * self.findings.largest_step:.1f} % of what a joint may go",
             f"own loop  {self.loop_text}",
         ]  # fmt: skip
-        if books.unheard and not books.answered:
+        if ledger.unheard and not ledger.answered:
             lines.append("nobody answered: is a client bound to the port that --client names?")
         lines += [
             f"in {one.count} cases{_excused(one)}, first after {one.first:.3f} s: {text}"

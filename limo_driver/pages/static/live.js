@@ -98,6 +98,7 @@ async function follow(section) {
     place("said").textContent = said.problem ?? (said.age === null ? "waiting for the arm …"
       : late ? `no joint state for ${said.age.toFixed(0)} s`
         : `model ${said.model ?? "–"}${said.fallback ? ", physics alone" : ""}`);
+    section.hidden = !scene || said.drawn === false; // no other robot in its stead
     if (scene && said.position) {
       scene.pose(said.position);
       if (said.external && said.interval) {

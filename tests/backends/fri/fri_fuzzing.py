@@ -1,6 +1,6 @@
 """Datagrams of every kind at the driver's socket, and what it may answer to them.
 
-The judge keeps books of its own: it knows the limits of the arm and the datagrams, and shares no
+The judge keeps a record of its own: it knows the limits of the arm and the datagrams, and shares no
 code with the driver but the codec.
 """
 

@@ -197,6 +197,10 @@ def test_goes_on_between_malformed_messages_of_a_real_session(two_sessions):
         (("--until", "serving", "--timeout", "nan"), "--timeout is nan s, expected above 0"),
         (("--until", "serving", "--duration", "1"), "--duration is for watching"),
         (("--timeout", "1"), "--timeout is for --until"),
+        (("--until", "serving", "--web", "--arm", "a"), "--web is for watching; --until only"),
+        (("--port", "0"), "--port is of the page that --web serves"),
+        (("--robot", "iiwa14", "--until", "serving"), "--robot is of the page that --web serves"),
+        (("--web",), "--web shows one arm: name it with --arm"),
         (("--until", "serving", "--arm", "a/b"), "the arm's name is 'a/b'"),
     ],
 )

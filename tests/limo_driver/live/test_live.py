@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
 import threading
 from contextlib import contextmanager
 
@@ -45,10 +46,10 @@ def followed(tmp_path, model):
             n = len(joints)
             zero = np.zeros(n)
             stamp = 10**9 + 10**6 * k
-            states.put(JointStateCodec(joints).encode(stamp, POSE[:n], zero, zero))
+            states.put(JointStateCodec(joints).encode(stamp, np.resize(POSE, n), zero, zero))
             estimates.put(
                 TorqueEstimateCodec(joints).encode(
-                    stamp, zero + 1.0, zero + 0.1, external[:n], zero > 0, model="7"
+                    stamp, zero + 1.0, zero + 0.1, np.resize(external, n), zero > 0, model="7"
                 )
             )
 
@@ -82,11 +83,60 @@ def test_a_feed_has_state_estimate_interval_and_force(followed):
     json.dumps(shown, allow_nan=False)
 
 
-def test_a_robot_of_other_joints_is_said(followed):
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        (("a", "b"), "its joints are a, b, those of iiwa14 "),
+        (tuple(f"other_{j}" for j in range(N)), "its joints are other_0, other_1, "),
+        (tuple(f"j{j}" for j in range(12)), r"j7, \.\.\. \(12 in all\)"),
+    ],
+)
+def test_no_robot_of_other_joints_is_drawn_instead(followed, joints, said):
     feed, publish = followed
-    shown = heard(feed, publish, "problem", joints=("a", "b"))
-    assert "2 joints" in shown["problem"]
+    assert heard(feed, publish, "position")["drawn"]
+    shown = {}
+
+    def is_said():
+        publish(joints=joints)
+        shown.update(now := feed.snapshot())
+        return "problem" in now
+
+    wait_until(is_said)
+    assert re.search(said, shown["problem"])
     assert "--robot" in shown["problem"]
+    assert not shown["drawn"]
+    assert "position" not in feed.snapshot()
+    assert heard(feed, publish, "position")["drawn"]
+
+
+def test_nothing_is_asked_for_once_the_page_is_closed(model):
+    """A browser may still hang on to it then."""
+    asked, wait, closing = threading.Event(), threading.Event(), threading.Event()
+    after = []
+
+    def snapshot():
+        after.append(closing.is_set())
+        asked.set()
+        wait.wait(60.0)
+        return {}
+
+    server = LiveServer("arm", model, snapshot)
+    port = int(server.address.rstrip("/").rpartition(":")[2])
+    tab = http.client.HTTPConnection("127.0.0.1", port)
+    tab.request("GET", "/live", headers={"Host": f"127.0.0.1:{port}"})
+    assert asked.wait(60.0)
+    ending = threading.Thread(target=server.close)
+    ending.start()
+    assert ending.is_alive()  # it waits for the one that was begun
+    wait.set()
+    ending.join(60.0)
+    assert not ending.is_alive()
+    closing.set()
+    count = len(after)
+    tab.getresponse().read()
+    tab.close()
+    assert len(after) == count
+    assert not any(after)
 
 
 @contextmanager

@@ -132,7 +132,9 @@ class TestGains:
         before = np.abs(draw[0]) * 1e4, np.abs(draw[1]) * 1e2, draw[2] * LIMITS.torque
         wanted = np.abs(draw[3]) * 1e4, np.abs(draw[4]) * 1e2, draw[5] * 2 * LIMITS.torque
         away, velocity = draw[6], draw[7]
-        gains, _ = self.follow(wanted, before, away, velocity)
+        gains, met = self.follow(wanted, before, away, velocity)
+        kept = all(np.allclose(a, b, 1e-12, 1e-12) for a, b in zip(gains, wanted, strict=True))
+        assert (met == ()) == kept  # what changed a command is told
         torques = [k * away - d * velocity + t for k, d, t in (before, gains)]
         most = 2 * LIMITS.torque
         change = np.abs(np.diff(np.clip(torques, -most, most), axis=0))

@@ -14,6 +14,7 @@ from limo_driver.physics.sensing import Sensors
 from limo_driver.recordings.recording import Recording
 from limo_driver.robot.playback import Playback
 from limo_driver.trajectory import Trajectory
+from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -119,3 +120,24 @@ def test_lost_measurements_are_not_looked_past() -> None:
         assert robot.send_ahead(planned.position[:20]) is None  # a first command starts the stream
         robot.lose_measurements(2)
         assert robot.send_ahead(planned.position[:20]) is None
+
+
+def test_what_later_cycles_follow_from_is_the_same() -> None:
+    """Also what is believed of the arm's acceleration, which counts where a measurement is lost."""
+    planned, believed = motion(), []
+    for kind in (ByCycle, Ahead):
+        with kind(ARM, initial_position=planned.position[0], seed=3) as robot:
+            robot.receive()
+            robot.send(PositionCommand(position=planned.position[0]))
+            robot.receive()
+            if (found := robot.send_ahead(planned.position[1:200])) is None:
+                for target in planned.position[1:200]:
+                    robot.send(PositionCommand(position=target))
+                    robot.receive()
+            assert (found is None) == (kind is ByCycle)
+            robot.lose_measurements(1)
+            robot.receive()
+            believed.append(robot._contract._pose())
+    assert believed[0].acceleration.any()
+    for one, other in zip(*believed, strict=True):
+        np.testing.assert_array_equal(one, other)
