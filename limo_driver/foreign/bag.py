@@ -14,14 +14,16 @@ from limo_driver.foreign.table import LogTable
 from limo_driver.logs.joint_state_log import bag_files, read_bag
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec
 from limo_driver.recordings.data_gate import SYSTEMATIC
+from limo_driver.recordings.stretches import STRETCH, Stretches
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from limo_driver.logs.mcap_file import LoggedMessage
+    from limo_driver.types import FloatArray
 
 _QUANTITIES = ("position", "velocity", "effort")
 _LISTED = 8  # topics that a message names
@@ -58,7 +60,20 @@ def read_bags(
         more.append(f"left aside: {'; '.join(others[:_LISTED])}")
     if found.malformed:
         more.append(f"{found.malformed} messages could not be decoded")
-    return LogTable(columns, source, f"ROS 2 bag, topic {kept.topic}", {}, (*notes, *more))
+    kind = f"ROS 2 bag, topic {kept.topic}"
+    spread = kept.stretches.spread
+    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Messages one after the other."""
+
+    stamps: NDArray[np.int64]  # (T,) [ns]
+    values: FloatArray  # (T, 3, n)
+
+    def cut(self, start: int, stop: int) -> _Rows:
+        return _Rows(self.stamps[start:stop], self.values[start:stop])
 
 
 @dataclass
@@ -67,16 +82,34 @@ class _Group:
 
     topic: str
     names: tuple[str, ...]
-    stamps: array[int] = field(default_factory=lambda: array("q"))
+    stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
     values: array[float] = field(default_factory=lambda: array("d"))
+    stretches: Stretches[_Rows] = field(default_factory=lambda: Stretches(_Rows.cut))
 
     def __str__(self) -> str:
         """Say what it holds."""
-        return f"{len(self.stamps)} messages of {', '.join(self.names)} on {self.topic}"
+        many = self.stretches.total + len(self.stamps)
+        return f"{many} messages of {', '.join(self.names)} on {self.topic}"
+
+    def add(self, stamp: int, values: Iterable[FloatArray]) -> None:
+        """Add position, velocity and effort of one message."""
+        self.stamps.append(stamp)
+        for own in values:
+            self.values.frombytes(own.tobytes())
+        if len(self.stamps) == STRETCH:
+            self._flush()
+
+    def _flush(self) -> None:
+        if rows := len(self.stamps):
+            values = np.array(self.values).reshape(rows, len(_QUANTITIES), -1)
+            self.stretches.add(_Rows(np.array(self.stamps, dtype=np.int64), values), rows)
+            self.stamps, self.values = array("q"), array("d")
 
     def columns(self, source: str) -> tuple[dict[str, NDArray[Any]], list[str]]:
         """Return time and quantities in order of the stamps, and what was odd about these."""
-        stamps = np.array(self.stamps, dtype=np.int64)
+        self._flush()
+        pieces = self.stretches.pieces()
+        stamps = np.concatenate([piece.stamps for piece in pieces])
         late = np.append(False, stamps[1:] < np.maximum.accumulate(stamps)[:-1])
         if late.mean() > SYSTEMATIC:
             raise RecordingError(
@@ -86,7 +119,7 @@ class _Group:
                 rows=[int(late.argmax())],
             )
         order = np.argsort(stamps, kind="stable")
-        values = np.array(self.values).reshape(stamps.size, len(_QUANTITIES), -1)[order]
+        values = np.concatenate([piece.values for piece in pieces])[order]
         columns: dict[str, NDArray[Any]] = {"time": stamps[order]}
         for k, quantity in enumerate(_QUANTITIES):
             if not np.isnan(values[:, k]).all():
@@ -94,7 +127,8 @@ class _Group:
                     f"{quantity}.{joint}": values[:, k, j] for j, joint in enumerate(self.names)
                 }
         told = [f"{late.sum()} messages were logged after one with a later stamp"]
-        return columns, told if late.any() else []
+        notes = [self.stretches.note()] if self.stretches.spread else []
+        return columns, notes + (told if late.any() else [])
 
 
 @dataclass
@@ -121,9 +155,8 @@ class _Found:
         if group.names != state.names:
             columns = [state.names.index(name) for name in group.names]
         missing = np.full(len(names), np.nan)
-        group.stamps.append(state.stamp_ns)
-        for values in (state.position, state.velocity, state.torque):
-            group.values.frombytes((values[columns] if values.size else missing).tobytes())
+        given = (state.position, state.velocity, state.torque)
+        group.add(state.stamp_ns, (own[columns] if own.size else missing for own in given))
 
     def meant(self, topic: str | None, joints: Sequence[str], source: str) -> _Group:
         """Return the group that has the robot's joints."""
