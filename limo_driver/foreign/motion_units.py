@@ -19,6 +19,8 @@ _ROWS: Final = 1500  # that are looked at
 _ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _JUMP: Final = 0.05  # of the logarithm of 57.3, by which a joint may move within a row
+_REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
+_FEWEST_ROWS: Final = 10
 _LEAP: Final = 3.0  # times the longest of usual steps, that another unit makes
 _DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 _ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
@@ -45,6 +47,7 @@ def position_reading(position: FloatArray, torque: FloatArray | None, model: Rob
         torque: (T, n) in any unit, where it is measured.
         model: The robot.
     """
+    rests_at_zero = _is_noise_about_zero(position[:, ~np.array(model.sliding)])
     rows = _rows(position, torque)
     position = position[rows]
     torque = None if torque is None else torque[rows]
@@ -52,8 +55,20 @@ def position_reading(position: FloatArray, torque: FloatArray | None, model: Rob
     # as if in rad: nothing else is open of joints that slide
     position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
     found = _turns(position, torque, model)
+    if found.question and rests_at_zero:  # the same pose in either unit
+        found = Reading(("rad",) * model.n, "taken for rad: noise about zero says nothing of it")
     units = tuple(own or unit for own, unit in zip(slides, found.units, strict=True))
     return replace(found, units=units)
+
+
+def _is_noise_about_zero(position: FloatArray) -> bool:
+    """Say whether positions (T, k) stay at zero, but for noise from one row to the next."""
+    known = position[np.isfinite(position).all(axis=1)]
+    if len(known) < _FEWEST_ROWS or np.abs(known).max(initial=0.0) > _REST:
+        return False
+    spread = known.std(axis=0)
+    noise = np.diff(known, axis=0).std(axis=0) / math.sqrt(2.0)
+    return bool((spread <= 2.0 * noise).all() and (np.abs(known.mean(axis=0)) <= spread).all())
 
 
 def _slides(position: FloatArray, model: RobotModel) -> tuple[str, ...]:

@@ -7,8 +7,26 @@ from logged import arm, measured, numbered
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.foreign.proposal import propose
 from limo_driver.foreign.table import table_of
+from limo_driver.model import RobotModel
 
 TIME, POSITION, VELOCITY, TORQUE = measured()
+
+
+def chain_of(folder, joints):
+    """An arm of so many joints that stands upright."""
+    limit = '<limit lower="-3" upper="3" effort="50" velocity="2"/>'
+    inertia = '<inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    parts = [
+        f'<joint name="j{j}" type="revolute"><parent link="l{j}"/><child link="l{j + 1}"/>'
+        f'<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/>{limit}</joint><link name="l{j + 1}">'
+        f'<inertial><origin xyz="0 0 0.15"/><mass value="2"/>{inertia}</inertial></link>'
+        for j in range(joints)
+    ]
+    path = folder / "chain.urdf"
+    path.write_text(
+        f'<robot name="chain"><link name="l0"/>{"".join(parts)}</robot>', encoding="utf-8"
+    )
+    return RobotModel(path)
 
 
 def proposed(**columns):
@@ -70,6 +88,29 @@ def test_positions_that_go_on_in_another_unit_are_refused(factor):
     mixed[700:] *= factor
     with pytest.raises(RecordingError, match=r"jump by a factor of 57\.3 at row 700"):
         proposed(q=mixed, tau=TORQUE)
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+@pytest.mark.parametrize("size", [0.0, 1e-4, 1e-2])
+def test_noise_about_zero_says_nothing_of_the_unit_and_is_no_question(tmp_path, joints, size):
+    model = chain_of(tmp_path, joints)
+    random = np.random.default_rng(joints)
+    position = random.normal(0, 1, (2500, joints)) * size
+    torque = model.gravity_torque(position) + random.normal(0, 0.05, position.shape)
+    log = {"t": 0.004 * np.arange(2500), **numbered("q{}", position), **numbered("tau{}", torque)}
+    found = propose(table_of(log), model)
+    assert not [text for text in found.mapping.undecided if "deg" in text]
+    assert found.taken[1].unit == "rad"
+    assert "says nothing" in found.taken[1].why
+
+
+def test_a_small_pose_away_from_zero_is_a_question_still(tmp_path):
+    model = chain_of(tmp_path, 2)
+    random = np.random.default_rng(0)
+    position = 0.05 + random.normal(0, 1e-4, (2500, 2))
+    torque = random.normal(0, 0.05, position.shape)
+    log = {"t": 0.004 * np.arange(2500), **numbered("q{}", position), **numbered("tau{}", torque)}
+    assert any("rad or deg" in text for text in propose(table_of(log), model).mapping.undecided)
 
 
 def test_measured_goes_before_commanded_and_derived():
