@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from limo_driver.logs.joint_state_log import JointStateLog
 
 _MCAP = ".mcap"
+_FOXGLOVE = ".json"
+_LAYOUTS = (_FOXGLOVE, ".xml")
 _TOPIC = "/joint_states"
 
 
@@ -24,7 +26,12 @@ def command(
         list[Path],
         typer.Argument(help="MCAP or .db3 logs or folders of them; or one log of any format."),
     ],
-    out: Annotated[Path, typer.Option(help="The recording to write (Parquet), or a .mcap log.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="The recording to write (Parquet), a .mcap log, or a layout (.json, .xml)."
+        ),
+    ],
     robot: Annotated[
         str | None,
         typer.Option(help="Built-in name or URDF, whose joints are meant, in their order."),
@@ -47,11 +54,16 @@ def command(
     lost leave gaps; duplicates stay in the file and are left out where it is read. A log that was
     cut off is read as far as it goes. If --out ends in .mcap, a recording becomes a log instead.
 
+    If it ends in .json or .xml, it is a layout in which Foxglove or PlotJuggler shows that log:
+    measured and estimated torque of each joint, what is left, and events. PlotJuggler opens
+    recordings, too.
+
     Examples:
         limo convert logs/ --robot iiwa14 --out run.parquet
         limo convert bag_0.db3 --topic /joint_states --out run.parquet
         limo convert log.csv --mapping mapping.yaml --out run.parquet
         limo convert run.parquet --out run.mcap
+        limo convert logs/ --out foxglove.json
     """
     from limo_driver.outputs import require_file, require_parquet
 
@@ -59,11 +71,47 @@ def command(
     if out.suffix == _MCAP:
         _to_log(files, out, robot, topic or _TOPIC, mapping, as_json=as_json)
         return
+    if out.suffix in _LAYOUTS:
+        _to_layout(files, out)
+        return
     require_parquet(out)
     if mapping is None and all(map(_is_bag, files)):
         _to_recording(files, out, robot, topic, as_json=as_json)
     else:
         _mapped(files, out, robot, mapping, topic, episode, as_json=as_json)
+
+
+def _to_layout(files: list[Path], out: Path) -> None:
+    from limo_driver.console.terminal import terminal
+    from limo_driver.logs.layouts import foxglove_layout, logged_topics, plotjuggler_layout
+    from limo_driver.outputs import whole
+
+    if files[0].suffix in {".parquet", ".pq"}:
+        _to_recording_layout(files, out)
+        return
+    log = logged_topics(files)
+    made = foxglove_layout(log) if out.suffix == _FOXGLOVE else plotjuggler_layout(log)
+    with whole(out) as draft:
+        draft.write_text(made, encoding="utf-8")
+    topics = ", ".join(topic for topic in (log.states, log.estimates, log.events) if topic)
+    terminal(soft_wrap=True).print(f"wrote {out}: {len(log.joints)} joints of {topics}")
+
+
+def _to_recording_layout(files: list[Path], out: Path) -> None:
+    from limo_driver.console.terminal import terminal
+    from limo_driver.errors import ConfigError
+    from limo_driver.logs.layouts import recording_layout
+    from limo_driver.outputs import whole
+    from limo_driver.workflow.reading import column_names
+
+    if out.suffix == _FOXGLOVE:
+        raise ConfigError(
+            "is a recording; Foxglove opens logs: --out run.mcap first", path=files[0]
+        )
+    columns = column_names(files[0])
+    with whole(out) as draft:
+        draft.write_text(recording_layout(columns), encoding="utf-8")
+    terminal(soft_wrap=True).print(f"wrote {out}: {len(columns)} columns of {files[0]}")
 
 
 def _is_bag(path: Path) -> bool:

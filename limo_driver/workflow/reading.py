@@ -105,11 +105,16 @@ def model_is_enough(log: object) -> bool:
         return False
     if not path.is_file() or path.suffix.lower() not in {*PARQUET, ".csv"}:
         return True  # as `Recording.load` knows it, or says what is wrong
-    found = set(_column_names(path))
+    found = set(column_names(path))
     return {"time", "position_1"} <= found and not found.isdisjoint({"torque_1", "command_1"})
 
 
-def _column_names(path: Path) -> list[str]:
+def column_names(path: Path) -> list[str]:
+    """Return the columns of a Parquet or CSV file in limo's own form; none of another form.
+
+    Raises:
+        RecordingError: It cannot be read.
+    """
     if path.suffix.lower() == ".csv":
         from limo_driver.foreign.delimited import dialect_of
 
