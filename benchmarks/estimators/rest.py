@@ -1,14 +1,16 @@
 """Errors of a correct simulation on its own arm, at rest and in motion, over the torque's noise.
 
-An iiwa 14 with Coulomb and viscous friction performs a planned motion in MuJoCo at 1 kHz, with
+An iiwa 14 with Coulomb and viscous friction performs a planned motion in MuJoCo, with
 several seconds at rest before and behind it. The simulation that predicts is the one that drove it,
 so what differs is what the sensors add: noise of the torque, steps and noise of the encoder.
 Errors are RMS over the noise of the torque behind the same filter, of all joints.
 
 - `predict`: what `limo predict` says, compared behind the filter.
+- `sharp filter`: the same with one bandwidth at rest and in motion, four times that of the torque.
 - `exact velocity`: the same with the velocity of positions without error.
-- `half a cycle on`: the same with that velocity half a cycle of the simulated arm later, where its
-  integrator takes friction. What is left is of position and acceleration.
+- `exact motion`: and with their acceleration; what is left is noise of the torque, and half a cycle
+  of the simulated arm, after which its integrator takes friction. So the arm's cycle is short: at
+  1 ms, a correct simulation with the exact motion errs 1.4 times the noise.
 - `live`: what a stream says 0.1 s late, and its torque behind the stream's own filter.
 
 Rows are split by the true speed: at rest, moving, and between, which is to start, stop or reverse.
@@ -29,14 +31,16 @@ from backends.mujoco_sim.robot import MujocoRobot
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.physics import CoulombFriction, Sensors, Simulation, ViscousFriction
-from limo_driver.recordings.recording import Recording
+from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.recording import LIVELIER, SHARPER, Recording
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
 
-PERIOD = 1e-3  # [s]
+PERIOD = 1e-3  # [s], of the sensors
+CYCLES = 4  # of the simulated arm, each
 BEFORE, AFTER = 4.0, 6.0  # [s] at rest
 DELAY = 0.1  # [s] of the stream
 COULOMB = (2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35)  # [N m]
@@ -71,13 +75,16 @@ class Run:
             sensors=Sensors(torque_noise=TORQUE_NOISE),
         )
         plan = limo.plan("iiwa14", limo.PlanRequest(scaffolds=3), seed=seed)
-        path = plan.trajectory.resample(PERIOD).position
-        rests = (round(BEFORE / PERIOD), round(AFTER / PERIOD))
-        with MujocoRobot(simulation, initial_position=path[0], seed=seed) as robot:
+        cycle = PERIOD / CYCLES
+        path = plan.trajectory.resample(cycle).position
+        rests = (round(BEFORE / cycle), round(AFTER / cycle))
+        with MujocoRobot(simulation, initial_position=path[0], seed=seed, period=cycle) as robot:
             robot.receive()
             run = robot.run(np.pad(path, (rests, (0, 0)), mode="edge"))
-        noise = run.torque - run.true_torque
-        return cls(simulation, run.time, run.true_motion.position, run.torque, noise)
+        rows, torque = slice(None, None, CYCLES), run.torque
+        noise = torque - run.true_torque
+        position = run.true_motion.position
+        return cls(simulation, run.time[rows], position[rows], torque[rows], noise[rows])
 
     @property
     def velocity(self) -> FloatArray:
@@ -85,9 +92,9 @@ class Run:
         return np.gradient(self.position, PERIOD, axis=0)
 
     @property
-    def later(self) -> FloatArray:
-        """The same half a cycle later, (T, n) [rad/s]."""
-        return np.diff(self.position, axis=0, append=self.position[-1:]) / PERIOD
+    def acceleration(self) -> FloatArray:
+        """Its derivative, (T, n) [rad/s²]."""
+        return np.gradient(self.velocity, PERIOD, axis=0)
 
     def recorded(self, rate: int, step: float, noise: float, seed: int) -> Recorded:
         """Return what a log at `rate` [Hz] has of it, with an encoder's step and noise [rad]."""
@@ -99,7 +106,7 @@ class Run:
             Recording.from_arrays(self.time[rows], position[rows], self.torque[rows]),
             self.noise[rows],
             self.velocity[rows],
-            self.later[rows],
+            self.acceleration[rows],
         )
 
 
@@ -111,7 +118,7 @@ class Recorded:
     recording: Recording
     noise: FloatArray  # (T, n) [N m], of its torque
     velocity: FloatArray  # (T, n) [rad/s], without error
-    later: FloatArray  # (T, n) [rad/s], the same half a cycle later
+    acceleration: FloatArray  # (T, n) [rad/s²], likewise
 
     def errors(self, bandwidth: float) -> dict[str, FloatArray]:
         """Return the errors of each way to predict, (T, n) each, over the noise; NaN at edges."""
@@ -122,8 +129,14 @@ class Recorded:
         floor = np.sqrt(np.mean(noise**2, axis=0))
         sharp = recording.sharp_motion(bandwidth)
         result = {"predict": simulation.predict(recording, bandwidth)}
-        for way, velocity in (("exact velocity", self.velocity), ("half a cycle on", self.later)):
-            known = replace(sharp, velocity=velocity)
+        top = min(SHARPER * bandwidth, SAFE_BANDWIDTH * recording.rate)
+        fixed, lively = recording.motion(top), recording.motion(LIVELIER * bandwidth)
+        ways = {
+            "sharp filter": replace(fixed, acceleration=lively.acceleration),
+            "exact velocity": replace(sharp, velocity=self.velocity),
+            "exact motion": replace(sharp, velocity=self.velocity, acceleration=self.acceleration),
+        }
+        for way, known in ways.items():
             result[way] = simulation.predict_stretches(known, recording.segments, bandwidth)
         result = {k: recording.filtered(v, bandwidth) - filtered for k, v in result.items()}
         result["live"] = self._live(bandwidth)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.recordings.adaptive_smoothing import differentiate_adaptively
 from limo_driver.recordings.checks import check_seconds, check_shapes, check_values, numbers
 from limo_driver.recordings.data_gate import (
     Columns,
@@ -396,11 +397,13 @@ class Recording(Displayed):
         """Differentiate the positions for a prediction that is filtered, if at all, afterwards.
 
         A velocity that lost its high frequencies changes its sign too gently: friction computed
-        from it errs by several noise floors around every reversal, whatever is filtered later.
-        So position and velocity keep `SHARPER` times the bandwidth, as far as the sampling rate
-        allows. The acceleration would be nothing but noise there, and keeps `LIVELIER` times the
-        bandwidth: with no more than the bandwidth itself, a prediction that is filtered like the
-        measured torque would have lost there what that torque keeps.
+        from it errs by several noise floors around every reversal, whatever is filtered later. One
+        that kept them all is nothing but noise at rest, and friction chatters. So positions are
+        smoothed at up to `SHARPER` times the bandwidth, as far as the sampling rate allows, and at
+        less where they tell no more than noise, see `adaptive_smoothing`. The acceleration keeps
+        at most `LIVELIER` times the bandwidth: with no more than the bandwidth itself, a
+        prediction that is filtered like the measured torque would have lost there what that torque
+        keeps.
 
         Args:
             bandwidth: As for `motion` [Hz].
@@ -412,11 +415,11 @@ class Recording(Displayed):
             RecordingError: The bandwidth is too high for the sampling rate.
         """
         highest = max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
-        lively = self.motion(min(LIVELIER * bandwidth, highest))
-        sharp = differentiate(
+        sharp = differentiate_adaptively(
             self.time, self.position, min(SHARPER * bandwidth, highest), self.segments
         )
-        return replace(lively, position=sharp.value, velocity=sharp.first)
+        lively = self.filtered(sharp.second, min(LIVELIER * bandwidth, highest))
+        return Motion(self.time, sharp.value, sharp.first, lively, self.temperature)
 
     @property
     def slowest_rate(self) -> float:
