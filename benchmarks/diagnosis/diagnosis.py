@@ -6,6 +6,7 @@ shares no code with the catalogue of effects.
 
     python benchmarks/diagnosis/diagnosis.py --quick
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
+    python benchmarks/diagnosis/diagnosis.py make --seeds 0:8 --seconds 10 --out out/short
     python benchmarks/diagnosis/diagnosis.py run out/concealed --jobs 2
     python benchmarks/diagnosis/diagnosis.py follow out/concealed --jobs 2
     python benchmarks/diagnosis/diagnosis.py score out/concealed
@@ -80,11 +81,17 @@ def make(
     ] = "any",
     out: Out = Path("out/concealed"),
     jobs: Jobs = 1,
+    seconds: Annotated[float, typer.Option(help="Of each recording; 0: over a minute.")] = 0.0,
+    full_scale: Annotated[float, typer.Option(help="Torque of the strongest drive, N m.")] = 320.0,
+    joints: Annotated[int, typer.Option(help="4, 6 or 7.")] = 7,
 ) -> None:
     """Make cases; those that exist are kept."""
+    variant = {"seconds": seconds, "full_scale": full_scale, "joints": joints}
     first, last = (int(x) for x in seeds.split(":"))
     wanted = [s for s in range(first, last) if not _truth(out, s).exists()]
-    outcomes = _each(partial(_make_one, kind, out), wanted, jobs, f"making {kind}", processes=True)
+    outcomes = _each(
+        partial(_make_one, kind, out, variant), wanted, jobs, f"making {kind}", processes=True
+    )
     given_up = [text for text in outcomes if text]
     for text in given_up:
         print(text)
@@ -225,13 +232,15 @@ def _each(
         return list(track(done, what, total=len(items), console=console))
 
 
-def _make_one(kind: str, out: Path, seed: int) -> str:
+def _make_one(kind: str, out: Path, variant: dict[str, float], seed: int) -> str:
     """Write a case; return why there is none, or nothing."""
     sys.path.insert(0, str(CONCEALED))
     import cases  # compiled once in each process
 
+    drawn_as = None if kind == "any" else kind
     try:
-        cases.draw(seed, None if kind == "any" else kind).write(_truth(out, seed).parents[1])
+        drawn = cases.draw(seed, drawn_as, cases.Variant(**variant))
+        drawn.write(_truth(out, seed).parents[1])
     except cases.UnreachableError as error:
         return str(error)
     return ""
@@ -253,7 +262,7 @@ def _record_next(name: str, case: Path) -> None:
     except LimoError as error:
         _write_result(out, (2, 0.0, f"{ASKED}: {error}"))
         return
-    drawn = cases.draw(truth["seed"], truth["drawn_as"])
+    drawn = cases.draw(truth["seed"], truth["drawn_as"], cases.Variant(**truth.get("variant", {})))
     if not drawn.is_of(truth):
         raise SystemExit(f"{case}: made by other code, and seed {truth['seed']} gives another arm")
     drawn.answer(trajectory.resample(1e-3).position, out / NEXT)

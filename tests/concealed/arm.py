@@ -16,6 +16,7 @@ from numba import njit
 
 N = 7
 URDF = Path(__file__).parents[2] / "limo_driver" / "assets" / "iiwa14.urdf"
+EFFORT = np.array([320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0])  # [N m] of its data sheet
 FLANGE = 0.045  # [m] from the last link's frame along its axis
 
 

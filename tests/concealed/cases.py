@@ -6,21 +6,20 @@ given.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import arm as arm_
-import motions
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import size
 import yaml
 from acquisition import Instruments, Recorded
-from arm import N
 from draft import Draft, Place
 from known_effects import KNOWN
 from other_effects import UNKNOWN, WRONG
+from variant import ROBOT, USUAL, Variant
 from world import FRICTION, INERTIA, World
 
 KINDS = ("single", "set", "unknown", "wrong_parameter", "null")
@@ -95,9 +94,11 @@ class Case:
     skipped: int  # draws whose size could not be reached
     temperature: bool
     world: World
+    variant: Variant
 
     def answer(self, motion: np.ndarray, path: Path) -> None:
         """Record one more motion, given every millisecond, (T, n) [rad], into a file."""
+        motion = self.variant.whole(motion)
         response = self.world.respond(motion, 4, np.random.default_rng([self.seed, 4]))
         table = self._table(self.instruments.record(response, self.world.sensing, 4))
         pq.write_table(table, path)
@@ -106,28 +107,36 @@ class Case:
         """Write what a diagnosis is given, and beside it what it is not."""
         hidden = folder / "hidden"
         hidden.mkdir(parents=True, exist_ok=True)
-        (folder / "sim.yaml").write_text(yaml.safe_dump(self.nominal, sort_keys=False))
+        nominal = self.nominal
+        if not self.variant.usual:
+            nominal, robot = self.variant.simulation(nominal)
+            (folder / ROBOT).write_text(robot)
+        (folder / "sim.yaml").write_text(yaml.safe_dump(nominal, sort_keys=False))
         for k, recorded in enumerate(self.recordings):
             name = f"recording_{k + 1}" if k < 2 else f"held_out_{k - 1}"
             pq.write_table(self._table(recorded), folder / f"{name}.parquet")
             if k >= 2:
-                np.savez_compressed(hidden / f"{name}.npz", torque=recorded.clean)
+                np.savez_compressed(
+                    hidden / f"{name}.npz", torque=self.variant.recorded(recorded).clean
+                )
         (hidden / "truth.json").write_text(json.dumps(self.truth(), indent=1))
 
     def truth(self) -> dict:
         return {
             "seed": self.seed, "kind": self.kind, "drawn_as": self.drawn_as,
-            "effects": [h.as_dict(self.nominal) for h in self.hidden],
+            "variant": asdict(self.variant),
+            "effects": [self.variant.told(h.as_dict(self.nominal)) for h in self.hidden],
             "asked": list(self.asked), "skipped": self.skipped,
             "foretellable": all(h.draft.predictable for h in self.hidden),
-            "noise_floor": [float(x) for x in self.floor],
+            "noise_floor": (self.variant.strength * self.floor[self.variant.moving]).tolist(),
             "rate": self.instruments.rate, "jitter": self.instruments.jitter,
             "segments": list(self.segments),
         }  # fmt: skip
 
     def is_of(self, truth: dict) -> bool:
         """Say whether a case written earlier has the same arm: the code may have changed."""
-        said = [self.floor, *([h.amplitude] for h in self.hidden)]
+        floor = self.variant.strength * self.floor[self.variant.moving]
+        said = [floor, *([h.amplitude] for h in self.hidden)]
         written = [truth["noise_floor"], *([e["amplitude"]] for e in truth["effects"])]
         same = [e["effect"] for e in truth["effects"]] == [h.draft.effect for h in self.hidden]
         return same and all(
@@ -135,6 +144,7 @@ class Case:
         )
 
     def _table(self, recorded: Recorded) -> pa.Table:
+        recorded = self.variant.recorded(recorded)
         quantities = {"position": recorded.position, "torque": recorded.torque}
         if self.instruments.velocity:
             quantities["velocity"] = recorded.velocity
@@ -142,24 +152,26 @@ class Case:
             quantities["temperature"] = 25 + 15 * recorded.heat  # [°C]
         columns = {"time": recorded.time}
         for name, values in quantities.items():
-            columns |= {f"{name}_{j + 1}": values[:, j] for j in range(N)}
+            columns |= {f"{name}_{j + 1}": values[:, j] for j in range(values.shape[1])}
         return pa.table(columns)
 
 
-def draw(seed: int, kind: str | None = None) -> Case:
+def draw(seed: int, kind: str | None = None, variant: Variant = USUAL) -> Case:
     """Draw a case; the same seed and kind give the same case.
 
     Args:
         seed: Seeds run through effects and sizes in turn: `single` 0 to 74 has each effect at
             each size once.
         kind: One of `KINDS`; drawn when not given.
+        variant: Length of the recordings, strength of the arm, and its joints.
 
     Raises:
         UnreachableError: After several draws, no plausible amplitude reached the size.
     """
     random = np.random.default_rng([seed, 7001])
     drawn_as, kind = kind, kind or str(random.choice(KINDS, p=_SHARES))
-    bench = _Bench(World.draw(random), random, _plan(random))
+    plan = variant.plan(_plan(random), random)
+    bench = _Bench(variant.world(World.draw(random)), random, plan, variant)
     asked, skipped, hidden, world = (), 0, (), bench.world
     if kind != "null":
         asked = _asked(kind, seed, random)
@@ -175,7 +187,7 @@ def draw(seed: int, kind: str | None = None) -> Case:
         ),
         hidden=hidden, floor=bench.floor, instruments=bench.instruments,
         segments=tuple(bench.segments), asked=asked, skipped=skipped,
-        world=world,
+        world=world, variant=variant,
         temperature=bool(random.random() < (0.5 if _thermal(hidden) else 0.1)),
     )  # fmt: skip
 
@@ -195,12 +207,16 @@ class _Bench:
     """Motions, instruments and the plain world of one case, in which effects are sized."""
 
     def __init__(
-        self, world: World, random: np.random.Generator, plan: list[tuple[list[str], float]]
+        self,
+        world: World,
+        random: np.random.Generator,
+        plan: list[tuple[list[str], float]],
+        variant: Variant = USUAL,
     ) -> None:
-        self.world, self.random = world, random
+        self.world, self.random, self.variant = world, random, variant
         self.instruments = Instruments.draw(random)
         _, limits = arm_.load()
-        drawn = [motions.recording(kinds, seconds, limits, random) for kinds, seconds in plan]
+        drawn = [variant.motion(kinds, seconds, limits, random) for kinds, seconds in plan]
         self.motions, self.segments = [m for m, _ in drawn], [s for _, s in drawn]
         responses = self.respond(world)
         self.floor = self._floor(world, responses)
@@ -226,7 +242,7 @@ class _Bench:
 
     def _draft(self, kind: str, seed: int, before: list[Hidden]) -> Draft:
         catalogue = {"unknown": UNKNOWN, "wrong_parameter": WRONG}.get(kind, KNOWN)
-        names = list(catalogue)
+        names = [name for name in catalogue if self.variant.allows(name)]
         if kind == "set":
             taken = {h.draft.effect for h in before}
             groups = [group for group in _ALONE if taken & group]
@@ -234,7 +250,8 @@ class _Bench:
             name = str(self.random.choice(names))
         else:
             name = names[seed % len(names)]
-        j = int(self.random.integers(N))
+        moving = self.variant.moving
+        j = moving[int(self.random.integers(len(moving)))]
         if before and self.random.random() < 0.4:
             j = before[-1].draft.joints[0] - 1
         return catalogue[name](Place(self.random, j, float(self.floor[j]), self.world))

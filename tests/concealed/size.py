@@ -82,6 +82,7 @@ def noise_floor(time: np.ndarray, noise: np.ndarray, moving: np.ndarray, rate: f
     even = np.arange(0.0, time[-1], 1 / rate)
     low = in_band(np.stack([np.interp(even, time, x) for x in noise.T], axis=1), rate)
     rows = moving[np.searchsorted(time, even).clip(0, len(time) - 1)]
+    rows |= ~rows.any(axis=0)  # of a joint that never moves, all
     return np.array([_rms(low[rows[:, j], j]) for j in range(N)])
 
 
