@@ -309,7 +309,7 @@ class FriRobot(Robot):
             self._contract.hold(
                 f"the robot has received none of the last {self._session.unconfirmed} commands"
             )
-        return JointState(
+        return JointState.trusted(
             time=self._session.time,
             position=self._position,
             velocity=self._velocity.velocity,

@@ -4,13 +4,14 @@
 
 From joint positions [rad] to seven RPDOs, and from seven TPDOs to positions [rad] and torques
 [N m]. `canopen` packs and unpacks the same PDOs by its object dictionary, `cantools` by a DBC with
-the same scaling; that all make the same bytes is checked first. All are timed in turn in one run,
-so that they suffer alike from whatever else the machine does. Then: what `CanRobot` spends on a
-whole cycle, contract and python-can messages included, on a bus that answers at once.
+the same scaling, where it is installed; that all make the same bytes is checked first. All are
+timed in turn in one run, so that they suffer alike from whatever else the machine does. Then: what
+`CanRobot` spends on a whole cycle, contract and python-can messages included, on a bus that answers at once.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import os
 import struct
@@ -22,7 +23,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import can
 import canopen
-import cantools
 import numpy as np
 import typer
 from canopen.objectdictionary import (
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from canopen.pdo import PdoMap
 
 BAR = 60.0  # [µs], p50 of limo
+WHOLE = 75.0  # [µs], p50 of a whole cycle of the driver
 NODES = tuple(range(11, 18))
 COUNTS = 524288  # of a turn
 RATED = 320_000  # [mN m], object 6076
@@ -106,7 +107,9 @@ class Cantools:
     """cantools on a database of the same frames."""
 
     def __init__(self) -> None:
-        database = cantools.database.load_string(_dbc(), "dbc")
+        from cantools.database import load_string  # pyright: ignore[reportMissingImports]
+
+        database = load_string(_dbc(), "dbc")
         self.targets = [database.get_message_by_name(f"RPDO1_{node}") for node in NODES]
         self.measured = [database.get_message_by_name(f"TPDO1_{node}") for node in NODES]
 
@@ -250,10 +253,12 @@ def main(
             np.rint(position * PER_RADIAN), random.integers(-900, 900, len(NODES)), strict=True
         )
     ]
-    codecs = {"limo": Limo(), "canopen": Canopen(), "cantools": Cantools()}
+    codecs: dict[str, Limo | Canopen | Cantools] = {"limo": Limo(), "canopen": Canopen()}
+    if importlib.util.find_spec("cantools") is not None:
+        codecs["cantools"] = Cantools()
     sent = {name: codec.encode(position) for name, codec in codecs.items()}
     read = {name: np.array(codec.decode(frames)) for name, codec in codecs.items()}
-    assert sent["limo"] == sent["canopen"] == sent["cantools"]
+    assert all(frames == sent["limo"] for frames in sent.values())
     assert all(np.allclose(values, read["limo"], atol=1e-12) for values in read.values())
 
     def both(codec: Limo | Canopen | Cantools) -> Callable[[], object]:
@@ -266,7 +271,10 @@ def main(
         ratio = p50 / np.median(taken["limo"])
         print(f"  {name:<42} {p50:7.1f}  {p99:7.1f}   {ratio:.1f}")
     whole = np.percentile(cycle_of_the_driver(20 * rounds + WARM_UP), [50, 99])
-    print(f"  {'CanRobot, whole cycle (16 frames)':<42} {whole[0]:7.1f}  {whole[1]:7.1f}")
+    print(
+        f"  {'CanRobot, whole cycle (16 frames)':<42} {whole[0]:7.1f}  {whole[1]:7.1f}"
+        f"   bar {WHOLE:g}"
+    )
     reached = float(np.median(taken["limo"]))
     print(f"limo: {reached:.1f} µs, bar {BAR:g} µs: {'kept' if reached <= BAR else 'MISSED'}")
     if reached > BAR:

@@ -392,7 +392,8 @@ class ArmServer:
 
 
 def _source_of(sample: zenoh.Sample) -> str:
-    return "" if sample.source_info is None else str(sample.source_info.source_id)
+    info = sample.source_info  # each time that it is asked for, it is made anew
+    return "" if info is None else str(info.source_id)
 
 
 def _condition(service: ArmService, window: Window) -> dict[str, Any]:

@@ -286,7 +286,10 @@ class Cia402Link(Link):
         return self._all_heard()
 
     def _all_heard(self) -> bool:
-        return all(drive.heard for drive in self._drives)
+        for drive in self._drives:  # noqa: SIM110  # after every frame: a generator costs more
+            if not drive.heard:
+                return False
+        return True
 
     def _catch_up(self) -> None:
         """Take in what came while nobody listened, heartbeats of minutes perhaps."""
