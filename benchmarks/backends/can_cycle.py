@@ -6,7 +6,8 @@ From joint positions [rad] to seven RPDOs, and from seven TPDOs to positions [ra
 [N m]. `canopen` packs and unpacks the same PDOs by its object dictionary, `cantools` by a DBC with
 the same scaling, where it is installed; that all make the same bytes is checked first. All are
 timed in turn in one run, so that they suffer alike from whatever else the machine does. Then: what
-`CanRobot` spends on a whole cycle, contract and python-can messages included, on a bus that answers at once.
+`CanRobot` spends on a whole cycle, contract and python-can messages included, on a bus that answers
+at once.
 """
 
 from __future__ import annotations
