@@ -161,10 +161,20 @@ class SimulatedRobot(Robot):
 
 
 def specification(simulation: Simulation, period: float) -> RobotSpec:
-    """Return the specification of a simulated arm."""
+    """Return the specification of a simulated arm.
+
+    Raises:
+        ConfigError: The period is not above 0, or a joint has no limit of velocity.
+    """
     if not 0 < period < np.inf:
         raise ConfigError(f"period = {period} s has to be positive")
     model = simulation.model
+    for j, most in enumerate(model.limits.velocity.tolist()):
+        if not most > 0:
+            raise ConfigError(
+                f"joint {j + 1} ({model.joint_names[j]}) has no limit of velocity, so the arm "
+                f"cannot be run: give it one in the {model.description.kind}"
+            )
     resolution = simulation.sensors.for_joints("torque_resolution", model.n)
     return RobotSpec(
         model.name,

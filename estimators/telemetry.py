@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import LimoError
-from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -210,17 +210,17 @@ def gear_side(friction: FloatArray, model: RobotModel, moving: NDArray[np.bool_]
     return f"side of the gear: not to be told, since {why}"
 
 
-def side_in(simulation: Simulation, recording: Recording, bandwidth: float = BANDWIDTH) -> str:
+def side_in(simulation: Simulation, recording: Recording, bandwidth: float | None = None) -> str:
     """Say on which side of the gear a recording was measured, from friction that was found in it.
 
     Args:
         simulation: Identified from it, or diagnosed with it.
         recording: T samples of n joints.
-        bandwidth: Of the filter on motion [Hz].
+        bandwidth: Of the filter on motion [Hz]; if not given, 10, or what the recording can bear.
     """
     n = simulation.model.n
     friction = np.zeros(n)
-    speed = np.abs(recording.motion(bandwidth).velocity).mean(axis=0)
+    speed = np.abs(recording.motion(bandwidth_for([recording], bandwidth)).velocity).mean(axis=0)
     for effect in simulation.effects:
         if effect.rubs and effect.joints:
             j = effect.joints[0] - 1
@@ -239,7 +239,11 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
     ]
     still = np.flatnonzero(np.ptp(recording.position, axis=0) < _STILL)
     if still.size:
-        told.append(f"{_joints((still + 1).tolist())} never moves: nothing is said of its friction")
+        one = still.size == 1
+        told.append(
+            f"{_joints((still + 1).tolist())} never move{'s' * one}: nothing is said of "
+            f"{'its' if one else 'their'} friction"
+        )
     estimates = base_estimates(found)
     size = _sizes(estimates)
     unknown = [x for x in estimates if x.deviation > size[x.name]]

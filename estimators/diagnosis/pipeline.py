@@ -41,7 +41,7 @@ from estimators.diagnosis.verdict import Finding, Identified
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay, spoken
-from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,7 +89,7 @@ def observe(
 def diagnose(
     simulation: Simulation,
     recordings: Sequence[Recording],
-    bandwidth: float = BANDWIDTH,
+    bandwidth: float | None = None,
     progress: Progress = quiet,
 ) -> Diagnosis:
     """Find where a simulation and recordings differ, and which physics is missing.
@@ -97,7 +97,8 @@ def diagnose(
     Args:
         simulation: What is believed of the arm, with its tolerances.
         recordings: One or more of that arm.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz].
+        bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what
+            the most slowly sampled recording can bear.
         progress: Told the stage and the part that is done, which never goes back, and ends at 1.
 
     Returns:
@@ -109,7 +110,8 @@ def diagnose(
     """
     progress = forward(progress)
     progress("reading motion", 0.0)
-    problem = RegressionProblem.of(observe(simulation, recordings, bandwidth), progress)
+    width = bandwidth_for(recordings, bandwidth)
+    problem = RegressionProblem.of(observe(simulation, recordings, width), progress)
     judged, pushed = _without_pushes(problem, progress)
     judged = _beyond_tolerances(judged, progress)
     judged, harmful = judged.harmless()

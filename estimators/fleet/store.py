@@ -90,7 +90,7 @@ def key_of(recording: Path, simulation: str) -> str:
     return digest.hexdigest()[:_SHOWN]
 
 
-def digest_of(simulation: Simulation, bandwidth: float) -> str:
+def digest_of(simulation: Simulation, bandwidth: float | None) -> str:
     """Return the digest of a simulation, wherever its files lie, its use, and limo's version."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sim.yaml"

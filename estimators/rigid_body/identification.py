@@ -24,6 +24,7 @@ from estimators.rigid_body.tolerances import tolerances_of
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
+from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -132,7 +133,7 @@ def identify(
     low, high = _TOLERABLE
     if tolerance is not None and not low <= tolerance <= high:
         raise ConfigError(f"inertia tolerance {tolerance:g}: has to lie in {low:g} to {high:g}")
-    terms, rows = terms or JointTerms(), rows or Rows()
+    terms, rows = terms or JointTerms(), rows or Rows(bandwidth_for(recordings))
     base = find_base_parameters(model, terms)
     nominal = nominal_parameters(model, terms)
     choice = choose_sign_widths(

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
-from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,8 +44,12 @@ def command(
         typer.Option(help="Write what was found into a copy of the robot's file, too."),
     ] = None,
     bandwidth: Annotated[
-        float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
-    ] = BANDWIDTH,
+        float | None,
+        typer.Option(
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
+            "recordings sampled below 25 Hz."
+        ),
+    ] = None,
     mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
-from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,8 +27,12 @@ def command(  # one argument for each option
         ),
     ],
     bandwidth: Annotated[
-        float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
-    ] = BANDWIDTH,
+        float | None,
+        typer.Option(
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
+            "recordings sampled below 25 Hz."
+        ),
+    ] = None,
     sign_width: Annotated[
         float | None,
         typer.Option(help="Width of Coulomb friction's sign, rad/s; fitted if not given."),
@@ -81,6 +84,7 @@ def command(  # one argument for each option
     from limo_driver.console.terminal import terminal
     from limo_driver.model import RobotModel
     from limo_driver.outputs import page_of, require_file
+    from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.workflow.reading import read
 
     notes = terminal(stderr=True, soft_wrap=True)
@@ -89,8 +93,8 @@ def command(  # one argument for each option
         require_file(page, recordings)
     model = RobotModel.load(robot)
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
-    rows = Rows(bandwidth, moving_only, weighting)
     measured = [read(path, model, mapping) for path in recordings]
+    rows = Rows(bandwidth_for(measured, bandwidth), moving_only, weighting)
     if not any(recording.has_torque for recording in measured):
         _identify_drives(model, measured, out, page, as_json=as_json)
         return

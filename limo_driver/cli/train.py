@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
-from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,8 +43,12 @@ def command(  # one argument for each option
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed; the same gives the same weights.")] = 0,
     bandwidth: Annotated[
-        float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
-    ] = BANDWIDTH,
+        float | None,
+        typer.Option(
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
+            "recordings sampled below 25 Hz."
+        ),
+    ] = None,
     rate: Annotated[
         float | None,
         typer.Option(
@@ -108,6 +111,7 @@ def command(  # one argument for each option
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from limo_driver.console.terminal import terminal
+    from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.workflow.learning import require_model
 
     require_model(model)
@@ -121,7 +125,7 @@ def command(  # one argument for each option
         model=model,
         epochs=usual.epochs if epochs is None else epochs,
         seed=seed,
-        bandwidth=bandwidth,
+        bandwidth=usual.bandwidth if bandwidth is None else bandwidth,
         rate=usual.rate if rate is None else rate,
         sequence_length=sequence_length,
         batch=batch,
@@ -135,13 +139,15 @@ def command(  # one argument for each option
         device=device,
     )
     simulation, measured, notes = _load(recordings, sim, out, mapping)
+    width = bandwidth_for(measured, bandwidth)
+    settings = replace(settings, bandwidth=width)
     hybrid = _train(simulation, measured, settings, notes)
     hybrid.save(out)
     rmse, gain = hybrid.fitted.record["rmse"], hybrid.fitted.gain.tolist()
     if as_json:
         terminal().print_json(json.dumps({"model": str(out), "rmse": rmse, "gain": gain}))
         return
-    _print(rmse, gain, bandwidth, terminal())
+    _print(rmse, gain, width, terminal())
 
 
 def _load(
@@ -240,7 +246,7 @@ def _train_estimator(
     recordings: list[Path],
     sim: Path,
     out: Path,
-    bandwidth: float,
+    bandwidth: float | None,
     *,
     mapping: Path | None,
     as_json: bool,
@@ -250,10 +256,12 @@ def _train_estimator(
     from rich.table import Table
 
     from limo_driver.console.terminal import terminal
+    from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.workflow.learning import train
 
     simulation, measured, _ = _load(recordings, sim, out, mapping)
-    model = train(simulation, measured, name, bandwidth=bandwidth)
+    width = bandwidth_for(measured, bandwidth)
+    model = train(simulation, measured, name, bandwidth=width)
     model.save(out)
     rmse = model.fitted.record.get("rmse", {})
     if as_json:
@@ -263,7 +271,7 @@ def _train_estimator(
         terminal().print(f"{out}: {model.name}, which does not say how large its errors are")
         return
     table = Table(
-        title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
+        title=f"RMSE [N m] against torque filtered at {width:g} Hz",
         caption=f"held out: {model.held_out_is}",
     )
     for heading in ("joint", "simulation", f"{model.name}, held out"):

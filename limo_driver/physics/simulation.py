@@ -32,7 +32,7 @@ from limo_driver.physics.score import Score
 from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
 from limo_driver.physics.transmission import JointElasticity
-from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.recordings.recording import Recording
 
@@ -166,7 +166,7 @@ class Simulation(Displayed):
         """Return the rigid body alone."""
         return replace(self, effects=())
 
-    def predict(self, motion: Motion | Recording, bandwidth: float = BANDWIDTH) -> FloatArray:
+    def predict(self, motion: Motion | Recording, bandwidth: float | None = None) -> FloatArray:
         """Predict the noise-free torque of a motion, or of a recorded one.
 
         Memory of hysteresis and the like starts relaxed; in a recording, anew after each gap.
@@ -175,8 +175,8 @@ class Simulation(Displayed):
             motion: T samples of n joints in order of time. Of a recording only times and positions
                 are used.
             bandwidth: Of the zero-phase differentiator of a recording's positions [Hz]; velocities
-                are sharper, see `Recording.sharp_motion`. Of no use to a motion, which has
-                derivatives.
+                are sharper, see `Recording.sharp_motion`; if not given, 10, or what the recording
+                can bear. Of no use to a motion, which has derivatives.
 
         Returns:
             Joint torques, (T, n) [N m].
@@ -186,12 +186,13 @@ class Simulation(Displayed):
             RecordingError: The bandwidth is too high for the sampling rate.
         """
         if isinstance(motion, Recording):
-            sharp = motion.sharp_motion(bandwidth)
-            return self.predict_stretches(sharp, motion.segments, bandwidth)
+            width = bandwidth_for([motion], bandwidth)
+            sharp = motion.sharp_motion(width)
+            return self.predict_stretches(sharp, motion.segments, width)
         torque, _ = self.advance(self.init(), motion)
         return torque
 
-    def score(self, recording: Recording, bandwidth: float = BANDWIDTH) -> Score:
+    def score(self, recording: Recording, bandwidth: float | None = None) -> Score:
         """Compare the torque predicted for a recording with the torque in it.
 
         Both go through the same zero-phase filter, so that what only the filter makes of a torque
@@ -200,7 +201,8 @@ class Simulation(Displayed):
 
         Args:
             recording: T samples of n joints of this robot.
-            bandwidth: Of the filter on motion and torque [Hz].
+            bandwidth: Of the filter on motion and torque [Hz]; if not given, 10, or what the
+                recording can bear.
 
         Returns:
             Errors of each joint, (n,) [N m], beside the torque that was measured.
@@ -210,16 +212,16 @@ class Simulation(Displayed):
                 sampling rate.
         """
         recording.check_robot(self.model)
-        scored = recording.scored(bandwidth)
-        measured = recording.filtered_torque(bandwidth)
-        predicted = recording.filtered(self.predict(recording, bandwidth), bandwidth)
+        width = bandwidth_for([recording], bandwidth)
+        scored, measured = recording.scored(width), recording.filtered_torque(width)
+        predicted = recording.filtered(self.predict(recording, width), width)
         error, measured = (measured - predicted)[scored], measured[scored]
         return Score(
             rmse=np.sqrt(np.mean(error**2, axis=0)),
             torque=np.sqrt(np.mean(measured**2, axis=0)),
             joint_names=self.model.joint_names,
             samples=int(scored.sum()),
-            bandwidth=bandwidth,
+            bandwidth=width,
             source=recording.source,
         )
 

@@ -1,5 +1,51 @@
 """The bandwidth of filters where none is told: one for all that compares motion and torque."""
 
-from typing import Final
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from limo_driver.recordings.differentiation import HIGHEST_BANDWIDTH, SAFE_BANDWIDTH
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from limo_driver.recordings.recording import Recording
 
 BANDWIDTH: Final = 10.0  # [Hz] of the zero-phase filters on motion and torque
+_STEPS: Final = 20.0  # [1/Hz], to which a lower one is rounded down, to be told and typed again
+
+
+def bandwidth_for(recordings: Iterable[Recording], asked: float | None = None) -> float:
+    """Return the bandwidth at which recordings are filtered together [Hz].
+
+    Args:
+        recordings: With their sampling rates.
+        asked: What a user told; then it is this, whether it suits them or not.
+
+    Returns:
+        The usual 10 Hz, or as much as the most slowly sampled recording can bear.
+    """
+    if asked is not None:
+        return asked
+    rate = min((one.slowest_rate for one in recordings), default=float("inf"))
+    if rate * HIGHEST_BANDWIDTH >= BANDWIDTH:
+        return BANDWIDTH
+    bearable = SAFE_BANDWIDTH * rate
+    return max(int(bearable * _STEPS) / _STEPS, min(bearable, 1.0 / _STEPS))
+
+
+def lowered(recordings: Iterable[Recording], bandwidth: float) -> str | None:
+    """Say that recordings are compared below the usual bandwidth since they bear no more, if so.
+
+    Args:
+        recordings: With their sampling rates.
+        bandwidth: At which they are filtered [Hz].
+    """
+    slowest = min(recordings, key=lambda one: one.slowest_rate, default=None)
+    if slowest is None or bandwidth != bandwidth_for([slowest]) or bandwidth == BANDWIDTH:
+        return None
+    return (
+        f"Motion and torque are compared up to {bandwidth:g} Hz instead of {BANDWIDTH:g} Hz, since "
+        f"{slowest.source or 'a recording'} is sampled at {slowest.slowest_rate:.3g} Hz in places: "
+        "what is faster is not seen."
+    )

@@ -366,7 +366,7 @@ class _Gate:
             unit = unit_of(1.0 / rate)
             hint = f"; is the time in {unit}, with steps of {1 / rate:.4g}?" if unit else ""
             raise RecordingError(
-                f"is sampled at {rate:.4g} Hz, expected 30 to 5000 Hz and time in seconds{hint}"
+                f"is sampled at {rate:.4g} Hz, expected 10 to 5000 Hz and time in seconds{hint}"
             )
         if duration < SHORTEST:
             raise RecordingError(f"lasts {duration:.3g} s, expected at least {SHORTEST:g} s")

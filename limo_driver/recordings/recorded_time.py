@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-RATES: Final = (27.0, 5500.0)  # [Hz], 30 Hz to 5 kHz with a tenth of margin
+RATES: Final = (9.0, 5500.0)  # [Hz], 10 Hz to 5 kHz with a tenth of margin
 _PER_SECOND: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _SINCE: Final = "taken as seconds since the first row"
 _TAKEN: Final = ("microseconds", "nanoseconds")  # small steps of whole numbers could count rows
@@ -20,7 +20,7 @@ _TAKEN: Final = ("microseconds", "nanoseconds")  # small steps of whole numbers 
 def unit_of(step: float) -> str | None:
     """Return the unit in which a step of time makes the rate of a recording; None if none does.
 
-    No step does in two units: they are a factor of 1000 apart, and the rates one of 204.
+    No step does in two units: they are a factor of 1000 apart, and the rates one of 611.
     """
     for unit, per_second in _PER_SECOND.items():
         if step > 0 and RATES[0] <= per_second / step <= RATES[1]:

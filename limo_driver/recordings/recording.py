@@ -423,11 +423,13 @@ class Recording(Displayed):
 
     @property
     def slowest_rate(self) -> float:
-        """Lowest mean sampling rate of a segment [Hz]."""
-        return min(
+        """Lowest mean sampling rate of a segment [Hz]; of none, infinite."""
+        rates = (
             (part.stop - part.start - 1) / float(self.time[part.stop - 1] - self.time[part.start])
             for part in self.segments
+            if part.stop - part.start > 1
         )
+        return min(rates, default=float("inf"))
 
     @cached_property
     def temperature(self) -> FloatArray | None:

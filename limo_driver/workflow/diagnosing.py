@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import LimoError
-from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.stretches import STRETCH
 from limo_driver.workflow.inputs import recordings_of, simulation_of
 
@@ -33,7 +32,7 @@ def diagnose(
     simulation: Simulation | Path | str,
     recordings: Recording | Path | str | Iterable[Recording | Path | str],
     *,
-    bandwidth: float = BANDWIDTH,
+    bandwidth: float | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Diagnosis | DriveDiagnosis:
     """Find where a simulation and recordings differ, which physics is missing, and add it.
@@ -44,7 +43,8 @@ def diagnose(
     Args:
         simulation: What is believed of the arm, with its tolerances, or its file.
         recordings: Of that arm: one or several, or their files.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz].
+        bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what
+            the most slowly sampled recording can bear.
         progress: Told the stage and the part of the work that is done: never less than before,
             and 1 in the end.
 

@@ -55,12 +55,13 @@ def export(
     """
     from limo_driver.exports.export import write
     from limo_driver.exports.formats import KINDS, MJCF, edited_format
-    from limo_driver.recordings.bandwidth import BANDWIDTH
+    from limo_driver.recordings.bandwidth import bandwidth_for
 
     if to not in KINDS:
         raise ConfigError(f"there is no export to {to!r}, expected one of {', '.join(KINDS)}")
     found = simulation_of(simulation)
-    motion = None if on is None else recording_of(on).motion(BANDWIDTH)
+    recorded = None if on is None else recording_of(on)
+    motion = None if recorded is None else recorded.motion(bandwidth_for([recorded]))
     folder, name = Path(out), ""
     if folder.suffix in _FILES:
         folder, name = folder.parent, folder.name

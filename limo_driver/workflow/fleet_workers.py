@@ -29,7 +29,7 @@ class FleetJob:
 
     simulation: Simulation
     store: FleetStore
-    bandwidth: float  # [Hz]
+    bandwidth: float | None  # [Hz]; what suits a recording, if none
 
 
 def run_fleet(

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError
-from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.workflow.inputs import simulation_of
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ def diagnose_fleet(
     simulation: Simulation | Path | str,
     out: Path | str,
     *,
-    bandwidth: float = BANDWIDTH,
+    bandwidth: float | None = None,
     workers: int | None = None,
     progress: Callable[[FleetRow | None, int, int], None] | None = None,
 ) -> FleetDiagnosis:
@@ -41,7 +40,8 @@ def diagnose_fleet(
             the arm it is of; a date in its path is the date.
         simulation: What is believed of such arms, or its file.
         out: Folder for results.parquet, fleet.html and the diagnosis of each recording.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz].
+        bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what a
+            recording can bear.
         workers: How many run at a time; one for each core if not given.
         progress: Told each row as it is finished, how many are, and of how many; first of all
             without a row, how many were finished before.

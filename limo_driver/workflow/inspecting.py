@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from limo_driver.errors import LimoError
 from limo_driver.foreign.inspection import Inspection
 from limo_driver.foreign.proposal import propose, without_questions
-from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import model_of
 from limo_driver.workflow.reading import table_of_log
@@ -72,7 +72,7 @@ def _judged(recording: Recording, model: RobotModel) -> tuple[tuple[str, ...], s
     from estimators.telemetry import telemetry_of
 
     try:
-        doubts = doubts_about(model, [recording], BANDWIDTH)
+        doubts = doubts_about(model, [recording], bandwidth_for([recording]))
     except LimoError as error:
         return (), str(error)
     return (*telemetry_of(recording, model).lines(), *doubts), ""

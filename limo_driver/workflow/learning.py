@@ -10,7 +10,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation, Tolerances
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import described_drives
-from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.workflow.inputs import (
     expected,
     model_of,
@@ -78,7 +78,7 @@ def identify(
 
     model, measured = model_of(robot), recordings_of(recordings)
     terms = expected("terms", terms or JointTerms(), JointTerms)
-    rows = expected("rows", rows or Rows(), Rows)
+    rows = expected("rows", rows or Rows(bandwidth_for(measured)), Rows)
     check_recordings(measured, model)
     doubts = doubts_about(model, measured, rows.bandwidth)
     result = found(model, measured, terms, rows, tolerance, progress)
@@ -183,7 +183,8 @@ def predict(
     Args:
         model: A simulation or a fitted model; or the path of a `sim.yaml`, or of a model's folder.
         recording: T samples of n joints, or its file; its torque is not looked at.
-        bandwidth: Of the zero-phase differentiator [Hz], 10 if not given; a model has its own.
+        bandwidth: Of the zero-phase differentiator [Hz]; 10, or what the recording can bear, if
+            not given. A model has its own.
         delay: Predict what a live stream would have said this much later [s], from the past alone.
 
     Returns:
@@ -206,7 +207,7 @@ def predict(
     if isinstance(model, (Path, str)) and not Path(model).is_dir():
         model = simulation_of(model)
     if isinstance(model, Simulation):
-        width = BANDWIDTH if bandwidth is None else bandwidth
+        width = bandwidth_for([recording], bandwidth)
         if delay is None:
             return Estimate.unsure(model.predict(recording, width))
         from estimators.simulation_only import SimulationOnly
@@ -331,7 +332,7 @@ def train(
     if estimator is not None:
         if settings is not None:
             raise ConfigError(f"settings are of networks; {model} has no such choice")
-        width = BANDWIDTH if bandwidth is None else bandwidth
+        width = bandwidth_for(measured, bandwidth)
         if not width > 0:
             raise ConfigError(f"a bandwidth of {width:g} Hz, expected a positive number")
         return estimator.unfitted(simulation, width).fit(measured)
@@ -341,8 +342,8 @@ def train(
 
     known = expected("settings", settings or TrainingSettings(), TrainingSettings)
     chosen = replace(known, model=model)
-    if bandwidth is not None:
-        chosen = replace(chosen, bandwidth=bandwidth)
+    if bandwidth is not None or settings is None:
+        chosen = replace(chosen, bandwidth=bandwidth_for(measured, bandwidth))
     hybrid = HybridModel(simulation, chosen)
     hybrid.fitted_ = fitted(simulation, measured, chosen, progress or (lambda _epoch: None))
     return hybrid

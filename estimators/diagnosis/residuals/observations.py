@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import binary_opening, maximum_filter1d
 
-from estimators.diagnosis.settings.residuals import ROWS
+from estimators.diagnosis.settings.residuals import MISTAKES, ROWS
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
@@ -281,9 +281,11 @@ class Observations:
         """Mark the rows on which a joint is not near rest and nothing pushes, (K, n).
 
         Near rest friction takes any value in its band, and a sharp sign turns the noise of the
-        velocity into torque: such rows say little and err much.
+        velocity into torque: such rows say little and err much. The few rows of a joint that hardly
+        moves count for nothing: they say as little of its errors as of its friction.
         """
-        return self.faster(ROWS.rest)
+        moving = self.faster(ROWS.rest)
+        return moving & (moving.sum(axis=0) >= MISTAKES.least_moving)
 
     @cached_property
     def sign_width(self) -> FloatArray:

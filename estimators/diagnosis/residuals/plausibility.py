@@ -26,6 +26,7 @@ from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import GravityDirection, Simulation
+from limo_driver.recordings.bandwidth import lowered
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -154,6 +155,8 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
         for recording in observed.recordings
         for warning in recording.warnings
     ]
+    if (slow := lowered(observed.recordings, observed.bandwidth)) is not None:
+        warnings.append(slow)
     warnings += [
         f"{doubt} Then nothing said of other joints holds, either." for doubt in _stuck_in(observed)
     ]

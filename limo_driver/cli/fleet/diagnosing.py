@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.recordings.bandwidth import BANDWIDTH
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
@@ -27,8 +25,12 @@ def diagnose(
         int | None, typer.Option(help="How many run at a time; one for each core if not given.")
     ] = None,
     bandwidth: Annotated[
-        float, typer.Option(help="Bandwidth of the zero-phase filter on motion and torque [Hz].")
-    ] = BANDWIDTH,
+        float | None,
+        typer.Option(
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
+            "recordings sampled below 25 Hz."
+        ),
+    ] = None,
 ) -> None:
     """Diagnose every recording by itself, and say which arm is odd and which joint drifts.
 

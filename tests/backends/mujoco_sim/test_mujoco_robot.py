@@ -1,5 +1,6 @@
 """The simulated arm as a robot: whole runs, servo, drives, sensors, and what it refuses."""
 
+import re
 from dataclasses import replace
 
 import numba
@@ -9,6 +10,7 @@ from simulated_runs import iiwa, play, rms
 
 from backends.mujoco_sim import MujocoRobot
 from limo_driver.errors import ConfigError, JointLimitError, ShapeError
+from limo_driver.model import RobotModel
 from limo_driver.physics import (
     JointCoupling,
     JointElasticity,
@@ -163,3 +165,13 @@ def test_a_temperature_that_nobody_simulates_is_refused():
 def test_motor_inertia_is_checked(inertia):
     with pytest.raises((ConfigError, ShapeError), match="motor_inertia"):
         MujocoRobot(robot="iiwa14", motor_inertia=inertia)
+
+
+def test_an_arm_without_limits_of_velocity_is_refused_by_the_joint(tmp_path):
+    path = tmp_path / "exported.urdf"
+    text = RobotModel.load("iiwa14").description.text
+    path.write_text(re.sub(r'velocity="[^"]*"', 'velocity="0"', text))
+    with pytest.raises(
+        ConfigError, match=r"joint 1 \(\w+\) has no limit of velocity.* in the URDF"
+    ):
+        MujocoRobot(robot=str(path))

@@ -276,7 +276,7 @@ def _spoilt(path, tmp_path, **columns):
             {f"torque_{j}": lambda tau: np.nan * tau for j in range(1, 8)},
             "usable rows of 5000",
         ),
-        ({"time": lambda t: t / 100}, "Hz, expected 30 to 5000 Hz"),
+        ({"time": lambda t: t / 100}, "Hz, expected 10 to 5000 Hz"),
     ],
 )
 def test_recordings_that_cannot_be_used_are_refused_in_one_line(

@@ -74,7 +74,7 @@ def test_arrays_are_understood_as_files_are():
         (1e6 * TIME, "is the time in microseconds"),
         (np.round(1e3 * TIME).astype(int), "is the time in milliseconds, with steps of 10"),
         (np.arange(TIME.size), "is the time in milliseconds, with steps of 1?"),  # or counts rows
-        (1000 * np.round(1e9 * TIME).astype(int), "expected 30 to 5000 Hz and time in seconds$"),
+        (1000 * np.round(1e9 * TIME).astype(int), "expected 10 to 5000 Hz and time in seconds$"),
     ],
 )
 def test_what_could_be_something_else_is_refused_with_what_was_expected(tmp_path, time, said):
