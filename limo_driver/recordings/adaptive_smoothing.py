@@ -78,10 +78,10 @@ def differentiate_adaptively(
 
 def _differentiated(time: FloatArray, q: FloatArray, bandwidth: float) -> FloatArray:
     """Return position and derivatives (3, T) of positions (T,) in units of their noise."""
-    steps = np.diff(time)
-    driven = (2 * np.pi * bandwidth * np.array(_CALMER)) ** 6 * float(np.median(steps))
-    fastest = float(np.abs(np.diff(q) / steps).max())
-    scale = np.array([fastest, fastest / steps.min()])
+    period = float(np.median(np.diff(time)))
+    driven = (2 * np.pi * bandwidth * np.array(_CALMER)) ** 6 * period
+    fastest = float(np.abs(np.diff(q)).max()) / period
+    scale = np.array([fastest, fastest / period])
     chances = np.full((4, q.size, driven.size), 1.0 / driven.size)
     _chances(time, q, driven, scale, chances[0], chances[1])
     back, reversed_q = time[-1] - time[::-1], np.ascontiguousarray(q[::-1])

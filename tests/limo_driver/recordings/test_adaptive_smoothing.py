@@ -78,6 +78,17 @@ def test_there_is_no_delay():
     assert abs(behind / in_phase) < 2e-3
 
 
+def test_times_may_be_uneven_and_all_but_fall_together():
+    random = np.random.default_rng(2)
+    time = TIME + random.uniform(-0.35, 0.35, TIME.size) / RATE
+    time[1001] = time[1000] + 1e-7
+    angle = 2 * np.pi * 1.0 * time
+    position = (0.1 * np.sin(angle) + NOISE * random.standard_normal(TIME.size))[:, None]
+    found = differentiate_adaptively(time, position, BANDWIDTH, WHOLE).first[250:-250, 0]
+    true = 0.1 * 2 * np.pi * np.cos(angle)[250:-250]
+    assert rms(found - true) < 2e-3 * rms(true)
+
+
 def test_nothing_passes_a_gap():
     position, _ = steps(NOISE)
     half = TIME.size // 2
