@@ -41,6 +41,7 @@ $(VENV)/.installed-docs: pyproject.toml constraints.txt | $(VENV)/.made
 
 docs: $(VENV)/.installed-docs ## build the documentation as a site: out/site/index.html
 	$(BIN)/python docs/site/gallery.py
+	$(BIN)/python docs/site/notebooks.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo open out/site/index.html
 

@@ -1,8 +1,9 @@
-"""Pages of the site that are made, not written: front page, reference, gallery, sample report.
+"""Pages of the site that are made, not written: front page, reference, gallery, notebooks, sample.
 
 `mkdocs` calls `on_files` once and `on_page_markdown` for each page. What the examples printed and
-drew comes from `out/gallery`, which `python docs/site/gallery.py` fills; without it the site has
-their texts alone, and says so.
+drew comes from `out/gallery`, which `python docs/site/gallery.py` fills, that of notebooks from
+`out/notebooks` (`python docs/site/notebooks.py`); without them the site has their texts alone, and
+says so.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 RAN = ROOT / "out" / "gallery"
+NOTEBOOKS = ROOT / "out" / "notebooks"
 PACKAGES = {  # whose exported names the reference has
     "limo_driver": "The library: `import limo_driver as limo`",
     "limo_driver.physics": "Effects and simulations",
@@ -52,6 +54,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         target: (ROOT / source).read_text(encoding="utf-8") for source, target in _AT_HOME.items()
     }
     made |= {"api.md": reference(), "gallery.md": gallery(), "sample.md": sample()}
+    for source in sorted((HERE.parent / "notebooks").glob("*.py")):
+        made[f"notebooks/{source.stem}.md"] = notebook(source)
+    for path in sorted(NOTEBOOKS.glob("*/*")):
+        if path.suffix in {".png", ".ipynb"}:
+            made[f"notebooks/{path.name}"] = path.read_bytes()
     for path in sorted(RAN.glob("*/*")):
         if path.suffix in {".png", ".html"}:
             made[f"gallery/{path.parent.name}/{path.name}"] = path.read_bytes()
@@ -86,6 +93,8 @@ def _here(link: str, page: str, files: Files) -> str:
     if page in _AT_HOME.values():
         path = path.removeprefix("docs/")
     path = _AT_HOME.get(path, path)
+    if path.startswith("notebooks/"):
+        return path.replace(".py", ".md") + mark + anchor
     if path.startswith("examples/"):
         return f"gallery.md#{Path(path).name.replace('.', '')}"
     if not files.get_file_from_path(path) and (ROOT / path).exists():
@@ -112,6 +121,15 @@ def _entry(package: str, name: str, value: Any) -> str:  # noqa: ANN401  # whate
     if home is None or not hasattr(value, "__qualname__"):
         return f"### `{name}` {{ #{package}.{name} }}\n\nA value: `{value!r:.200}`."
     return f"::: {home}.{value.__qualname__}"
+
+
+def notebook(source: Path) -> str:
+    """Return the page of a notebook, with what it printed and drew if it was run."""
+    page = NOTEBOOKS / source.stem / "page.md"
+    if page.exists():
+        return page.read_text(encoding="utf-8")
+    title, text = source.stem.capitalize(), source.read_text(encoding="utf-8")
+    return f"# {title}, in a notebook\n\n*Not run for this site.*\n\n```python\n{text}```\n"
 
 
 def gallery() -> str:

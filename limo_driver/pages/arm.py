@@ -11,6 +11,7 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.kinematics import KinematicChain
 from limo_driver.model import Capsule
+from limo_driver.pages.markup import typeset
 from limo_driver.pages.meshes import meshes_of
 
 if TYPE_CHECKING:
@@ -102,7 +103,9 @@ class ArmView:
             "meshes": [_mesh_values(mesh) for mesh in self.meshes],
             "errors": [[name, _rounded(values, 6)] for name, values in self.errors],
             "floor": _rounded(self.floor, 6),
-            "pins": [{"text": p.text, "joint": p.joint, "link": p.link} for p in self.pins],
+            "pins": [
+                {"text": typeset(p.text), "joint": p.joint, "link": p.link} for p in self.pins
+            ],
             "motion": _motion_values(self.motion) if self.motion else None,
         }
 

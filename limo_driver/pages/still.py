@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.pages.markup import typeset
+
 if TYPE_CHECKING:
     from limo_driver.pages.arm import ArmView
     from limo_driver.types import FloatArray
@@ -143,7 +145,7 @@ def _texts(view: ArmView, seen: _Camera) -> str:
     order = sorted(range(len(places)), key=lambda k: float(places[k][1]))
     x, y, said = _ARM * WIDTH + 1.2 * _MARGIN, float(_MARGIN), ""
     for k in order:
-        a, text = places[k], view.pins[k].text
+        a, text = places[k], typeset(view.pins[k].text)
         y = max(y, min(float(a[1]), HEIGHT - _LINE * (len(order) - order.index(k))))
         text = text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "\N{HORIZONTAL ELLIPSIS}"
         said += (

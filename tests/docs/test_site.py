@@ -79,7 +79,9 @@ def test_nothing_is_fetched_from_elsewhere(site):
 
 @pytest.mark.slow("builds the site, and starts a browser")
 @pytest.mark.skipif(program() is None, reason="no Chromium is installed on this machine")
-@pytest.mark.parametrize("name", ["index.html", "start.html", "sample.html", "diagnosis.html"])
+@pytest.mark.parametrize(
+    "name", ["index.html", "start.html", "sample.html", "notebooks/train.html"]
+)
 def test_everybody_can_use_it(site, name):
     """What the theme has of its own is held to WCAG, not to more."""
     with browser() as tab:

@@ -84,7 +84,17 @@ def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
     if cards:
         title = "Findings" if len(verdict.findings) > 1 else "Finding"
         cards = f'<section id="findings"><h2>{title}</h2>{cards}</section>'
-    return f"{head}{_put(diagnosis)}{between}{errors}{cards}{_notes(verdict.notes)}"
+    to_do = _put(diagnosis) + _next(verdict)
+    return f"{head}{to_do}{between}{errors}{cards}{_notes(verdict.notes)}"
+
+
+def _next(verdict: Verdict) -> str:
+    """Return the way to the motion to record next, if one would decide between explanations."""
+    if verdict.next_motion is None:
+        return ""
+    pairs = "; ".join(f"{spoken(a)} or {spoken(b)}" for a, b in verdict.next_motion.separates)
+    asked = f"To decide between {pairs}: " if pairs else "To know more: "
+    return f'<p>{escape(asked)}<a href="#next">the motion to record next</a>.</p>'
 
 
 def _put(diagnosis: Diagnosis) -> str:
@@ -213,7 +223,7 @@ def _card(order: int, item: Finding, fit: Fit, recordings: Sequence[str]) -> str
         ("confidence", meter(item.confidence)),
     ]
     if drop := _drop(item):
-        facts.append(("held-out RMSE", drop))
+        facts.append(("held-out RMSE without → with it", drop))
     if item.share > 0:  # of a push nothing is: its rows are not scored
         does = "stays" if unknown else "takes"
         facts.insert(1, (does, f"{meter(item.share)} of the error that remains within tolerances"))
@@ -259,7 +269,9 @@ def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     said += [text + (of[k] if of else "") for k, text in enumerate(stretches)]
     if item.effect == CONTACT:
         return escape("; ".join(said)) + ' (<a href="#pushes">courses</a>)'
-    joints = [j for j in item.joints if j <= len(fit.noise_floor)]
+    shows = item.where.figure.removeprefix("joint-")
+    joints = (int(shows),) if is_of_bodies(item.effect) and shows.isdigit() else item.joints
+    joints = [j for j in joints if j <= len(fit.noise_floor)]
     links = ", ".join(f'<a href="#joint-{j}">joint {j}</a>' for j in joints)
     return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
 
