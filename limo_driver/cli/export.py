@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def command(
     sim: Annotated[Path, typer.Argument(help="The simulation, a sim.yaml; for C also a model/.")],
-    to: Annotated[str, typer.Option(help="Format: mjcf, urdf, drake or isaaclab; or c.")],
+    to: Annotated[str, typer.Option(help="Format: mjcf, urdf, drake, isaaclab or usd; or c.")],
     out: Annotated[
         Path, typer.Option(help="Folder for the copy, or the copy (.xml, .urdf); for C a folder.")
     ],
@@ -42,7 +42,7 @@ def command(
     """Write a simulation into a copy of a MuJoCo or URDF file; only what was found changes.
 
     For Drake, a URDF has rotor inertias; for Isaac Lab, friction and armature stand in a file of
-    Python beside it.
+    Python beside it; of USD, a layer over the file is written.
 
     Inertias, a payload as a body, dry friction, damping, armature, springs and gravity are written
     where the format has them. The difference is shown, and the size of what the format has no

@@ -1,4 +1,4 @@
-"""Read a description, URDF or MJCF, with the joints that are chosen."""
+"""Read a description, URDF, MJCF or USD, with the joints that are chosen."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
+USD_ENDINGS: Final = (".usd", ".usda", ".usdc", ".usdz")
 _TURNING: Final = ("revolute", "continuous")
 _SLIDING: Final = "prismatic"
 _MOVABLE: Final = (*_TURNING, _SLIDING)
@@ -30,7 +31,7 @@ _NUMBERS: Final = {
 
 
 def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
-    """Read a URDF or an MJCF file.
+    """Read a URDF, MJCF or USD file.
 
     Args:
         path: The file.
@@ -40,6 +41,10 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
     Raises:
         ConfigError: It is neither, names something twice, or has no joint of these names.
     """
+    if path.suffix.lower() in USD_ENDINGS:
+        from limo_driver.descriptions.usd import read_usd
+
+        return _chosen(read_usd(path), joints)
     root = read_xml(path)
     if root.tag == "mujoco":
         from limo_driver.descriptions.mjcf import read_mjcf

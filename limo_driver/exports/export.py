@@ -13,7 +13,7 @@ import numpy as np
 from limo_driver.descriptions.description import DOWN
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
-from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, edited_format
+from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
 from limo_driver.exports.isaac_lab import actuators
 from limo_driver.exports.joints import sharp
 from limo_driver.exports.mjcf import FIRMNESS, assets_of, edited_mjcf, rubs_anew
@@ -21,6 +21,7 @@ from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders
 from limo_driver.exports.target import target_of
 from limo_driver.exports.urdf import edited_urdf
+from limo_driver.exports.usd import files_of, write_layer
 from limo_driver.outputs import require_apart, require_folder, whole
 from limo_driver.physics import GravityDirection
 
@@ -102,7 +103,18 @@ def write(
         expressed = replace(expressed, effects=(*expressed.effects, GravityDirection(gravity=DOWN)))
         if not np.allclose(simulation.body.gravity, DOWN):
             left = (*left, _gravity(simulation, motion or on))
+    if kind == USD and not np.allclose(simulation.body.gravity, target.model.gravity):
+        left = (*left, _gravity(simulation, motion or on, target.model.gravity))
+        own = tuple(np.array(target.model.gravity).tolist())
+        expressed = replace(expressed, effects=(*expressed.effects, GravityDirection(gravity=own)))
     require_folder(out, "the export")
+    if kind == USD:
+        place = out / (name or f"{into.stem}_found.usda")
+        copied = _copied(files_of(into), into, out)
+        text = write_layer(target, place)
+        error, torque = errors(place, kind, expressed, on)
+        names = simulation.model.joint_names
+        return Export(place, (place, *copied), kind, _added(text), left, names, error, torque)
     texts = edited_mjcf(target) if kind == MJCF else edited_urdf(target, kind)
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
     _write_texts(texts, places)
@@ -152,14 +164,19 @@ def _copy(texts: Sequence[XmlText], into: Path, out: Path, kind: str) -> list[Pa
     return _copied([file for file in dict.fromkeys(files) if file.is_file()], into, out)
 
 
-def _gravity(simulation: Simulation, motion: Motion) -> Remainder:
-    """Return the size of a gravity that a URDF cannot state."""
+def _added(text: str) -> str:
+    """Return the lines of a layer as those of a diff."""
+    return "".join(f"+{line}" for line in text.splitlines(keepends=True))
+
+
+def _gravity(simulation: Simulation, motion: Motion, stated: Sequence[float] = DOWN) -> Remainder:
+    """Return the size of a gravity that a file does not state."""
     body = simulation.body
     static = body.gravity_torque(motion.position)
-    change = static - body.with_gravity(DOWN).gravity_torque(motion.position)
+    change = static - body.with_gravity(stated).gravity_torque(motion.position)
     rms = tuple(np.sqrt(np.mean(change**2, axis=0)).tolist())
     said = ", ".join(f"{x:.3g}" for x in body.gravity)
-    return Remainder(f"gravity ({said}) m/s²", rms, "is not in a URDF")
+    return Remainder(f"gravity ({said}) m/s²", rms, "is not in the file")
 
 
 def _diff(text: XmlText, place: Path) -> str:

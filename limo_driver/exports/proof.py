@@ -11,7 +11,7 @@ import numpy as np
 
 from limo_driver.descriptions.description import split_reference
 from limo_driver.exports.drake import rotors_of
-from limo_driver.exports.formats import DRAKE, ISAAC_LAB, MJCF, URDF
+from limo_driver.exports.formats import DRAKE, ISAAC_LAB, MJCF, URDF, USD
 from limo_driver.exports.isaac_lab import tables_of
 from limo_driver.exports.xml_edits import XmlText
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from limo_driver.descriptions.description import RobotDescription
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray, Motion
 
@@ -116,7 +117,9 @@ def torque_in_pinocchio(
     from limo_driver.descriptions.reading import read_description
 
     held = [f"{name}={value!r}" for name, value in locked.items()]
-    model = read_chain(read_description(path, [*joints, *held])).model
+    description = read_description(path, [*joints, *held])
+    model = read_chain(description).model
+    model.gravity.linear = np.array(description.gravity)
     data = model.createData()
     torque = np.array(
         [
@@ -124,7 +127,7 @@ def torque_in_pinocchio(
             for row in zip(motion.position, motion.velocity, motion.acceleration, strict=True)
         ]
     )
-    names, written = list(model.names)[1:], _beside_rigid_body(path, kind)
+    names, written = list(model.names)[1:], _beside_rigid_body(path, kind, description)
     armature, friction, damping = (
         np.array(
             [written[key].get(name.removesuffix(JOINT), 0.0) for name in names]
@@ -141,12 +144,19 @@ def torque_in_pinocchio(
     return torque + damping * motion.velocity + friction * np.sign(motion.velocity)
 
 
-def _beside_rigid_body(path: Path, kind: str) -> Mapping[str, Mapping[str, float]]:
+def _beside_rigid_body(
+    path: Path, kind: str, description: RobotDescription
+) -> Mapping[str, Mapping[str, float]]:
     """Return what a target reads elsewhere than in a URDF's dynamics: by what, and joint."""
     if kind == ISAAC_LAB:
         return tables_of(path.with_suffix(".py").read_text(encoding="utf-8"))
     if kind == DRAKE:
         return {"armature": rotors_of(XmlText(path)), "friction": {}}
+    if kind == USD:
+        return {
+            key: {name: getattr(own, key) for name, own in description.dynamics.items()}
+            for key in ("armature", "friction", "damping")
+        }
     return {}
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.descriptions.description import split_reference
+from limo_driver.descriptions.reading import USD_ENDINGS
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import Inertial, RobotModel
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointSample, Motion
 
 
-_DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
+_DESCRIPTIONS = (".urdf", ".xml", ".mjcf", *USD_ENDINGS)
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,8 +123,8 @@ class Simulation(Displayed):
         """Read a `sim.yaml`, or take a robot as its description states it.
 
         Args:
-            path: Of the file; of a URDF or MJCF file, friction, damping, armature and springs in it
-                become effects.
+            path: Of the file; friction, damping, armature and springs in a URDF, MJCF or USD
+                file become effects.
 
         Raises:
             ConfigError: Names the line, what was given and what exists.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
-_FILES: Final = (".xml", ".urdf")
+_FILES: Final = (".xml", ".urdf", ".usda")
 
 
 def export(
@@ -35,7 +35,7 @@ def export(
     Args:
         simulation: What was found, or its sim.yaml.
         to: `mjcf`, `urdf`, `drake` (a URDF with rotor inertias) or `isaaclab` (a URDF, and
-            actuators in Python beside it).
+            actuators in Python beside it), or `usd` (a layer over the file).
         out: Folder for the copy, and for meshes and files that it includes; or the copy itself, if
             its name ends in .xml or .urdf.
         into: The file; that of the simulation's robot if not given, where it is of that format,
@@ -54,7 +54,7 @@ def export(
         >>> print(limo.export(sim, "mjcf", "exported/"))
     """
     from limo_driver.exports.export import write
-    from limo_driver.exports.formats import KINDS, MJCF, edited_format
+    from limo_driver.exports.formats import KINDS, MJCF, USD, edited_format
     from limo_driver.recordings.bandwidth import bandwidth_for
 
     if to not in KINDS:
@@ -70,6 +70,8 @@ def export(
         into = found.model.urdf
     if into is not None:
         return write(found, Path(into), to, folder, motion, name)
+    if to == USD:
+        raise ConfigError("an export to usd is a layer over a USD file: give it with `into`")
     with TemporaryDirectory() as bare_folder:
         bare = Path(bare_folder) / f"{found.model.urdf.stem}.{'xml' if to == MJCF else 'urdf'}"
         bare.write_text(_bare(found, to), encoding="utf-8")

@@ -206,7 +206,7 @@ def test_another_arm_is_refused(model, tmp_path):
 
 
 REFUSED = [
-    ({"to": "usd"}, "no export to 'usd', expected one of mjcf, urdf"),
+    ({"to": "sdf"}, "no export to 'sdf', expected one of mjcf, urdf"),
     ({"to": "urdf", "into": "model.xml"}, "is MJCF, expected URDF"),
     ({"to": "mjcf", "out": "."}, "would be written over|is written over|also an input|is an input"),
 ]

@@ -1,0 +1,125 @@
+"""A simulation in USD: a layer over a copy of the user's file, which says only what was found.
+
+The layer has the user's as its sublayer, and attributes over it: masses and inertias, and of each
+axis the armature, dry and viscous friction that PhysX knows. The file lies beside it as it was,
+with all that it refers to.
+"""
+
+# usd-core ships no usable stubs, and is an extra.
+# pyright: reportMissingImports=false, reportMissingModuleSource=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from limo_driver.descriptions.description import JointDynamics
+from limo_driver.descriptions.usd import axis_of, bodies_of, joints_of, open_stage, scale_of
+from limo_driver.exports.parts import parts_of
+from limo_driver.model import Inertial
+from limo_driver.outputs import require_apart, whole
+
+if TYPE_CHECKING:
+    from limo_driver.exports.target import Target
+
+_SAME: Final = 1e-7  # relative: attributes are floats of 32 bits
+_COPIED: Final = ("defaultPrim", "metersPerUnit", "kilogramsPerUnit", "upAxis")
+
+
+def write_layer(target: Target, place: Path) -> str:
+    """Write a layer over the file of a target.
+
+    Args:
+        target: What has to change.
+        place: To be written, .usda, in the folder that has a copy of the file.
+
+    Returns:
+        Its text.
+
+    Raises:
+        ConfigError: It cannot be written, or is the file itself.
+    """
+    from pxr import Sdf, Usd
+
+    into = target.model.urdf
+    require_apart([place], [into])
+    base = open_stage(into)
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    for key in _COPIED:
+        if base.GetRootLayer().pseudoRoot.HasInfo(key):
+            layer.pseudoRoot.SetInfo(key, base.GetRootLayer().pseudoRoot.GetInfo(key))
+    layer.subLayerPaths.append(str(into.resolve()))
+    stage = Usd.Stage.Open(layer)
+    joints = {prim.GetName(): prim for prim in joints_of(stage, into)}
+    bodies = bodies_of(stage, into)
+    for name, body in _inertials(target).items():
+        _write_inertial(bodies[name], body)
+    known = target.model.description.dynamics
+    for name, wanted in zip(target.model.joint_names, target.split.joints, strict=True):
+        _write_joint(joints[name], known.get(name, JointDynamics()), wanted)
+    layer.subLayerPaths[0] = f"./{into.name}"
+    text = layer.ExportToString()
+    with whole(place) as draft:
+        draft.write_text(text, encoding="utf-8")
+    return text
+
+
+def files_of(into: Path) -> list[Path]:
+    """Return a USD file and all files that it refers to: layers, textures."""
+    from pxr import UsdUtils
+
+    layers, assets, _ = UsdUtils.ComputeAllDependencies(str(into))
+    found = [into, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]
+    return [path for path in dict.fromkeys(item.resolve() for item in found) if path.is_file()]
+
+
+def _inertials(target: Target) -> dict[str, Inertial]:
+    """Return the bodies that change; payloads are added to the last one."""
+    found = dict(target.inertials)
+    for payload in target.split.payloads:
+        parts = {part.name: part for each in parts_of(target.model).values() for part in each}
+        own = found.get(target.last, parts[target.last].inertial)
+        shift = target.model.description.shifts[target.last]
+        x, y, z = (np.array(payload.com) + shift).tolist()
+        load = Inertial(payload.mass, (x, y, z), payload.inertia)
+        found[target.last] = load if own is None else own.joined(load)
+    return found
+
+
+def _write_inertial(prim: Any, body: Inertial) -> None:  # noqa: ANN401
+    from pxr import Gf, UsdPhysics
+    from scipy.spatial.transform import Rotation
+
+    moments, R = np.linalg.eigh(body.tensor())
+    R[:, 2] *= np.sign(np.linalg.det(R))
+    x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
+    stated = UsdPhysics.MassAPI.Apply(prim)
+    stated.CreateMassAttr().Set(body.mass)
+    stated.CreateCenterOfMassAttr().Set(Gf.Vec3f(*body.com))
+    stated.CreateDiagonalInertiaAttr().Set(Gf.Vec3f(*moments.tolist()))
+    stated.CreatePrincipalAxesAttr().Set(Gf.Quatf(w, x, y, z))
+
+
+def _write_joint(prim: Any, stated: JointDynamics, wanted: JointDynamics) -> None:  # noqa: ANN401
+    axis, scale = axis_of(prim), scale_of(prim)
+    values = {
+        "armature": (stated.armature, wanted.armature),
+        "dynamicFrictionEffort": (stated.friction, wanted.friction),
+        "staticFrictionEffort": (stated.friction, wanted.friction),
+        "viscousFrictionCoefficient": (stated.damping / scale, wanted.damping / scale),
+    }
+    changed = {
+        name: new
+        for name, (old, new) in values.items()
+        if abs(old - new) > _SAME * max(abs(old), abs(new))
+    }
+    if changed:
+        from pxr import Sdf
+
+        prim.AddAppliedSchema(f"PhysxJointAxisAPI:{axis}")
+        for name, value in changed.items():
+            attribute = prim.CreateAttribute(
+                f"physxJointAxis:{axis}:{name}", Sdf.ValueTypeNames.Float
+            )
+            attribute.Set(value)

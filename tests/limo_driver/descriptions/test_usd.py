@@ -1,0 +1,98 @@
+"""Arms in USD need the torque that the same arms need as URDF; what is damaged is refused."""
+
+import numpy as np
+import pytest
+from usd_arms import usd_of
+
+from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
+
+pytest.importorskip("pxr", reason="needs usd-core: pip install limo[usd]")
+
+
+@pytest.mark.parametrize("ending", ["usda", "usdc"])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_arm_needs_the_torque_that_it_needs_as_urdf(tmp_path, seed, ending):
+    urdf = RobotModel.load("iiwa14")
+    usd = RobotModel(usd_of(urdf, tmp_path / f"arm.{ending}", seed))
+    assert usd.n == urdf.n
+    random = np.random.default_rng(seed)
+    q, v, a = random.uniform(-1, 1, (3, 50, 7))
+    np.testing.assert_allclose(
+        usd.inverse_dynamics(q, v, a), urdf.inverse_dynamics(q, v, a), atol=2e-4
+    )
+    np.testing.assert_allclose(usd.limits.position_max, urdf.limits.position_max, rtol=1e-6)
+    np.testing.assert_allclose(usd.limits.torque, urdf.limits.torque)
+
+
+def test_a_y_up_stage_has_its_gravity_along_y(tmp_path):
+    usd = RobotModel(usd_of(RobotModel.load("iiwa14"), tmp_path / "arm.usda", up="Y"))
+    np.testing.assert_allclose(usd.gravity, (0, -9.81, 0))
+
+
+def without_mass(stage, _):
+    stage.GetPrimAtPath("/robot/link3").RemoveAPI(_api("MassAPI"))
+    for name in ("mass", "centerOfMass", "diagonalInertia", "principalAxes"):
+        stage.GetPrimAtPath("/robot/link3").RemoveProperty(f"physics:{name}")
+
+
+def in_centimetres(stage, _):
+    from pxr import UsdGeom
+
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+
+
+def of_a_ball(stage, _):
+    prim = next(p for p in stage.Traverse() if p.GetTypeName() == "PhysicsRevoluteJoint")
+    prim.SetTypeName("PhysicsSphericalJoint")
+
+
+def from_elsewhere(stage, folder):
+    outside = folder.parent / "outside.usda"
+    outside.write_text("#usda 1.0\n", encoding="utf-8")
+    stage.GetRootLayer().subLayerPaths.append("../outside.usda")
+
+
+def _api(name):
+    from pxr import UsdPhysics
+
+    return getattr(UsdPhysics, name)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (without_mass, "body link3 states no mass, centerOfMass and diagonalInertia"),
+        (in_centimetres, "has metersPerUnit = 0.01, expected 1"),
+        (of_a_ball, "is a PhysicsSphericalJoint; limo's joints have one axis"),
+        (from_elsewhere, "outside.usda, which is outside its folder"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, change, said):
+    from pxr import Usd
+
+    folder = tmp_path / "own"
+    folder.mkdir()
+    path = usd_of(RobotModel.load("iiwa14"), folder / "arm.usda")
+    stage = Usd.Stage.Open(str(path))
+    change(stage, folder)
+    stage.GetRootLayer().Save()
+    with pytest.raises(ConfigError, match=said) as error:
+        RobotModel(path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_floating_base_is_refused(tmp_path):
+    path = usd_of(RobotModel.load("iiwa14"), tmp_path / "arm.usda", held=False)
+    with pytest.raises(ConfigError, match="is fixed to nothing"):
+        RobotModel(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"#usda 1.0\n(", b"PXR-USDC\x00\x01", b"\x00\xff" * 40])
+@pytest.mark.parametrize("ending", ["usd", "usda", "usdc"])
+def test_damaged_files_are_refused_in_one_line(tmp_path, content, ending):
+    path = tmp_path / f"arm.{ending}"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"USD") as error:
+        RobotModel(path)
+    assert "\n" not in str(error.value)
