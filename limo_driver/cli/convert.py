@@ -13,7 +13,7 @@ from limo_driver.console.options import MappingOption  # noqa: TC001  # typer re
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    from limo_driver.logs.joint_state_log import JointStateLog
+    from limo_driver.workflow.converting import ConvertedBags
 
 _MCAP = ".mcap"
 _FOXGLOVE = ".json"
@@ -153,42 +153,23 @@ def _mapped(
 def _to_recording(
     files: list[Path], out: Path, robot: str | None, topic: str | None, *, as_json: bool
 ) -> None:
-    from importlib.metadata import version
-
-    from limo_driver.errors import RecordingError
-    from limo_driver.logs.joint_state_log import joint_states
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.data_gate import inspect
-    from limo_driver.recordings.file import write_columns
+    from limo_driver.workflow.converting import convert_bags
 
-    joints = None if robot is None else RobotModel.load(robot).joint_names
+    model = None if robot is None else RobotModel.load(robot)
     with _progress(quiet=as_json) as progress:
-        log = joint_states(files, joints, topic, robot or "", progress)
-    try:
-        findings = inspect(log.columns)
-    except RecordingError as error:
-        raise RecordingError(str(error), path=files[0], rows=error.rows) from None
-    about = {
-        "joints": log.joints,
-        "provenance": {
-            "logs": [path.name for path in files],
-            "topic": log.topic,
-            "start_ns": log.start_ns,
-            "limo": version("limo"),
-        },
-    }
-    write_columns(log.columns, out, about)
-    notes = [*log.columns.warnings, *map(str, findings.left_out), *findings.warnings]
-    _report(out, _counts(log, len(findings.rows)), notes, as_json=as_json)
+        found = convert_bags(files, out, model, topic, progress)
+    _report(out, _counts(found), list(found.whole.notes), as_json=as_json)
 
 
-def _counts(log: JointStateLog, usable: int) -> dict[str, Any]:
+def _counts(found: ConvertedBags) -> dict[str, Any]:
+    log = found.last
     return {
         "topic": log.topic,
         "joints": list(log.joints),
-        "samples": log.columns.time.size,
-        "usable": usable,
-        "duration": float(log.columns.time[-1]),
+        "samples": found.whole.samples,
+        "usable": found.whole.usable,
+        "duration": found.whole.duration,
         "duplicates": log.duplicates,
         "reordered": log.reordered,
         "malformed": log.malformed,

@@ -14,6 +14,7 @@ from limo_driver.logs.db3_file import read_db3
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.outputs import whole
+from limo_driver.recordings.batches import BLOCK
 from limo_driver.recordings.data_gate import SYSTEMATIC, Columns
 
 if TYPE_CHECKING:
@@ -72,18 +73,55 @@ def joint_states(
             backwards more than now and then.
     """
     rows, warnings = _Rows(joints, topic), list[str]()
+    for message in _messages(paths, warnings, progress):
+        rows.add(message)
+        if also is not None:
+            also(message)
+    return rows.log(robot, tuple(warnings), one_clock=one_clock)
+
+
+def joint_state_blocks(
+    paths: Sequence[Path],
+    joints: tuple[str, ...] | None = None,
+    topic: str | None = None,
+    robot: str = "",
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[JointStateLog]:
+    """Read the joint states of one topic as `joint_states` does, block by block.
+
+    Each block is in order of the stamps, and follows the one before. Counts are of all messages so
+    far, and `start_ns` is that of the first block.
+
+    Args:
+        paths: MCAP or .db3 files, or folders of them.
+        joints: Names, in the order of the columns; those of the first message if not given.
+        topic: The topic; may be left out where there is one with joint states.
+        robot: Its name, for the columns.
+        progress: Told the files and the messages read, now and then.
+
+    Raises:
+        RecordingError: As `joint_states` does, and where a message comes later than a block.
+    """
+    rows, warnings = _Rows(joints, topic), list[str]()
+    for message in _messages(paths, warnings, progress):
+        rows.add(message)
+        if rows.many >= 2 * BLOCK:
+            yield rows.log(robot, one_clock=True, most=BLOCK)
+    yield rows.log(robot, tuple(warnings), one_clock=True)
+
+
+def _messages(
+    paths: Sequence[Path], warnings: list[str], progress: Callable[[int, int], None] | None
+) -> Iterator[LoggedMessage]:
     files, messages = bag_files(paths), 0
     for k, path in enumerate(files):
         told: list[str] = []
         for message in read_bag(path, told.append):
-            rows.add(message)
-            if also is not None:
-                also(message)
+            yield message
             messages += 1
             if progress is not None and messages % _REPORTED == 0:
                 progress(k, messages)
         warnings += [f"{path} {text}" for text in told]
-    return rows.log(robot, tuple(warnings), one_clock=one_clock)
 
 
 def bag_files(paths: Sequence[Path]) -> list[Path]:
@@ -166,6 +204,14 @@ class _Rows:
         self._codec = JointStateCodec(self.joints or ())
         self._stamps = array("q")
         self._values = array("d")  # position, velocity and torque of all joints, row by row
+        self._start: int | None = None  # [ns], of the first block
+        self._last = 0  # [ns], of the last row that was given out
+        self._duplicates = self._reordered_before = 0
+
+    @property
+    def many(self) -> int:
+        """Rows that were not given out yet."""
+        return len(self._stamps)
 
     def add(self, message: LoggedMessage) -> None:
         self.topics.setdefault(message.topic, message.schema)
@@ -205,8 +251,15 @@ class _Rows:
         for values in (state.position, state.velocity, state.torque):
             self._values.frombytes((values[columns] if values.size else missing).tobytes())
 
-    def log(self, robot: str, warnings: tuple[str, ...], *, one_clock: bool) -> JointStateLog:
-        """Return all rows in order of their stamps."""
+    def log(
+        self,
+        robot: str,
+        warnings: tuple[str, ...] = (),
+        *,
+        one_clock: bool,
+        most: int | None = None,
+    ) -> JointStateLog:
+        """Return rows in order of their stamps: all that wait, or the first so many of them."""
         self._check_topic()
         assert self.joints is not None  # noqa: S101  # there are rows
         assert self.topic is not None  # noqa: S101
@@ -215,11 +268,22 @@ class _Rows:
         order = np.argsort(stamps, kind="stable")
         values = np.array(self._values).reshape(stamps.size, 3, -1)[order]
         stamps = stamps[order]
+        if self._start is not None and stamps[0] < self._last:
+            back = (self._last - int(stamps[0])) * _NANOSECOND
+            raise RecordingError(
+                f"the stamps of {self.topic} run backwards by {back:.3g} s; are these two "
+                "recordings? convert them one by one"
+            )
+        values, stamps = self._given_out(values, stamps, most)
+        start = self._start if self._start is not None else int(stamps[0])
+        self._start, self._last = start, int(stamps[-1])
+        self._duplicates += int((np.diff(stamps) == 0).sum())
+        self._reordered_before += reordered
         position, velocity, torque = (values[:, k] for k in range(3))
         self._check_measured(position, torque)
         return JointStateLog(
             Columns(
-                (stamps - stamps[0]) * _NANOSECOND,
+                (stamps - start).astype(np.float64) * _NANOSECOND,
                 position,
                 torque,
                 None if np.isnan(velocity).all() else velocity,
@@ -228,12 +292,23 @@ class _Rows:
             ),
             self.joints,
             self.topic,
-            int(stamps[0]),
-            duplicates=int((np.diff(stamps) == 0).sum()),
-            reordered=reordered,
+            start,
+            duplicates=self._duplicates,
+            reordered=self._reordered_before,
             malformed=self.malformed,
             elsewhere=self.elsewhere,
         )
+
+    def _given_out(
+        self, values: FloatArray, stamps: NDArray[np.int64], most: int | None
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Return the first rows, and keep the others, in order, for the next block."""
+        self._stamps, self._values = array("q"), array("d")
+        if most is None:
+            return values, stamps
+        self._stamps.frombytes(stamps[most:].tobytes())
+        self._values.frombytes(values[most:].tobytes())
+        return values[:most], stamps[:most]
 
     def _check_topic(self) -> None:
         found = [topic for topic, schema in self.topics.items() if schema == JOINT_STATE]

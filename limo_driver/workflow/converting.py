@@ -1,4 +1,4 @@
-"""Convert a log of any format and length to a recording's file, with every row of it."""
+"""Convert logs of any format and length to a recording's file, with every row of them."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.foreign.blocks import check_units, long_log
 from limo_driver.foreign.proposal import propose
+from limo_driver.logs.joint_state_log import joint_state_blocks
 from limo_driver.recordings.data_gate import LeftOut, inspect
 from limo_driver.recordings.file import columns_writer
 from limo_driver.workflow.reading import columns_of, mapping_of, said
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from limo_driver.foreign.mapping import LogMapping
     from limo_driver.foreign.table import LogTable
+    from limo_driver.logs.joint_state_log import JointStateLog
     from limo_driver.model import RobotModel
     from limo_driver.recordings.data_gate import Columns
 
@@ -76,6 +78,54 @@ def convert_log(
             judged.add(columns)
             write(columns)
     return judged.converted(used.joints)
+
+
+@dataclass(frozen=True)
+class ConvertedBags:
+    """What was written of the joint states of bags, and what was odd about them."""
+
+    whole: Converted
+    last: JointStateLog  # of which the counts are those of all messages
+
+
+def convert_bags(
+    bags: Sequence[Path],
+    out: Path,
+    model: RobotModel | None = None,
+    topic: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> ConvertedBags:
+    """Write the joint states of one topic, in order of their stamps, block by block.
+
+    Args:
+        bags: MCAP or .db3 files, or folders of them.
+        out: To be written, Parquet.
+        model: The robot, whose joints are meant, in their order.
+        topic: The topic; may be left out where there is one with joint states.
+        progress: Told the files and the messages read, now and then.
+
+    Raises:
+        RecordingError: There are no joint states, several topics of them, or they cannot be used.
+    """
+    joints, name = (None, "") if model is None else (model.joint_names, model.name)
+    blocks = joint_state_blocks(bags, joints, topic, name, progress)
+    first, second = next(blocks), next(blocks, None)
+    about = {
+        "joints": first.joints,
+        "provenance": {
+            "logs": [path.name for path in bags],
+            "topic": first.topic,
+            "start_ns": first.start_ns,
+            "limo": version("limo"),
+        },
+    }
+    judged, last = _Judged(bags[0], is_whole=second is None), first
+    with columns_writer(out, about) as write:
+        for log in chain([first], [] if second is None else [second], blocks):
+            judged.add(log.columns)
+            write(log.columns)
+            last = log
+    return ConvertedBags(judged.converted(first.joints), last)
 
 
 def _mapped(

@@ -10,9 +10,12 @@ from logged import arm, measured, numbered, written
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign import blocks, delimited, npz
+from limo_driver.logs import joint_state_log
+from limo_driver.logs.mcap_file import LoggedMessage, McapWriter
+from limo_driver.network.messages import JOINT_STATE, JointStateCodec
 from limo_driver.recordings.batches import blocks_of
 from limo_driver.recordings.recording import Recording
-from limo_driver.workflow.converting import convert_log
+from limo_driver.workflow.converting import convert_bags, convert_log
 
 TIME, POSITION, _, TORQUE = measured(20.0)
 ROWS = 1000  # of a block
@@ -31,6 +34,7 @@ def small_memory(monkeypatch):
         (blocks, "blocks_of", few),
         (npz, "MOST", ROWS),
         (npz, "BLOCK", ROWS),
+        (joint_state_log, "BLOCK", ROWS),
     ):
         monkeypatch.setattr(module, name, value)
 
@@ -125,4 +129,40 @@ def test_what_is_damaged_late_leaves_no_recording(tmp_path):
     path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(RecordingError, match=r"delimited text: .*'oops'"):
         convert_log(path, tmp_path / "run.parquet", arm())
+    assert not (tmp_path / "run.parquet").exists()
+
+
+def as_bag(path, order):
+    """Joint states in an MCAP file, logged in some order."""
+    codec, writer = JointStateCodec(arm().joint_names), McapWriter(path)
+    stamps = 10**9 * 1_700_000_000 + np.round(1e9 * TIME).astype(np.int64)
+    for sequence, k in enumerate(order.tolist()):
+        payload = codec.encode(int(stamps[k]), POSITION[k], np.zeros(0), TORQUE[k])
+        message = LoggedMessage("/states", JOINT_STATE, payload, sequence, sequence, sequence)
+        writer.add(message)
+    writer.finish()
+    return path
+
+
+def test_a_long_bag_is_in_order_of_its_stamps(tmp_path, monkeypatch):
+    order = np.arange(TIME.size)
+    for k in (500, 999, 1010, 2999, 4000):  # also across the end of a block
+        order[[k, k + 3]] = order[[k + 3, k]]
+    bag = as_bag(tmp_path / "bag.mcap", order)
+    found = convert_bags([bag], tmp_path / "long.parquet", arm())
+    assert found.whole.samples == TIME.size
+    assert "written in 5 blocks" in found.whole.notes[-1]
+    monkeypatch.undo()
+    short = convert_bags([bag], tmp_path / "short.parquet", arm())
+    assert found.last.reordered == short.last.reordered > 0
+    assert not any("blocks" in note for note in short.whole.notes)
+    both = [Recording.load(tmp_path / f"{name}.parquet") for name in ("long", "short")]
+    np.testing.assert_array_equal(both[0].position, both[1].position)
+    np.testing.assert_allclose(both[0].time, TIME, atol=1e-9)
+
+
+def test_a_bag_whose_clock_starts_again_is_refused(tmp_path):
+    order = np.concatenate([np.arange(3000), np.arange(2000)])
+    with pytest.raises(RecordingError, match="run backwards"):
+        convert_bags([as_bag(tmp_path / "bag.mcap", order)], tmp_path / "run.parquet", arm())
     assert not (tmp_path / "run.parquet").exists()
