@@ -7,6 +7,7 @@ stale measurements, and the end of the session.
 
 from __future__ import annotations
 
+import math
 import time
 from abc import abstractmethod
 from contextlib import suppress
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.closing import Closing
-from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError
+from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, CycleTimeoutError
 from limo_driver.robot import exits
 from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 
@@ -99,9 +100,12 @@ class Robot(Closing):
         Raises:
             CycleTimeoutError: Nothing was ever measured, or not within `timeout`.
             ConnectionLostError: The robot is closed or gone.
+            ConfigError: The timeout is no number.
         """
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")
+        if timeout is not None and math.isnan(timeout):
+            raise ConfigError("timeout is nan, expected seconds")
         return self._next_state(timeout)
 
     def send(self, command: JointCommand) -> JointCommand:
@@ -255,11 +259,16 @@ class Robot(Closing):
         self._open = False
         self._contract.hold("the robot is closed")
         try:
-            with suppress(BackendError):  # where nobody is reached, the drives' watchdogs stop them
-                self._brake()
+            with exits.deferred():
+                try:
+                    with suppress(
+                        BackendError
+                    ):  # nobody is reached: the drives' watchdogs stop them
+                        self._brake()
+                finally:
+                    self._close()
         finally:
             exits.release(self)
-            self._close()
 
     def _brake(self) -> None:
         """Come to rest within the limits; the arm holds, or nobody is reached for a while."""

@@ -64,6 +64,7 @@ class _Memory:
     after: Setpoint | None = None  # of the next cycle, once it was sent
     phase: Phase = _IDLE
     reason: str = ""
+    asked: str = ""  # for a hold, by any thread, and not resumed since
     state: JointState | None = None
     belief: Belief = field(default_factory=Belief)
     command: JointCommand | None = None  # in force
@@ -211,6 +212,9 @@ class SafetyContract:
     def hold(self, reason: str) -> None:
         """Slow down, keep the pose and refuse commands; a hold keeps its first reason."""
         memory = self._memory
+        memory.asked = (
+            memory.asked or reason or "asked"
+        )  # first: a command that is being taken looks there
         if memory.phase is not _HOLDING:
             # What was sent already has its effect: braking begins in the cycle after that.
             memory.phase, memory.reason, memory.command = _HOLDING, reason, None
@@ -219,6 +223,7 @@ class SafetyContract:
     def resume(self) -> None:
         """End a hold: the next command starts again from the measured pose."""
         if self._memory.phase is _HOLDING:
+            self._memory.asked = ""
             self._memory.phase, self._memory.reason = _IDLE, ""
 
     def lead(self, position: FloatArray) -> None:
@@ -304,6 +309,9 @@ class SafetyContract:
                 self.check_start(command.position, memory.state.position)
         memory.phase, memory.command, memory.commanded = _ACTIVE, command, True
         memory.command_time = memory.belief.time
+        if memory.asked:  # meanwhile, by another thread
+            self.hold(memory.asked)
+            raise HoldingError(memory.reason)
         return pose
 
     def check_start(self, position: FloatArray, measured: FloatArray) -> None:
@@ -359,7 +367,11 @@ def check_readable(command: JointCommand, n: int) -> None:
         JointLimitError: Not finite, or a negative stiffness or damping.
         ConfigError: `valid_for` is not positive or above 1 s.
     """
-    if not 0 < command.valid_for <= LONGEST_VALIDITY:
+    try:
+        valid = 0 < command.valid_for <= LONGEST_VALIDITY
+    except TypeError:  # no number
+        valid = False
+    if not valid:
         raise ConfigError(
             f"valid_for = {command.valid_for} s has to be positive, at most {LONGEST_VALIDITY:g} s"
         )

@@ -87,6 +87,20 @@ class TestPrograms:
         program = "with Told(robot='iiwa14') as robot: robot.keep_time(); move(robot, lambda: None)"
         assert left(program, signal.SIGINT, status=-signal.SIGINT) == 0.0
 
+    @pytest.mark.parametrize("again", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+    def test_that_are_signalled_again_while_the_arm_brakes_leave_it_at_rest(self, again):
+        program = f"""
+        class Impatient(Told):
+            def _cycle_once(self):
+                if not self._open and len(self.path) % 20 == 0:
+                    os.kill(os.getpid(), {int(again)})
+                return super()._cycle_once()
+        with Impatient(robot='iiwa14') as robot:
+            move(robot, lambda: os.kill(os.getpid(), signal.SIGTERM))
+        """
+        status = -again if again == signal.SIGINT else 128 + again
+        assert left(program, status=status) == 0.0
+
     @pytest.mark.parametrize("what", ["raise ValueError", "sys.exit(1)", "print(file=broken)"])
     def test_that_fail_leave_the_arm_at_rest(self, what):
         program = f"""

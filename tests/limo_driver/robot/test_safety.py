@@ -3,6 +3,11 @@
 import subprocess
 import sys
 
+import pytest
+from contracts import PERIOD, moved, opened, reason, state
+
+from limo_driver.errors import ConfigError, HoldingError
+
 WARM = """
 import numpy as np
 
@@ -49,3 +54,26 @@ def test_nothing_is_compiled_once_a_contract_was_warmed_up():
     warm, after = map(int, done.stdout.split())
     assert warm > 0
     assert after == warm
+
+
+def test_a_hold_is_not_lost_that_comes_while_a_command_is_taken():
+    """By another thread, as from a button: between what was checked and what was noted."""
+    holding = []
+    contract = opened(check=lambda _: contract.hold("pressed") if holding else None)
+    contract.admit(moved())
+    contract.observe(state(1))
+    holding.append(True)
+    with pytest.raises(HoldingError, match="pressed"):
+        contract.admit(moved(valid_for=10 * PERIOD))
+    contract.observe(state(2))
+    assert "pressed" in reason(contract)
+    holding.clear()
+    contract.resume()
+    contract.admit(moved())
+    assert not contract.holding
+
+
+@pytest.mark.parametrize("given", ["x", None, float("nan"), 0, -1.0, float("inf")])
+def test_a_validity_that_is_none_is_refused(given):
+    with pytest.raises(ConfigError, match=f"valid_for = {given} s"):
+        opened().admit(moved(valid_for=given))
