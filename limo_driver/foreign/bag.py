@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.foreign.dynamic_joint_state import DYNAMIC_JOINT_STATE, decode_dynamic
 from limo_driver.foreign.names import words_of
 from limo_driver.foreign.table import LogTable
 from limo_driver.logs.joint_state_log import bag_files, read_bag
@@ -142,10 +143,10 @@ class _Found:
     def add(self, message: LoggedMessage) -> None:
         """Add a message, if it is a joint state."""
         self.topics.setdefault(message.topic, message.schema)
-        if message.schema != JOINT_STATE:
+        if message.schema not in _DECODERS:
             return
         try:
-            state = _decode(message)
+            state = _DECODERS[message.schema](message.payload)
         except WireFormatError:
             self.malformed += 1
             return
@@ -171,6 +172,9 @@ class _Found:
             )
         best = max(_match(group, joints) for group in groups)
         alike = [group for group in groups if _match(group, joints) == best]
+        schemas = {self.topics[group.topic] for group in alike}
+        first = next(schema for schema in _DECODERS if schema in schemas)
+        alike = [group for group in alike if self.topics[group.topic] == first]
         if len(alike) > 1:
             raise RecordingError(
                 f"joint states that could be meant are several: {'; '.join(map(str, alike))}; say "
@@ -180,11 +184,8 @@ class _Found:
         return alike[0]
 
 
-def _decode(message: LoggedMessage):  # noqa: ANN202  # as the codec says
-    return _CODEC.decode(message.payload)
-
-
-_CODEC = JointStateCodec(())
+# by schema; of two that fit alike, the first is meant, as ros2_control publishes both
+_DECODERS = {JOINT_STATE: JointStateCodec(()).decode, DYNAMIC_JOINT_STATE: decode_dynamic}
 
 
 def _match(group: _Group, joints: Sequence[str]) -> int:

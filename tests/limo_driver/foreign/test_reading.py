@@ -10,7 +10,7 @@ import pytest
 import zstandard
 from logged import PERIOD, arm, measured, numbered, written
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.reading import read_table
@@ -143,6 +143,50 @@ def test_joints_of_a_bag_come_by_name_beside_a_gripper(tmp_path, storage):
         np.testing.assert_array_equal(table.columns[f"position.{name}"], POSITION[:, j])
         np.testing.assert_array_equal(table.columns[f"effort.{name}"], TORQUE[:, j])
     assert "left aside: 500 messages of finger_left, finger_right" in table.notes[-1]
+
+
+DYNAMIC = """
+std_msgs/Header header
+string[] joint_names
+control_msgs/InterfaceValue[] interface_values
+"""
+
+
+def dynamic_bag(path, also_joint_states):
+    """Dynamic joint states of ros2_control, written by code that is not ours."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = get_types_from_msg(DYNAMIC, "control_msgs/msg/DynamicJointState")
+    kinds |= get_types_from_msg(
+        "string[] interface_names\nfloat64[] values\n", "control_msgs/msg/InterfaceValue"
+    )
+    store.register(kinds)
+    State = store.types["control_msgs/msg/DynamicJointState"]
+    Value = store.types["control_msgs/msg/InterfaceValue"]
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/dynamic", State.__msgtype__, typestore=store)
+        plain = writer.add_connection("/plain", JointState.__msgtype__, typestore=store)
+        for k, stamp in enumerate(STAMPS.tolist()):
+            header = Header(Stamp(stamp // 10**9, stamp % 10**9), "")
+            own = [
+                Value(["effort", "position"], np.array([TORQUE[k, j], POSITION[k, j]]))
+                for j in ORDER
+            ]
+            state = State(header, [NAMES[j] for j in ORDER], own)
+            writer.write(topic, stamp, store.serialize_cdr(state, State.__msgtype__))
+            if also_joint_states:
+                values = (POSITION[k], VELOCITY[k], TORQUE[k])
+                other = JointState(header, list(NAMES), *map(np.ascontiguousarray, values))
+                writer.write(plain, stamp, store.serialize_cdr(other, JointState.__msgtype__))
+    return path
+
+
+@pytest.mark.parametrize("also", [False, True])
+def test_dynamic_joint_states_are_read_where_there_are_no_others(tmp_path, also):
+    table = read_table(dynamic_bag(tmp_path / "bag", also), joints=NAMES)
+    assert ("/plain" in table.kind) == also
+    np.testing.assert_array_equal(table.columns[f"position.{NAMES[4]}"], POSITION[:, 4])
+    np.testing.assert_array_equal(table.columns[f"effort.{NAMES[0]}"], TORQUE[:, 0])
+    assert (f"velocity.{NAMES[0]}" in table.columns) == also
 
 
 def test_a_bag_without_its_metadata_is_read_as_a_file(tmp_path):
