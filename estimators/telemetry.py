@@ -128,6 +128,14 @@ def sampling_of(recording: Recording) -> list[str]:
     return told
 
 
+def _by_joint(known: Sequence[tuple[int, float]], n: int, unit: str) -> str:
+    """Say the value of each joint, 1-based, or the one that all n have."""
+    texts = [(j, f"{value:.3g}") for j, value in known]
+    if len(texts) == n and len({text for _, text in texts}) == 1:
+        return f"{texts[0][1]} {unit} on all joints"
+    return ", ".join(f"{text} (joint {j})" for j, text in texts[:_LISTED]) + f" {unit}"
+
+
 def channels_of(recording: Recording) -> list[str]:
     """Say how finely and how often each quantity was measured."""
     told: list[str] = []
@@ -136,8 +144,7 @@ def channels_of(recording: Recording) -> list[str]:
         steps = [resolution(column) for column in values.T]
         known = [(j + 1, step) for j, step in enumerate(steps) if step]
         if known:
-            listed = ", ".join(f"{step:.3g} (joint {j})" for j, step in known[:_LISTED])
-            told.append(f"{name} comes in steps of {listed} {unit}")
+            told.append(f"{name} comes in steps of {_by_joint(known, len(steps), unit)}")
         if name == "torque":
             told += _coarse(values, steps)
         slow = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from textwrap import wrap
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -18,7 +19,9 @@ _ARM: Final = 0.62  # of its width, beside the texts
 _AZIMUTH, _ELEVATION = 0.9, 0.35  # [rad], from where it is seen
 _MARGIN: Final = 26
 _LINE: Final = 26  # between two texts
-_LONGEST: Final = 46  # characters of a text
+_WRAPPED: Final = 16  # between two lines of one
+_LONGEST: Final = 34  # characters of a line
+_LINES: Final = 3  # of a text, at most
 _PATH: Final = "#d9730d"  # as in arm.js
 _MOST: Final = 100.0  # floors of an error that has the last colour
 # From an error at the noise floor to a hundred times that; told apart by any colour vision.
@@ -145,13 +148,20 @@ def _texts(view: ArmView, seen: _Camera) -> str:
     order = sorted(range(len(places)), key=lambda k: float(places[k][1]))
     x, y, said = _ARM * WIDTH + 1.2 * _MARGIN, float(_MARGIN), ""
     for k in order:
-        a, text = places[k], typeset(view.pins[k].text)
+        a = places[k]
+        lines = wrap(
+            typeset(view.pins[k].text), _LONGEST, max_lines=_LINES, break_on_hyphens=False,
+            placeholder="\N{HORIZONTAL ELLIPSIS}",
+        )  # fmt: skip
+        text = "".join(
+            f'<tspan x="{x:.1f}" dy="{_WRAPPED if number else 0}">{escape(line)}</tspan>'
+            for number, line in enumerate(lines)
+        )
         y = max(y, min(float(a[1]), HEIGHT - _LINE * (len(order) - order.index(k))))
-        text = text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "\N{HORIZONTAL ELLIPSIS}"
         said += (
             f'<path d="M{a[0]:.1f},{a[1]:.1f} L{x - 6:.1f},{y:.1f}" class="leader"/>'
             f'<circle cx="{a[0]:.1f}" cy="{a[1]:.1f}" r="3.5" class="dot"/>'
-            f'<text x="{x:.1f}" y="{y + 4:.1f}">{escape(text)}</text>'
+            f'<text x="{x:.1f}" y="{y + 4:.1f}">{text}</text>'
         )
-        y += _LINE
+        y += _LINE + _WRAPPED * (len(lines) - 1)
     return said
