@@ -18,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from tables import rows_of
 
 import limo_driver as limo
+from limo_driver.errors import LimoError
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
 from limo_driver.types import Motion
 
@@ -162,3 +163,71 @@ def test_a_log_is_read_as_what_was_measured(kind, robot, robots, tmp_path):
     np.testing.assert_allclose(recording.position, q, atol=1e-6)
     np.testing.assert_allclose(recording.torque, torque, atol=1e-6)
     assert re.match("read as .*position.*torque", recording.warnings[0])
+
+
+def degrees_in_every_second_column(time, q, torque):
+    return time, np.where(np.arange(q.shape[1]) % 2, np.rad2deg(q), q), torque
+
+
+def degrees_from_the_middle_on(time, q, torque):
+    late = np.arange(time.size) >= time.size // 2
+    return time, np.where(late[:, None], np.rad2deg(q), q), torque
+
+
+def milliseconds_from_the_middle_on(time, q, torque):
+    k = time.size // 2
+    return np.append(time[:k], time[k] + 1e3 * (time[k:] - time[k])), q, torque
+
+
+FAULTS = (
+    degrees_in_every_second_column,
+    degrees_from_the_middle_on,
+    milliseconds_from_the_middle_on,
+)
+
+
+def told(log, place):
+    """The recording that a log is read as; None where it is refused in one line."""
+    refused = ""
+    recording = None
+    try:
+        recording = limo.read(log, place)
+    except LimoError as error:
+        refused = str(error)
+    assert bool(refused) == (recording is None)
+    assert "\n" not in refused
+    return recording
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_units_that_are_mixed_are_refused_or_read_right(kind, fault, robots, tmp_path):
+    place, measured = robots["iiwa14"]
+    names = limo.RobotModel.load(place).joint_names
+    recording = told(KINDS[kind](tmp_path, names, *fault(*measured)), place)
+    if recording is not None:
+        np.testing.assert_allclose(recording.position, measured[1][recording.rows], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "arrays in Python"])
+@pytest.mark.parametrize("share", [0.02, 0.6, 0.999])
+def test_files_that_are_cut_off_are_refused_or_read_as_far_as_they_go(
+    kind, share, robots, tmp_path
+):
+    place, measured = robots["iiwa14"]
+    log = KINDS[kind](tmp_path, limo.RobotModel.load(place).joint_names, *measured)
+    parts = [path for path in tmp_path.rglob("*") if path.is_file()]
+    largest = max(parts, key=lambda path: path.stat().st_size)
+    data = largest.read_bytes()
+    largest.write_bytes(data[: int(share * len(data))])
+    recording = told(log, place)
+    if recording is not None:
+        assert len(recording) < measured[0].size or share > 0.99
+        np.testing.assert_allclose(recording.position, measured[1][recording.rows], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_logs_of_another_robot_are_refused(kind, robots, tmp_path):
+    _, measured = robots["model.xml"]
+    names = limo.RobotModel.load(robots["model.xml"][0]).joint_names
+    assert told(KINDS[kind](tmp_path, names, *measured), "iiwa14") is None
