@@ -33,6 +33,7 @@ NAMES: Final = (
     "rest",  # [rad]
     "cubic",  # [N m/rad³]
     "zero",  # [rad], encoder minus link
+    "play",  # [rad], between the servo's encoder and the joint
 )
 (
     KP,
@@ -63,5 +64,6 @@ NAMES: Final = (
     REST,
     CUBIC,
     ZERO,
+    PLAY,
 ) = range(len(NAMES))
 UNLIMITED: Final = ("integral_limit", "speed", "acceleration", "torque_limit", "stall")

@@ -6,7 +6,7 @@ commands alone, on motion that nothing was fitted to.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -24,6 +24,15 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
+from estimators.drives.against_stated import (
+    StatedArm,
+    is_stated,
+    proven,
+    stated_arm,
+    with_intervals,
+)
+from estimators.drives.arm_findings import shared_finding, turned, without
+from estimators.drives.arm_loads import ArmLoads
 from estimators.drives.checks import check_commands
 from estimators.drives.conventions import conventions_of
 from estimators.drives.fit import COULOMB, DAMPING, errors, value_in, with_values
@@ -32,16 +41,18 @@ from estimators.drives.identification import SURE, identify_drives, with_servos
 from estimators.drives.one_joint import loaded_joints
 from estimators.drives.plant import rows_of
 from estimators.drives.result import DriveDiagnosis
+from estimators.drives.suspects import search
 from estimators.drives.wording import sags, undecided
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.stages import Progress
     from estimators.drives.fit import JointFit
     from estimators.drives.identification import DriveIdentification
+    from estimators.drives.one_joint import LoadedJoint
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -65,8 +76,17 @@ _KINDS: Final[dict[str, dict[str, str]]] = {
     "load_dependent_friction": {"by_load": "1"},
     "dead_band": {"dead_band": "rad"},
     "profile_speed": {"speed": "rad/s"},
+    "spring_load": {"spring": "N m/rad"},
+    "backlash": {"play": "rad"},
 }
-_NAMES: Final = {COULOMB: "tau_c", DAMPING: "f_v", "by_load": "coefficient", "stribeck": "tau_s"}
+_NAMES: Final = {
+    COULOMB: "tau_c",
+    DAMPING: "f_v",
+    "by_load": "coefficient",
+    "stribeck": "tau_s",
+    "spring": "stiffness",
+    "play": "gap",
+}
 
 
 def diagnose_drives(
@@ -97,20 +117,25 @@ def diagnose_drives(
     given = with_servos(simulation)
     seen, unseen = split(recordings)
     progress("fitting drives and friction", 0.05)
-    proof = identify_drives(given, seen, intervals=False)
-    progress("proving on held-out motion", 0.5)
-    before, after = (_errors(one, unseen) for one in (given, proof.simulation))
-    progress("fitting to all motion", 0.55)
-    final = identify_drives(given, recordings)
+    stated = is_stated(simulation, seen)
+    evidence = (
+        _beside_stated(given, seen, unseen, recordings, progress)
+        if stated
+        else _identified(given, seen, unseen, recordings, progress)
+    )
+    proof, final = evidence.proof, evidence.final
+    before = _errors(given, unseen)
+    after = _errors(proof.simulation, evidence.unseen)
     progress("comparing", 0.9)
     delay = float(np.median([fit.value("delay") for fit in final.fits]))
     notes = (
         *odd,
-        conventions_of(given.body, recordings, delay).sentence(),
+        conventions_of(given.body, evidence.recordings, delay).sentence(),
+        *(_about_sign(joint) for joint in evidence.turned),
         *_about_scale(final),
         *sags(final),
     )
-    verdict = _verdict(simulation, given, proof, final, recordings, unseen, before, after, notes)
+    verdict = _verdict(simulation, given, evidence, before, after, notes)
     progress("done", 1.0)
     return DriveDiagnosis(
         verdict,
@@ -121,6 +146,101 @@ def diagnose_drives(
             tuple(np.abs(before).mean(axis=0).tolist()),
             tuple(np.abs(after).mean(axis=0).tolist()),
         ),
+    )
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """What was identified, from which recordings, and what of it all joints feel."""
+
+    proof: DriveIdentification  # from a part of the recordings
+    final: DriveIdentification  # from all
+    recordings: tuple[Recording, ...]  # as the description counts
+    unseen: tuple[Recording, ...]
+    turned: tuple[int, ...] = ()  # joints that count against the description, 1-based
+    shared: tuple[StatedArm, StatedArm] | None = None  # of the same two, where drives are stated
+    counted: _Evidence | None = None  # with joints turned, as they were recorded
+
+    def parts(self, given: Simulation) -> list[list[LoadedJoint]]:
+        """Return the held-out motion of each joint, loaded as was proven."""
+        if self.shared is None:
+            return loaded_joints(given.body, self.unseen)
+        return ArmLoads(given.body, self.unseen).parts(self.shared[0].change)
+
+    def of_the_arm(self, given: Simulation) -> Iterator[tuple[float, Finding]]:
+        """Yield what all joints feel, with the squared held-out error that each removes."""
+        if self.counted is not None:
+            yield from self.counted.of_the_arm(given)
+        if self.shared is None:
+            return
+        loads = ArmLoads(given.body, self.unseen)
+        proof, final = self.shared
+        rows = [fit.row for fit in self.proof.fits]
+        full = _squares(loads.parts(proof.change), rows)
+        noise = np.array([max(float(np.median(x)), _LEAST) for x in full])
+        for one in proof.suspects:
+            if not one.shared or (self.turned and one.effect == "joint_sign"):
+                continue
+            less = _squares(loads.parts(without(proof.change, one)), rows)
+            confidence = removes(
+                np.concatenate([x / s for x, s in zip(full, noise, strict=True)]),
+                np.concatenate([x / s for x, s in zip(less, noise, strict=True)]),
+            )
+            if confidence < _CONFIDENT:
+                continue
+            lost = sum(float(x.mean()) for x in less) - sum(float(x.mean()) for x in full)
+            rmse = [tuple(float(np.sqrt(x.mean())) for x in squares) for squares in (less, full)]
+            yield lost, shared_finding(one, final, confidence, BeforeAfter(*rmse))
+
+
+def _squares(
+    parts: Sequence[Sequence[LoadedJoint]], rows: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Return squared errors of each joint [rad²]."""
+    return [errors(own, row) ** 2 for own, row in zip(parts, rows, strict=True)]
+
+
+def _identified(
+    given: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    recordings: Sequence[Recording],
+    progress: Progress,
+) -> _Evidence:
+    """Identify drives of which nothing is believed, from a part of the recordings and from all."""
+    proof = identify_drives(given, seen, intervals=False)
+    progress("fitting to all motion", 0.5)
+    final = identify_drives(given, recordings)
+    return _Evidence(proof, final, tuple(recordings), tuple(unseen))
+
+
+def _beside_stated(
+    given: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    recordings: Sequence[Recording],
+    progress: Progress,
+) -> _Evidence:
+    """Look for what the arm has beyond what is stated, and prove it on a part of the recordings."""
+    tick = max(_resolution(recordings, j) for j in range(given.model.n))
+    loads = ArmLoads(given.body, recordings)
+    searched = search(loads, rows_of(given), given.tolerances.drive, tick)
+    arm = stated_arm(given, searched, searched.fit)
+    if arm.turned:
+        as_recorded = tuple(unseen)
+        seen, unseen, every = (
+            [turned(r, arm.turned) for r in x] for x in (seen, unseen, recordings)
+        )
+        evidence = _beside_stated(given, seen, unseen, every, progress)
+        counted = _Evidence(
+            arm.identified, arm.identified, tuple(recordings), as_recorded, shared=(arm, arm)
+        )
+        return replace(evidence, turned=tuple(j + 1 for j in arm.turned), counted=counted)
+    progress("proving on held-out motion", 0.6)
+    proof = proven(given, seen, searched, tick)
+    final = with_intervals(given, searched)
+    return _Evidence(
+        proof.identified, final.identified, tuple(recordings), tuple(unseen), shared=(proof, final)
     )
 
 
@@ -152,19 +272,17 @@ def _errors(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArr
 def _verdict(
     stated: Simulation,
     given: Simulation,
-    proof: DriveIdentification,
-    final: DriveIdentification,
-    recordings: Sequence[Recording],
-    unseen: Sequence[Recording],
+    evidence: _Evidence,
     before: FloatArray,
     after: FloatArray,
     notes: tuple[str, ...],
 ) -> Verdict:
+    final, recordings, unseen = evidence.final, evidence.recordings, evidence.unseen
     rmse_before, rmse_after = (np.sqrt(np.mean(e**2, axis=0)) for e in (before, after))
     floor = np.array([_resolution(recordings, j) for j in range(given.model.n)]) / np.sqrt(12.0)
     reducible = float(np.sum(np.maximum(rmse_before**2 - floor**2, 0.0)))
     removed = float(np.sum(rmse_before**2) - np.sum(rmse_after**2)) / max(reducible, _LEAST)
-    findings = _findings(stated, given, proof, final, unseen, reducible)
+    findings = _findings(stated, given, evidence, reducible)
     left = np.flatnonzero(rmse_after > _NEAR_FLOOR * floor)
     summary = "consistent" if not findings else "partly_explained" if left.size else "explained"
     if findings and removed <= 0.0:
@@ -213,22 +331,22 @@ def _verdict(
 def _findings(
     stated: Simulation,
     given: Simulation,
-    proof: DriveIdentification,
-    final: DriveIdentification,
-    unseen: Sequence[Recording],
+    evidence: _Evidence,
     reducible: float,
 ) -> tuple[Finding, ...]:
     """Return what differs from what is stated, and what each takes of the held-out error."""
-    parts, nominal = loaded_joints(given.body, unseen), rows_of(given)
+    proof, final = evidence.proof, evidence.final
+    parts, nominal = evidence.parts(given), rows_of(given)
     served = {drive.joint for drive in stated.drives}
-    found: list[tuple[float, Finding]] = []
+    period = max(1.0 / r.rate for r in evidence.recordings)
+    found = [*evidence.of_the_arm(given)]
     for j, fit in enumerate(final.fits):
         best = proof.fits[j].row
         squared = errors(parts[j], best) ** 2
         full = float(squared.mean())
         for effect, units in _KINDS.items():
             extra = effect in final.extras[j]
-            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, stated)
+            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, stated, period)
             shown = effect in proof.extras[j] and _is_known(fit, units)
             if not (shown if extra else wrong):
                 continue
@@ -262,7 +380,11 @@ def _findings(
 
 
 def _is_wrong(
-    fit: JointFit, nominal: FloatArray, units: dict[str, str], stated: Simulation
+    fit: JointFit,
+    nominal: FloatArray,
+    units: dict[str, str],
+    stated: Simulation,
+    period: float,
 ) -> bool:
     """Say whether stated values are beyond their tolerance."""
     tolerance = stated.tolerances.drive
@@ -272,6 +394,8 @@ def _is_wrong(
         value, believed = fit.value(name), value_in(nominal, name)
         if name == DAMPING:
             believed += value_in(nominal, "kd")
+        if name == "delay" and abs(value - believed) < period:
+            return False  # no recording tells delays within a sample
         if not np.isfinite(believed):  # stated to be without limit
             return True
         deviation = fit.deviation[name]
@@ -340,6 +464,13 @@ def _by_recording(
     share = gain[drawn].sum(axis=1) / np.maximum(reducible[drawn].sum(axis=1), _LEAST)
     low, high = np.percentile(share, (2.5, 97.5))
     return float(low), float(high)
+
+
+def _about_sign(joint: int) -> str:
+    return (
+        f"position_{joint} and command_{joint} count against the description; the improved "
+        "simulation is of recordings in which both have the other sign."
+    )
 
 
 def _about_scale(final: DriveIdentification) -> tuple[str, ...]:

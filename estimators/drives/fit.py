@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DAMPING, COULOMB = "damping", "coulomb"  # columns that recordings cannot tell apart, as one
 _TIED: Final = {COULOMB: ("plus", "minus"), DAMPING: ("viscous_plus", "viscous_minus")}
 BASE: Final = ("kp", DAMPING, COULOMB, "delay", "inertia", "offset")
-_SIGNED: Final = ("offset", "zero")
+SIGNED: Final = ("offset", "zero")  # what may be below zero
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
 _COARSE: Final = 3.0  # typical errors, from which on they do at first
 _FINER: Final = 7.0  # times smaller in the next fit
@@ -36,7 +36,7 @@ _FEW: Final = 3  # stretches, below which blocks are of time
 _LEFT_OUT: Final = 3  # evaluations, of a fit that begins at the best of all motion
 
 
-_NORMAL: Final = 1.96  # deviations that hold 95 %
+NORMAL: Final = 1.96  # deviations that hold 95 %
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class JointFit:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a value."""
-        value, reach = self.value(name), _NORMAL * self.deviation[name]
-        if name in _SIGNED:
+        value, reach = self.value(name), NORMAL * self.deviation[name]
+        if name in SIGNED:
             return value - reach, value + reach
         return value * float(np.exp(-reach)), value * float(np.exp(reach))
 
@@ -125,7 +125,7 @@ def fit_joint(
         return with_values(
             row,
             {
-                name: float(value if name in _SIGNED else np.clip(np.exp(value), _LEAST, _MOST))
+                name: float(value if name in SIGNED else np.clip(np.exp(value), _LEAST, _MOST))
                 for name, value in zip(names, x, strict=True)
             },
         )
@@ -155,7 +155,7 @@ def fit_joint(
             slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
             loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
             f_scale=large,
-            x_scale=np.where([name in _SIGNED for name in names], 0.1, 0.3),
+            x_scale=np.where([name in SIGNED for name in names], 0.1, 0.3),
             max_nfev=evaluations,
             args=(weight,),
         )
@@ -189,13 +189,13 @@ def left_out(
         parts: The stretches that it was fitted to.
         priors: What was believed of some of them.
     """
-    block = _blocks([part.time.size for part in parts])
+    block = blocks([part.time.size for part in parts])
     many = int(block.max()) + 1
     values = np.empty((many, len(fit.names)))
     for number in range(many):
         other = fit_joint(parts, fit.row, fit.names, priors, _LEFT_OUT, block != number)
         values[number] = [_inner(name, other.value(name)) for name in fit.names]
-    few = float(student_t.ppf(0.975, many - 1)) / _NORMAL  # few blocks are less sure of a spread
+    few = float(student_t.ppf(0.975, many - 1)) / NORMAL  # few blocks are less sure of a spread
     between = (few * np.sqrt((many - 1) * values.var(axis=0))).tolist()
     deviation = {
         name: max(fit.deviation[name], own) for name, own in zip(fit.names, between, strict=True)
@@ -203,7 +203,7 @@ def left_out(
     return replace(fit, deviation=deviation)
 
 
-def _blocks(sizes: Sequence[int]) -> NDArray[np.int64]:
+def blocks(sizes: Sequence[int]) -> NDArray[np.int64]:
     """Return the block of each row, (T,): whole stretches, as what is amiss goes with a motion."""
     if len(sizes) < _FEW:
         rows = sum(sizes)
@@ -251,4 +251,4 @@ def _independent_of(parts: Sequence[LoadedJoint]) -> float:
 
 
 def _inner(name: str, value: float) -> float:
-    return value if name in _SIGNED else float(np.log(max(value, _LEAST)))
+    return value if name in SIGNED else float(np.log(max(value, _LEAST)))

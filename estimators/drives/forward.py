@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.columns import DELAY, ZERO
-from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity
+from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity, slack
 from estimators.drives.plant import ServoArm
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
@@ -86,6 +86,17 @@ def commands_of(recording: Recording) -> FloatArray:
     return recording.command
 
 
+@compiled(nogil=True)
+def _load(
+    bias: FloatArray, M: FloatArray, after: FloatArray, before: FloatArray, h: float, j: int
+) -> float:
+    """Return the torque that the rigid body needs at a joint as velocities change so [N m]."""
+    load = bias[j]
+    for k in range(before.size):
+        load += M[j, k] * (after[k] - before[k]) / h
+    return load
+
+
 @compiled(
     reads=(
         "rotation",
@@ -121,6 +132,11 @@ def _advance(
     bias, error, after, mean = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
     still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
     M, fresh = np.empty((n, n)), -math.inf
+    ahead = np.zeros(n)  # drives, within their play
+    inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
+    for j in range(n):
+        ahead[j] = slack(rows[j], bias[j])
+        q[j] += ahead[j]
     result[0] = start
     for i in range(T - 1):
         steps = max(1, math.ceil((time[i + 1] - time[i]) / LONGEST_STEP - ROUNDING))
@@ -146,10 +162,7 @@ def _advance(
             for _ in range(_SWEEPS):
                 moved = 0.0
                 for j in range(n):
-                    load = bias[j]
-                    for k in range(n):
-                        if k != j:
-                            load += M[j, k] * (after[k] - v[k]) / h
+                    load = _load(bias, M, after, v, h, j) - M[j, j] * (after[j] - v[j]) / h
                     new, mean[j] = next_velocity(
                         rows[j], q[j] + zero[j], v[j], error[j], integral[j], M[j, j], load, h
                     )
@@ -158,7 +171,8 @@ def _advance(
                 if moved < _CONVERGED:
                     break
             for j in range(n):
-                v[j] = after[j]
+                ahead[j] = slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
-        result[i + 1] = q + zero
+            v[:] = after
+        result[i + 1] = q - ahead + zero
     return result

@@ -23,6 +23,7 @@ from limo_driver.physics import (
     CoulombFriction,
     LoadDependentFriction,
     PositionServo,
+    SpringLoad,
     StribeckFriction,
     TorqueOffset,
     ViscousFriction,
@@ -42,6 +43,7 @@ _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
 _TYPICAL: Final = {"kp": 15.0, DAMPING: 1.0, COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
 _USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0}  # deviations of their logarithms
+_NONE_AT_FIRST: Final = ("kd", "stribeck", "by_load", "offset", "dead_band", "play")
 _QUICK: Final = ("delay", "inertia")  # what acts within a sample of slow recordings
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _FITTED: Final = (
@@ -49,6 +51,7 @@ _FITTED: Final = (
     AsymmetricFriction,
     CoulombFriction,
     LoadDependentFriction,
+    SpringLoad,
     StribeckFriction,
     TorqueOffset,
     ViscousFriction,
@@ -139,7 +142,7 @@ def identify_drives(
     stated = rows_of(given)
     load = _weight(given.body, recordings)
     scaled = load >= max(_LOADED * float(load.max()), _WEIGHTLESS)
-    rows = np.stack([_start(row) for row in stated])
+    rows = np.stack([typical_start(row) for row in stated])
     n = len(rows)
     found: dict[int, tuple[JointFit, tuple[str, ...]]] = {}
     first = np.flatnonzero(scaled).tolist()
@@ -219,6 +222,7 @@ def _driven(drive: JointDrive, row: FloatArray) -> JointDrive:
         kd=value_in(row, "kd"),
         delay=value_in(row, "delay"),
         dead_band=value_in(row, "dead_band"),
+        play=value_in(row, "play"),
         speed=speed if np.isfinite(speed) else None,
     )
 
@@ -241,12 +245,22 @@ def _effects(joint: int, row: FloatArray) -> list[Effect]:
         found.append(StribeckFriction(joint=joint, tau_s=tau_s, v_s=v_s, delta=delta))
     if value("by_load") > 0.0:
         found.append(LoadDependentFriction(joint=joint, coefficient=value("by_load")))
+    if value("spring") != 0.0 or value("cubic") != 0.0:
+        stiffness, rest, cubic = value("spring"), value("rest"), value("cubic")
+        found.append(SpringLoad(joint=joint, stiffness=stiffness, rest=rest, cubic=cubic))
     return found
 
 
-def _start(row: FloatArray) -> FloatArray:
+def typical_start(row: FloatArray) -> FloatArray:
     """Return constants to start from: a hobby servo's, with the limits that were stated."""
-    start = {"kd": 0.0, "stribeck": 0.0, "by_load": 0.0, "offset": 0.0, "dead_band": 0.0}
+    start = {
+        "kd": 0.0,
+        "stribeck": 0.0,
+        "by_load": 0.0,
+        "offset": 0.0,
+        "dead_band": 0.0,
+        "play": 0.0,
+    }
     return with_values(row, {**start, **_TYPICAL, "speed": np.inf})
 
 

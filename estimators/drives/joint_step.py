@@ -7,7 +7,7 @@ friction, which holds the joint still as long as it can: a joint at rest does no
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from estimators.drives.columns import (
     ACCELERATION,
@@ -24,6 +24,7 @@ from estimators.drives.columns import (
     KP,
     MINUS,
     OFFSET,
+    PLAY,
     PLUS,
     PUNCH,
     RESOLUTION,
@@ -41,6 +42,8 @@ from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
+
+_PRESSED: Final = 0.01  # [N m], from which on a flank is touched
 
 
 @compiled(nogil=True)
@@ -101,6 +104,16 @@ def integrated(row: FloatArray, integral: float, error: float, h: float) -> floa
     """Return the torque of the integral [N m] a step later."""
     most = row[INTEGRAL_LIMIT]
     return min(max(integral + row[KI] * error * h, -most), most)
+
+
+@compiled(nogil=True)
+def slack(row: FloatArray, force: float) -> float:
+    """Return by how much the drive leads its joint within the play of the gear [rad].
+
+    The force [N m] that the joint needs presses it on one flank; around none it is in between.
+    """
+    half = 0.5 * row[PLAY]
+    return half * min(max(force / _PRESSED, -1.0), 1.0)
 
 
 @compiled(nogil=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.drives.columns import DELAY
 from estimators.drives.forward import ROUNDING, commands_of
-from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity
+from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity, slack
 from limo_driver.compiled import compiled
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
@@ -91,7 +91,8 @@ def _advance_one(
 ) -> FloatArray:
     """Return the positions (T,) [rad] of one stretch."""
     result = np.empty(time.size)
-    q, v, integral, at = start, 0.0, 0.0, 0
+    ahead = slack(row, load[0])
+    q, v, integral, at = start + ahead, 0.0, 0.0, 0
     target, pace, delay = command[0], 0.0, row[DELAY]
     result[0] = start
     for i in range(time.size - 1):
@@ -105,7 +106,9 @@ def _advance_one(
             integral = integrated(row, integral, error, h)
             part = (s + 0.5) / steps
             now = load[i] + part * (load[i + 1] - load[i])
-            v, mean = next_velocity(row, q, v, error, integral, inertia[i], now, h)
+            after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, h)
+            ahead = slack(row, now + inertia[i] * (after - v) / h)
+            v = after
             q += h * mean
-        result[i + 1] = q
+        result[i + 1] = q - ahead
     return result

@@ -39,7 +39,9 @@ class PositionServo(JointDrive):
     in force `delay` ago, led by a profile of limited speed and acceleration, minus the position as
     the servo's encoder reads it; 0 inside the dead band, which is taken off outside of it.
 
-    Gains are those seen at the joint: kd has the motor's back-EMF in it.
+    Gains are those seen at the joint: kd has the motor's back-EMF in it. With play, the servo's
+    encoder is on the motor and the recorded one on the joint; a servo that looks at the joint
+    itself corrects its play, and hardly shows it.
     """
 
     name: ClassVar[str] = "position_servo"
@@ -69,6 +71,13 @@ class PositionServo(JointDrive):
     )
     resolution: float = parameter(
         "rad", "step of the servo's own encoder", lower=0, upper=FARTHEST, default=0.0
+    )
+    play: float = parameter(
+        "rad",
+        "from flank to flank of the gear between the servo's encoder and the joint",
+        lower=0.0,
+        upper=FARTHEST,
+        default=0.0,
     )
 
 

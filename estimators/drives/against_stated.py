@@ -1,0 +1,170 @@
+"""Arms whose drives are stated: values within their tolerance, and what is there beyond them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from estimators.drives.arm_fit import ArmFit, fit_arm, inner
+from estimators.drives.arm_loads import ArmChange, ArmLoads
+from estimators.drives.conventions import conventions_of
+from estimators.drives.fit import NORMAL, JointFit, blocks, fit_joint, value_in, with_values
+from estimators.drives.identification import DriveIdentification, typical_start, with_rows
+from estimators.drives.plant import rows_of
+from estimators.drives.suspects import Searched, Suspect, reweighted
+from limo_driver.physics import EncoderOffset, Payload, PositionServo
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_LOADED: Final = 0.2  # of the arm's largest load, from which on a joint's gain is looked at
+_LEAST: Final = 1e-6  # [N m/rad]
+_AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
+_GLANCE: Final = 8  # evaluations
+_REFITTED: Final = 8  # steps
+_LEFT_OUT: Final = 2  # steps of fits that leave a block of motion out
+
+
+@dataclass(frozen=True)
+class StatedArm:
+    """What differs from a stated arm, and the fit that has it."""
+
+    identified: DriveIdentification
+    change: ArmChange
+    shared: Mapping[str, float]  # deviations of what all joints share
+    suspects: tuple[Suspect, ...]
+
+    @property
+    def turned(self) -> tuple[int, ...]:
+        """Joints that count against the description, 0-based."""
+        return tuple(j for j, sign in enumerate(self.change.sign) if sign < 0)
+
+
+def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
+    """Say whether the stated drives are those of the arm, but for what may be wrong with a few.
+
+    Descriptions of hobby arms often state gains that keep a simulation stiff, and mean no servo.
+
+    Args:
+        simulation: What is stated.
+        recordings: Of the arm.
+    """
+    served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
+    if len(served) < simulation.model.n:
+        return False
+    loads = ArmLoads(simulation.body, recordings[:1])
+    sign = conventions_of(simulation.body, recordings[:1]).best.sign
+    weight = np.max(
+        [np.abs(simulation.body.gravity_torque(r.position)).max(axis=0) for r in recordings], axis=0
+    )
+    loaded = np.flatnonzero(weight > _LOADED * weight.max()) if weight.max() > 0 else np.array([])
+    stated, parts = rows_of(simulation), loads.parts(ArmChange((0.0,) * loads.n, sign))
+    apart = [
+        abs(
+            np.log(
+                fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE).value("kp")
+                / max(value_in(stated[j], "kp"), _LEAST)
+            )
+        )
+        for j in loaded.tolist()
+    ]
+    return bool(apart) and float(np.median(apart)) < _AFAR
+
+
+def proven(
+    simulation: Simulation, recordings: Sequence[Recording], found: Searched, tick: float
+) -> StatedArm:
+    """Fit what was found to some of the recordings alone.
+
+    Args:
+        simulation: What is stated.
+        recordings: Of the arm, with commands.
+        found: In all of them.
+        tick: Step of the encoders [rad].
+    """
+    problem = replace(found.problem, loads=ArmLoads(simulation.body, recordings))
+    fit = fit_arm(problem, found.fit.guess, _REFITTED)
+    return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
+
+
+def with_intervals(simulation: Simulation, found: Searched) -> StatedArm:
+    """Return what was found, as sure as fits agree that each leave a block of motion out.
+
+    Args:
+        simulation: What is stated.
+        found: In all recordings.
+    """
+    problem, fit = found.problem, found.fit
+    parts = problem.loads.parts(fit.guess.change)[0]
+    block = blocks([part.time.size for part in parts])
+    many = int(block.max()) + 1
+    values = np.array(
+        [
+            _values(fit_arm(replace(problem, kept=block != k), fit.guess, _LEFT_OUT))
+            for k in range(many)
+        ]
+    )
+    few = float(student_t.ppf(0.975, many - 1)) / NORMAL
+    between = iter((few * np.sqrt((many - 1) * values.var(axis=0))).tolist())
+    own = tuple(
+        {name: max(value, next(between)) for name, value in joint.items()} for joint in fit.own
+    )
+    shared = {name: max(value, next(between)) for name, value in fit.shared.items()}
+    return stated_arm(simulation, found, replace(fit, own=own, shared=shared))
+
+
+def _about_rest(row: FloatArray, stated: FloatArray) -> FloatArray:
+    """Return constants in which what a spring pulls at zero is where it rests, and no offset."""
+    pull, stiffness = value_in(row, "offset") - value_in(stated, "offset"), value_in(row, "spring")
+    rest = value_in(row, "rest") - pull / stiffness
+    return with_values(row, {"offset": value_in(stated, "offset"), "rest": rest})
+
+
+def _values(fit: ArmFit) -> FloatArray:
+    """Return all fitted values, as they are fitted."""
+    own = [
+        inner(name, value_in(row, name))
+        for row, names in zip(fit.guess.rows, fit.guess.names, strict=True)
+        for name in names
+    ]
+    return np.array([*own, *(fit.guess.change.value(name) for name in fit.guess.shared)])
+
+
+def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedArm:
+    """Return what a fit says of an arm.
+
+    Args:
+        simulation: What is stated.
+        found: Beyond it.
+        fit: That has it.
+    """
+    rows, change = fit.guess.rows.copy(), fit.guess.change
+    for one in found.suspects:
+        if one.effect == "spring_load" and one.joint is not None:
+            rows[one.joint] = _about_rest(rows[one.joint], rows_of(simulation)[one.joint])
+    fits = tuple(
+        JointFit(row, names, deviation, error)
+        for row, names, deviation, error in zip(
+            rows, fit.guess.names, fit.own, fit.errors, strict=True
+        )
+    )
+    own = tuple(
+        tuple(x.effect for x in found.suspects if x.joint == j and not (x.shared or x.freed))
+        for j in range(len(rows))
+    )
+    improved = with_rows(simulation, list(rows))
+    more = tuple(
+        EncoderOffset(joint=j, offset=zero) for j, zero in enumerate(change.zero, start=1) if zero
+    )
+    if change.mass > 0.0:
+        more = (*more, Payload(mass=change.mass, com=change.com))
+    improved = replace(improved, effects=(*improved.effects, *more))
+    identified = DriveIdentification(improved, fits, own, (True,) * len(rows))
+    return StatedArm(identified, change, fit.shared, found.suspects)

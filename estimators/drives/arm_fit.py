@@ -1,0 +1,277 @@
+"""All joints of an arm fitted together, with what they share: zeros of encoders, a payload.
+
+Each joint is simulated forward alone, so that a step of Levenberg and Marquardt costs a simulation
+per constant and joint. What is believed of a constant counts as its square only near: far from it,
+recordings decide.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.drives.fit import SIGNED, BelievedValue, independent, value_in, with_values
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.drives.arm_loads import ArmChange, ArmLoads
+    from estimators.drives.one_joint import LoadedJoint
+    from limo_driver.types import FloatArray
+
+_STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
+_FAR: Final = 3.0  # deviations from a belief, from which on it counts in proportion to distance
+_LARGE: Final = 3.0  # typical errors, from which on an error does
+_LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
+_BOUNDS: Final = {"v_s": (1e-3, 0.3)}  # [rad/s]; friction that fades later is dry friction
+_RUN_AWAY: Final = 100.0  # [rad], of a joint that constants tried make unstable
+_ENOUGH: Final = 1e-3  # of a nat, gained by a step
+_DAMPING, _EASIER, _HARDER, _STUCK = 1e-3, 0.3, 5.0, 1e6
+_STRETCH: Final = 2.0  # of a logarithm, the longest step
+
+
+@dataclass(frozen=True)
+class ArmGuess:
+    """Constants of an arm, and which of them are fitted."""
+
+    rows: FloatArray  # (n, columns)
+    names: tuple[tuple[str, ...], ...]  # of each joint
+    change: ArmChange
+    shared: tuple[str, ...] = ()
+    free: frozenset[tuple[int, str]] = (
+        frozenset()
+    )  # joints and constants of which nothing is believed
+
+    def moved(self, step: FloatArray, own: Sequence[int]) -> ArmGuess:
+        """Return the guess a step away.
+
+        Args:
+            step: Of the constants of the joints `own`, in their order, and of what is shared.
+            own: Joints that are fitted, 0-based.
+        """
+        rows, at = self.rows.copy(), 0
+        for j in own:
+            many = len(self.names[j])
+            rows[j] = stepped(rows[j], self.names[j], step[at : at + many])
+            at += many
+        change = self.change
+        for name, size in zip(self.shared, step[at:].tolist(), strict=True):
+            change = change.with_value(name, change.value(name) + size)
+        return replace(self, rows=rows, change=change)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much the errors of each joint say."""
+
+    scale: FloatArray  # (n,) [rad], typical
+    many: FloatArray  # (n,), by which rows count: independent ones over all
+
+    @classmethod
+    def of(cls, errors: Sequence[FloatArray], least: float) -> Weights:
+        """Take them from the errors of a fit.
+
+        Args:
+            errors: Of each joint [rad].
+            least: That encoders make [rad].
+        """
+        scale = [max(1.4826 * float(np.median(np.abs(e))), least) for e in errors]
+        many = [
+            independent(np.clip(e, -_LARGE * s, _LARGE * s)) / e.size
+            for e, s in zip(errors, scale, strict=True)
+        ]
+        return cls(np.array(scale), np.array(many))
+
+
+@dataclass(frozen=True)
+class ArmProblem:
+    """What is fitted to: recordings, their weights, and what is believed."""
+
+    loads: ArmLoads
+    weights: Weights
+    priors: Sequence[Mapping[str, BelievedValue]]  # of each joint
+    shared: Mapping[str, BelievedValue] = field(default_factory=dict)
+    kept: NDArray[np.bool_] | None = None  # rows of all stretches, in a row
+
+    def errors(self, guess: ArmGuess) -> list[FloatArray]:
+        """Return simulated minus recorded positions of each joint [rad]."""
+        parts = self.loads.parts(guess.change)
+        with ThreadPoolExecutor() as pool:
+            return list(pool.map(self.errors_of, parts, guess.rows))
+
+    def away(self, guess: ArmGuess, j: int) -> dict[str, float]:
+        """Return how far the constants of a joint are from what is believed, in deviations."""
+        return {
+            name: (inner(name, value_in(guess.rows[j], name)) - inner(name, prior.value))
+            / prior.deviation
+            for name, prior in self.priors[j].items()
+            if name in guess.names[j] and (j, name) not in guess.free
+        }
+
+    def errors_of(self, parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
+        """Return simulated minus recorded positions of one joint [rad]."""
+        error = np.concatenate([part.simulate(row) - part.position for part in parts])
+        error = np.nan_to_num(error, nan=_RUN_AWAY).clip(-_RUN_AWAY, _RUN_AWAY)
+        return error if self.kept is None else error[self.kept]
+
+    def loss(self, j: int, error: FloatArray) -> float:
+        """Return what the errors of a joint cost [nat]."""
+        scale = _LARGE * self.weights.scale[j]
+        ratio = np.hypot(1.0, error / scale) - 1.0
+        return float(self.weights.many[j] * _LARGE**2 * ratio.sum())
+
+    def believed(self, guess: ArmGuess, j: int) -> float:
+        """Return what the constants of a joint cost [nat], for being far from what is believed."""
+        away = np.array(list(self.away(guess, j).values()))
+        return float(_FAR**2 * (np.hypot(1.0, away / _FAR) - 1.0).sum())
+
+    def cost(self, guess: ArmGuess, errors: Sequence[FloatArray], joints: Sequence[int]) -> float:
+        """Return the whole cost of some joints [nat]."""
+        total = sum(self.loss(j, errors[j]) + self.believed(guess, j) for j in joints)
+        for name in guess.shared:
+            if name in self.shared:
+                prior = self.shared[name]
+                total += 0.5 * ((guess.change.value(name) - prior.value) / prior.deviation) ** 2
+        return total
+
+
+@dataclass(frozen=True)
+class ArmFit:
+    """Fitted constants, their cost, and how sure they are."""
+
+    guess: ArmGuess
+    cost: float  # [nat], of the joints that were fitted
+    errors: tuple[FloatArray, ...]  # of each joint [rad]
+    own: tuple[Mapping[str, float], ...]  # deviations, by joint and constant
+    shared: Mapping[str, float]  # deviations of what is shared
+
+
+def fit_arm(
+    problem: ArmProblem,
+    start: ArmGuess,
+    steps: int,
+    joints: Sequence[int] | None = None,
+    errors: Sequence[FloatArray] | None = None,
+) -> ArmFit:
+    """Fit constants of joints and what they share.
+
+    Args:
+        problem: What is fitted to.
+        start: Where the fit begins.
+        steps: At most.
+        joints: That are fitted, 0-based; all if not given. What is shared needs all of them.
+        errors: Of the start, if they are known.
+    """
+    own = tuple(range(problem.loads.n)) if joints is None else tuple(joints)
+    guess = start
+    found = list(problem.errors(guess) if errors is None else errors)
+    cost, damping = problem.cost(guess, found, own), _DAMPING
+    hessian, gradient = _normal(problem, guess, found, own)
+    for _ in range(steps):
+        before = cost
+        while damping < _STUCK:
+            heavy = hessian + damping * np.diag(np.diag(hessian) + 1e-9)
+            step = np.asarray(np.linalg.solve(heavy, -gradient), float).clip(-_STRETCH, _STRETCH)
+            tried = guess.moved(step, own)
+            after = _errors(problem, tried, own, found, all_of=bool(guess.shared))
+            value = problem.cost(tried, after, own)
+            if value < cost:
+                guess, found, cost, damping = tried, after, value, damping * _EASIER
+                break
+            damping *= _HARDER
+        if before - cost < _ENOUGH:
+            break
+        hessian, gradient = _normal(problem, guess, found, own)
+    deviation = np.sqrt(np.maximum(np.diag(np.linalg.pinv(hessian, hermitian=True)), 0.0))
+    at, by_joint = 0, list[dict[str, float]]()
+    for j in range(problem.loads.n):
+        names = guess.names[j] if j in own else ()
+        values = deviation[at : at + len(names)].tolist()
+        by_joint.append(dict(zip(names, values, strict=True)))
+        at += len(names)
+    shared = dict(zip(guess.shared, deviation[at:].tolist(), strict=True))
+    return ArmFit(guess, cost, tuple(found), tuple(by_joint), shared)
+
+
+def _errors(
+    problem: ArmProblem,
+    guess: ArmGuess,
+    own: Sequence[int],
+    known: Sequence[FloatArray],
+    *,
+    all_of: bool,
+) -> list[FloatArray]:
+    if all_of or len(own) == problem.loads.n:
+        return problem.errors(guess)
+    parts, found = problem.loads.parts(guess.change), list(known)
+    for j in own:
+        found[j] = problem.errors_of(parts[j], guess.rows[j])
+    return found
+
+
+def _normal(
+    problem: ArmProblem, guess: ArmGuess, errors: Sequence[FloatArray], own: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """Return curvature and slope of the cost."""
+    parts = problem.loads.parts(guess.change)
+    moved = [
+        problem.loads.parts(guess.change.with_value(name, guess.change.value(name) + _STEP))
+        for name in guess.shared
+    ]
+
+    def slopes(j: int) -> FloatArray:
+        sides = [
+            problem.errors_of(parts[j], stepped(guess.rows[j], guess.names[j], step))
+            for step in _STEP * np.eye(len(guess.names[j]))
+        ] + [problem.errors_of(other[j], guess.rows[j]) for other in moved]
+        return np.stack([side - errors[j] for side in sides], axis=1) / _STEP
+
+    with ThreadPoolExecutor() as pool:
+        every = list(pool.map(slopes, own))
+    many = [len(guess.names[j]) for j in own]
+    size = sum(many) + len(guess.shared)
+    hessian, gradient, at = np.zeros((size, size)), np.zeros(size), 0
+    common = np.arange(sum(many), size)
+    for j, slope, count in zip(own, every, many, strict=True):
+        scale = problem.weights.scale[j]
+        weight = problem.weights.many[j] / scale**2
+        weight = weight / np.hypot(1.0, errors[j] / (_LARGE * scale))
+        place = np.concatenate([np.arange(at, at + count), common])
+        hessian[np.ix_(place, place)] += slope.T @ (weight[:, None] * slope)
+        gradient[place] += slope.T @ (weight * errors[j])
+        for k, name in enumerate(guess.names[j]):
+            prior = problem.priors[j].get(name)
+            if prior is not None and (j, name) not in guess.free:
+                here = inner(name, value_in(guess.rows[j], name)) - inner(name, prior.value)
+                x = here / prior.deviation
+                curve = 1.0 / (prior.deviation**2 * np.sqrt(1.0 + (x / _FAR) ** 2))
+                hessian[at + k, at + k] += curve
+                gradient[at + k] += curve * here
+        at += count
+    for k, name in zip(common.tolist(), guess.shared, strict=True):
+        prior = problem.shared.get(name)
+        if prior is not None:
+            hessian[k, k] += prior.deviation**-2
+            gradient[k] += (guess.change.value(name) - prior.value) / prior.deviation**2
+    return hessian, gradient
+
+
+def stepped(row: FloatArray, names: Sequence[str], step: FloatArray) -> FloatArray:
+    """Return constants a step away, of logarithms but for signed values."""
+    values: dict[str, float] = {}
+    for name, size in zip(names, step.tolist(), strict=True):
+        old = value_in(row, name)
+        new = old + size if name in SIGNED else max(old, _LEAST) * float(np.exp(size))
+        least, most = _BOUNDS.get(name, (_LEAST, _MOST))
+        values[name] = new if name in SIGNED else min(max(new, least), most)
+    return with_values(row, values)
+
+
+def inner(name: str, value: float) -> float:
+    """Return a value as it is fitted: its logarithm, but for signed ones."""
+    return value if name in SIGNED else float(np.log(max(value, _LEAST)))

@@ -1,0 +1,259 @@
+"""What an arm may have beyond what is stated, and the search for it: without torque.
+
+Beginning with the stated drives and friction within their tolerances, whatever explains most joins
+the fit, one after the other, as long as it is worth it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.drives.arm_fit import ArmFit, ArmGuess, ArmProblem, Weights, fit_arm
+from estimators.drives.arm_loads import ArmChange
+from estimators.drives.fit import BASE, COULOMB, DAMPING, BelievedValue, value_in, with_values
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from estimators.drives.arm_loads import ArmLoads
+    from limo_driver.types import FloatArray
+
+_OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
+_SMALL: Final = 2e-3  # in the unit of each
+_UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
+_COM: Final = 0.1  # [m], likewise of a payload's centre of mass
+_ZERO: Final = 0.3  # [rad]
+_MASS: Final = 1.0  # of the arm's own
+_START_MASS: Final = 0.05  # of the arm's own
+_WORTH: Final = 16.0  # [nat], that a suspect has to explain
+_EACH: Final = 2.0  # [nat], for each of its constants
+_MOST: Final = 4
+NEUTRAL: Final = {"speed": np.inf, "v_s": 1.0}  # constants that are not 0 where there is nothing
+_FIRST, _GLANCE, _TRY, _THEN = 12, 2, 4, 8  # steps of fits
+_LIKELY: Final = 3  # suspects that are looked at longer
+
+
+_EFFECTS: Final = {
+    "kp": "position_servo",
+    DAMPING: "viscous_friction",
+    COULOMB: "coulomb_friction",
+    "delay": "drive_delay",
+    "inertia": "armature",
+    "offset": "torque_offset",
+}
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """Something that may be there."""
+
+    effect: str
+    joint: int | None  # 0-based; None: the whole arm
+    start: tuple[tuple[str, float], ...]  # constants, and where their fit begins
+    shared: bool = False  # whether these are of the arm
+    freed: str = ""  # a stated constant that is another
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its constants."""
+        return tuple(name for name, _ in self.start)
+
+    @property
+    def affects(self) -> tuple[int, ...] | None:
+        """Joints that it acts on, 0-based; None: all."""
+        return None if self.shared or self.joint is None else (self.joint,)
+
+    def added(self, guess: ArmGuess) -> ArmGuess:
+        """Return a guess that has it."""
+        if self.freed:
+            return replace(guess, free=guess.free | {(self.joint or 0, self.freed)})
+        if self.effect == "joint_sign" and self.joint is not None:
+            sign = list(guess.change.sign)
+            sign[self.joint] *= -1
+            return replace(guess, change=replace(guess.change, sign=tuple(sign)))
+        if self.shared:
+            change = guess.change
+            for name, value in self.start:
+                change = change.with_value(name, value)
+            return replace(guess, change=change, shared=(*guess.shared, *self.names))
+        rows, names = guess.rows.copy(), list(guess.names)
+        j = self.joint or 0
+        rows[j] = with_values(rows[j], dict(self.start))
+        names[j] = (*names[j], *self.names)
+        return replace(guess, rows=rows, names=tuple(names))
+
+    def removed(self, guess: ArmGuess) -> ArmGuess:
+        """Return a guess that has it no longer."""
+        if self.freed:
+            return replace(guess, free=guess.free - {(self.joint or 0, self.freed)})
+        if self.effect == "joint_sign":
+            return self.added(guess)
+        if self.shared:
+            change = guess.change
+            for name in self.names:
+                change = change.with_value(name, 0.0)
+            shared = tuple(name for name in guess.shared if name not in self.names)
+            return replace(guess, change=change, shared=shared)
+        rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
+        rows[j] = with_values(rows[j], {name: NEUTRAL.get(name, 0.0) for name in self.names})
+        names[j] = tuple(name for name in names[j] if name not in self.names)
+        return replace(guess, rows=rows, names=tuple(names))
+
+
+def suspects_of(loads: ArmLoads) -> Iterator[Suspect]:
+    """Yield what may be there in any arm."""
+    mass = sum(own.mass for own in loads.body.inertials.values())
+    com = tuple((f"com_{axis}", 0.0) for axis in "xyz")
+    yield Suspect("payload", None, (("mass", _START_MASS * mass), *com), shared=True)
+    for j in range(loads.n):
+        yield Suspect("encoder_offset", j, ((f"zero_{j + 1}", 0.0),), shared=True)
+        yield Suspect("joint_sign", j, (), shared=True)
+        for name, effect in _EFFECTS.items():
+            yield Suspect(effect, j, (), freed=name)
+        yield Suspect("stribeck_friction", j, (("stribeck", 0.05), ("v_s", 0.05)))
+        yield Suspect("load_dependent_friction", j, (("by_load", 0.1),))
+        yield Suspect("dead_band", j, (("dead_band", 0.01),))
+        yield Suspect("profile_speed", j, (("speed", 1.0),))
+        yield Suspect("spring_load", j, (("spring", 0.1),))
+        yield Suspect("backlash", j, (("play", 0.01),))
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What was found in the recordings, with the fit that has it."""
+
+    problem: ArmProblem
+    fit: ArmFit
+    suspects: tuple[Suspect, ...]
+
+
+def stated_guess(stated: FloatArray) -> ArmGuess:
+    """Return a guess that begins with the stated constants, (n, columns)."""
+    rows = np.stack(
+        [
+            with_values(row, {DAMPING: value_in(row, DAMPING) + value_in(row, "kd"), "kd": 0.0})
+            for row in stated
+        ]
+    )
+    return ArmGuess(rows, (BASE,) * len(rows), ArmChange.none(len(rows)))
+
+
+def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedValue]]:
+    """Return what is believed of each joint: the stated values, within their tolerance."""
+    own = ("kp", DAMPING, COULOMB, "delay", "inertia")
+    return [
+        {
+            **{name: _belief(value_in(row, name), tolerance) for name in own},
+            "offset": BelievedValue(value_in(row, "offset"), _OFFSET),
+        }
+        for row in rows
+    ]
+
+
+def _belief(value: float, tolerance: float) -> BelievedValue:
+    """Return what is believed of a stated value; one that is stated as none may be small."""
+    if value > _SMALL:
+        return BelievedValue(value, tolerance)
+    return BelievedValue(_SMALL, _UNSTATED)
+
+
+def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -> Searched:
+    """Look for what an arm has beyond what is stated.
+
+    Args:
+        loads: Of the recordings.
+        stated: Constants of each joint, (n, columns).
+        tolerance: Of the stated values, a deviation of their logarithm.
+        tick: Step of the encoders [rad].
+    """
+    guess = stated_guess(stated)
+    mass = sum(own.mass for own in loads.body.inertials.values())
+    shared = {
+        "mass": BelievedValue(0.0, _MASS * mass),
+        **{f"com_{axis}": BelievedValue(0.0, _COM) for axis in "xyz"},
+        **{f"zero_{j + 1}": BelievedValue(0.0, _ZERO) for j in range(loads.n)},
+    }
+    weights = Weights.of(
+        ArmProblem(loads, Weights(np.ones(loads.n), np.ones(loads.n)), ()).errors(guess), tick
+    )
+    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared)
+    fit = fit_arm(problem, guess, _FIRST)
+    problem, fit = reweighted(problem, fit, tick)
+    chosen = list[Suspect]()
+    waiting = list(suspects_of(loads))
+    while len(chosen) < _MOST:
+        glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
+        worth = [_worth(problem, fit, one, new) for one, new in zip(waiting, glances, strict=True)]
+        likely = np.argsort(worth)[::-1][:_LIKELY].tolist()
+        likely = [k for k in likely if worth[k] > 0.0]
+        looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
+        if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
+            break
+        chosen.append(best.one)
+        waiting.remove(best.one)
+        problem, fit = reweighted(best.problem, best.fit, tick)
+        if best.one.effect == "joint_sign":
+            break  # all else is better looked for where joints count as described
+    problem, fit, kept = _still_worth(problem, fit, chosen, tick)
+    return Searched(problem, fit, tuple(kept))
+
+
+def _still_worth(
+    problem: ArmProblem, fit: ArmFit, chosen: Sequence[Suspect], tick: float
+) -> tuple[ArmProblem, ArmFit, list[Suspect]]:
+    """Leave out what others that joined later explain."""
+    kept = list(chosen)
+    for one in chosen[:-1]:
+        less = fit_arm(problem, one.removed(fit.guess), _THEN)
+        if less.cost - fit.cost < _WORTH + _EACH * len(one.names):
+            kept.remove(one)
+            problem, fit = reweighted(problem, less, tick)
+    return problem, fit, kept
+
+
+def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
+    """Return problem and fit with weights that the errors of the fit ask for."""
+    problem = replace(problem, weights=Weights.of(fit.errors, tick))
+    return problem, fit_arm(problem, fit.guess, _TRY, errors=fit.errors)
+
+
+def _tried(problem: ArmProblem, fit: ArmFit, one: Suspect, steps: int) -> ArmFit:
+    """Return a short fit that has a suspect."""
+    begun = one.added(fit.guess)
+    return fit_arm(problem, begun, steps, one.affects)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A suspect looked at for longer.
+
+    Errors that it explains are no noise: how much rows say is taken from those that it leaves, and
+    the fit without it is judged by the same.
+    """
+
+    one: Suspect
+    problem: ArmProblem
+    fit: ArmFit
+    worth: float
+
+    @classmethod
+    def at(
+        cls, problem: ArmProblem, fit: ArmFit, one: Suspect, glance: ArmFit, tick: float
+    ) -> _Look:
+        new = fit_arm(problem, glance.guess, _TRY, one.affects, glance.errors)
+        problem = replace(problem, weights=Weights.of(new.errors, tick))
+        new = fit_arm(problem, new.guess, _THEN, errors=new.errors)
+        old = fit_arm(problem, fit.guess, _THEN, errors=fit.errors)
+        worth = _worth(problem, old, replace(one, shared=True), new)
+        return cls(one, problem, new, worth)
+
+
+def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float:
+    """Return what a suspect explains beyond its constants [nat]."""
+    if one.effect == "payload" and new.guess.change.mass <= 0.0:
+        return -np.inf
+    before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
+    return before - new.cost - _EACH * (len(one.names) + bool(one.freed))

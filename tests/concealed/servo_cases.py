@@ -1,0 +1,194 @@
+"""Concealed cases without torque: an arm behind servos that has one thing in it that nobody stated.
+
+A case is three recordings of commands and positions and the simulation that is believed of the arm,
+all drawn from one integer seed. What is hidden is kept apart.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import arm as arm_
+import numpy as np
+import servo_plant as plant
+import yaml
+from servo_plant import LINK, MOTOR, N, Played
+
+from limo_driver.recordings.recording import Recording
+
+TOLERANCE = 0.1  # of what is stated of the drives, relative
+SECONDS = 24.0  # of each recording
+GAIN, BRAKE, STALL, ROTOR, DRY, WET, LATE = 17.0, 0.8, 2.9, 0.028, 0.12, 0.08, 0.015
+LOADED = (1, 2)  # joints that gravity loads well, 0-based
+SINGLES = (
+    "payload",
+    "backlash",
+    "encoder_offset",
+    "joint_sign",
+    "drive_delay",
+    "coulomb_friction",
+    "position_servo",
+    "dead_band",
+    "spring_load",
+    "load_dependent_friction",
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Recordings, what is believed, and what is hidden."""
+
+    seed: int
+    hidden: str  # an effect; empty: nothing
+    joint: int  # 1-based; 0 for the whole arm
+    size: float  # in the unit of the effect
+    recordings: tuple[Played, ...]
+    stated: dict  # sim.yaml
+    description: str  # MJCF
+
+    def write(self, folder: Path) -> tuple[Path, list[Path]]:
+        """Write what a diagnosis is given; return the paths of simulation and recordings."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "hobby.xml").write_text(self.description)
+        (folder / "sim.yaml").write_text(yaml.safe_dump(self.stated))
+        paths = [folder / f"moves{k}.parquet" for k in range(len(self.recordings))]
+        for path, own in zip(paths, self.recordings, strict=True):
+            Recording.from_arrays(own.time, own.position, command=own.command).save(path)
+        return folder / "sim.yaml", paths
+
+
+def make(seed: int, hidden: str, rate: float = 200.0, bits: int = 12) -> Case:
+    """Draw a case.
+
+    Args:
+        seed: Of all that is drawn.
+        hidden: One of `SINGLES`, or empty for none.
+        rate: Of the recordings [Hz].
+        bits: Of the encoders.
+    """
+    random = np.random.default_rng([seed, 7])
+    arm = plant.hobby_arm()
+    believed = _servos(random, bits)
+    servos = believed.copy()
+    for name in ("gain", "brake", "rotor", "dry", "wet", "late"):
+        servos[name] *= np.exp(TOLERANCE * np.clip(random.normal(size=N), -2, 2))
+    joint, size = 0, 0.0
+    true, sign, zero = arm, np.ones(N), np.zeros(N)
+    np.array([plant.HAND + 0.02, 0, 0])
+    if hidden == "payload":
+        size = float(random.uniform(0.08, 0.25))
+        true = arm_.add_body(
+            arm, N - 1, size, np.array([plant.HAND + 0.02, 0, 0]), np.eye(3) * 2e-5
+        )
+    elif hidden:
+        joint = int(random.choice(LOADED))
+        size = _SIZES[hidden](random)
+        _hide(servos, hidden, joint, size, random)
+        sign[joint] = -1.0 if hidden == "joint_sign" else 1.0
+        zero[joint] = size if hidden == "encoder_offset" else 0.0
+    tick = servos["tick"][0]
+    recordings = []
+    for kind in ("waves", "ramps", "steps"):
+        every = max(1 / rate, 0.005)
+        command = _command(kind, every, random)
+        own = plant.play(true, servos, command, every, rate)
+        position = tick * np.round((own.position * sign + zero) / tick)
+        recordings.append(Played(own.time, own.command * sign + zero, position))
+    stated = _stated(believed)
+    joint += bool(joint or (hidden and hidden != "payload"))
+    return Case(seed, hidden, joint, size, tuple(recordings), stated, plant.mjcf(arm))
+
+
+_SIZES = {
+    "backlash": lambda r: float(r.uniform(0.02, 0.05)),  # [rad]
+    "encoder_offset": lambda r: float(r.choice([-1, 1]) * r.uniform(0.12, 0.3)),  # [rad]
+    "joint_sign": lambda _r: -1.0,
+    "drive_delay": lambda r: float(LATE + r.uniform(0.03, 0.06)),  # [s]
+    "coulomb_friction": lambda r: float(DRY * r.uniform(2.2, 4.0)),  # [N m]
+    "position_servo": lambda r: float(GAIN * r.uniform(0.4, 0.6)),  # [N m/rad]
+    "dead_band": lambda r: float(r.uniform(0.015, 0.04)),  # [rad]
+    "spring_load": lambda r: float(r.uniform(0.25, 0.6)),  # [N m/rad]
+    "load_dependent_friction": lambda r: float(r.uniform(0.25, 0.5)),
+}
+_FIELD_OF = {
+    "drive_delay": "late",
+    "coulomb_friction": "dry",
+    "position_servo": "gain",
+    "dead_band": "band",
+    "spring_load": "hose",
+    "load_dependent_friction": "by_load",
+    "backlash": "gap",
+}
+
+
+def _hide(
+    servos: np.ndarray, hidden: str, joint: int, size: float, random: np.random.Generator
+) -> None:
+    if hidden in _FIELD_OF:
+        servos[_FIELD_OF[hidden]][joint] = size
+    if hidden == "spring_load":
+        servos["hose_rest"][joint] = random.uniform(-0.5, 0.5)
+    if hidden == "backlash":
+        servos["looks_at"][joint] = MOTOR
+
+
+def _servos(random: np.random.Generator, bits: int) -> np.ndarray:
+    """Return servos of one kind, whose friction differs."""
+    servos = np.zeros(N, plant.FIELDS)
+    kind = np.exp(0.15 * random.normal())
+    servos["gain"], servos["brake"], servos["stall"] = GAIN * kind, BRAKE * kind, STALL
+    servos["rotor"] = ROTOR
+    servos["dry"] = DRY * np.exp(0.15 * random.normal(size=N))
+    servos["breakaway"] = 0.05 * DRY
+    servos["wet"], servos["late"] = WET, LATE * random.uniform(0.7, 1.5)
+    servos["tick"] = 2 * np.pi / 2**bits
+    servos["looks_at"] = servos["tells"] = LINK
+    return servos
+
+
+def _stated(believed: np.ndarray) -> dict:
+    """Return the simulation that is believed of the arm."""
+    drives, effects = [], []
+    for j, own in enumerate(believed, start=1):
+        drives.append(
+            {"drive": "position_servo", "joint": j, "kp": float(own["gain"]),
+             "kd": float(own["brake"]), "torque_limit": float(own["stall"]),
+             "delay": float(own["late"])}
+        )  # fmt: skip
+        effects += [
+            {"effect": "coulomb_friction", "joint": j, "tau_c": float(own["dry"])},
+            {"effect": "viscous_friction", "joint": j, "f_v": float(own["wet"])},
+            {"effect": "armature", "joint": j, "inertia": float(own["rotor"])},
+        ]
+    return {
+        "robot": "hobby.xml",
+        "tolerances": {"drive": TOLERANCE},
+        "drives": drives,
+        "effects": effects,
+    }
+
+
+def _command(kind: str, every: float, random: np.random.Generator) -> np.ndarray:
+    """Return commands, (K, n) [rad]."""
+    time = np.arange(0.0, SECONDS, every)
+    command = np.zeros((time.size, N))
+    for j in range(N):
+        if kind == "waves":
+            for _ in range(4):
+                pace = np.exp(random.uniform(np.log(0.3), np.log(5.0)))
+                height = min(0.7, 1.6 / pace) * random.uniform(0.5, 1.0)
+                command[:, j] += 0.5 * height * np.sin(pace * time + random.uniform(0, 2 * np.pi))
+        else:
+            length = (1.5, 4.0) if kind == "ramps" else (0.8, 2.0)
+            at = [0.0]
+            while at[-1] < SECONDS:
+                at.append(at[-1] + random.uniform(*length))
+            goals = random.uniform(-1.1, 1.1, len(at))
+            if kind == "ramps":
+                goals[2::3] = goals[1::3][: goals[2::3].size]  # holds
+                command[:, j] = np.interp(time, at, goals)
+            else:
+                goals = np.cumsum(np.clip(np.diff(goals, prepend=0.0), -0.5, 0.5))
+                goals = np.clip(goals, -1.2, 1.2)
+                command[:, j] = goals[np.searchsorted(at, time, side="right") - 1]
+    centre = np.array([0.0, 0.9, -0.6, -0.3]) if kind == "waves" else np.array([0, 0.9, 0, 0])
+    return np.clip(command + centre, -1.9, 1.9)

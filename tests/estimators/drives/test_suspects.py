@@ -1,0 +1,102 @@
+"""What an arm has beyond what is stated, found from commands and positions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
+
+from estimators.drives import diagnose_drives, free_run
+from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
+from limo_driver.physics.simulation_file import Tolerances
+
+FRICTION = 0.25  # [N m]
+STEP = 2 * np.pi / 4096  # [rad], of the encoder
+
+
+@pytest.fixture(scope="module")
+def stated(tmp_path_factory):
+    """Return the arm as it is, with its drives."""
+    path = write_arm(tmp_path_factory.mktemp("arm") / "arm.xml", friction=FRICTION)
+    return replace(Simulation.load(path), tolerances=Tolerances(drive=0.1))
+
+
+@pytest.fixture(scope="module")
+def recordings(stated):
+    found = []
+    for pace in (1.0, 0.6):
+        time, command = commands(16.0, 100.0, pace)
+        position = STEP * np.round(simulated(stated.robot, time, command) / STEP)
+        found.append(recorded(time, command, position))
+    return found
+
+
+def named(simulation, recordings):
+    diagnosis = diagnose_drives(simulation, recordings)
+    verdict = diagnosis.verdict
+    assert diagnosis.headline()
+    assert str(diagnosis)
+    return [(item.effect, item.joints) for item in verdict.findings], verdict
+
+
+def test_an_arm_as_stated_has_no_finding(stated, recordings):
+    found, verdict = named(stated, recordings)
+
+    assert found == []
+    assert verdict.verdict == "consistent"
+
+
+def moved(simulation, recordings):
+    """Return what an encoder of 12 bit reads of an arm that follows the same commands."""
+    return [
+        recorded(r.time, r.command, STEP * np.round(free_run(simulation, r) / STEP))
+        for r in recordings
+    ]
+
+
+def test_a_payload_has_its_first_moment(stated, recordings):
+    """Of two joints whose gains have tolerances, mass alone is less sure than mass times arm."""
+    heavy = moved(with_payload(stated, 0.15), recordings)
+
+    found, verdict = named(stated, heavy)
+
+    assert found == [("payload", ())]
+    values = verdict.findings[0].parameters
+    assert values["mass"].value * values["com"].value[0] == pytest.approx(0.15 * 0.2, rel=0.1)
+
+
+def test_play_between_motor_and_joint_has_its_gap(stated, recordings):
+    loose = replace(
+        stated, drives=tuple(replace(d, play=0.03 if d.joint == 2 else 0.0) for d in stated.drives)
+    )
+    played = moved(loose, recordings)
+
+    found, verdict = named(stated, played)
+
+    assert found == [("backlash", (2,))]
+    assert verdict.findings[0].parameters["gap"].value == pytest.approx(0.03, rel=0.2)
+
+
+def test_a_joint_that_counts_the_other_way_is_a_finding(stated, recordings):
+    turned = [recorded(r.time, r.command * [1, -1], r.position * [1, -1]) for r in recordings]
+
+    found, verdict = named(stated, turned)
+
+    assert found == [("joint_sign", (2,))]
+    assert any("position_2 and command_2 count against" in note for note in verdict.notes)
+
+
+def with_payload(simulation, mass):
+    payload = Payload(mass=mass, com=(0.2, 0.0, 0.0))
+    return replace(simulation, effects=(*simulation.effects, payload))
+
+
+def test_the_stated_arm_is_what_was_simulated(stated):
+    """The tests above mean nothing if the description does not state the whole arm."""
+    assert [(d.kp, d.kd) for d in stated.drives] == list(zip(KP, KD, strict=True))
+    kinds = {type(effect): effect for effect in stated.effects}
+    assert kinds[CoulombFriction].tau_c == FRICTION
+    assert kinds[ViscousFriction].f_v == DAMPING
+    assert kinds[Armature].inertia == ARMATURE
