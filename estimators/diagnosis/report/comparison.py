@@ -13,7 +13,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.arm import Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
-from limo_driver.pages.markup import UNSAID, header, paragraph, section, table
+from limo_driver.pages.markup import UNSAID, header, paragraph, section, table, typeset
 from limo_driver.physics import Payload, spoken
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdi
     pairs = _pairs(verdicts)
     changed = [key for key, pair in pairs.items() if _differs(*pair)]
     heads = "".join(
-        f"<div><h2>{escape(name)}</h2>{paragraph(headline(verdict))}</div>"
+        f"<div><h2>{escape(name)}</h2>{paragraph(typeset(headline(verdict)))}</div>"
         for name, verdict in zip(names, verdicts, strict=True)
     )
     title = _title(names, pairs, changed, model.n)
@@ -141,13 +141,21 @@ def _findings(pairs: dict[tuple[str, tuple[int, ...]], _Pair], names: Sequence[s
             if _is_number(known)
         ]
         if not keys:
-            rows.append([escape(what), "", *("found" if item else UNSAID for item in pair), ""])
+            texts = ["found" if item else UNSAID for item in pair]
+            rows.append([escape(what), "", *texts, _change(pair, differs=False)])
         for key in dict.fromkeys(keys):
             known = [item.parameters.get(key) if item else None for item in pair]
-            texts = [escape(quantity(k)) if k else UNSAID for k in known]
+            texts = [escape(typeset(quantity(k))) if k else UNSAID for k in known]
             differs = known[0] is None or known[1] is None or _apart(known[0], known[1])
-            rows.append([escape(what), escape(key), *texts, "<b>differs</b>" if differs else ""])
+            rows.append([escape(what), escape(key), *texts, _change(pair, differs=differs)])
     return table(("finding", "parameter", *names, "change"), rows)
+
+
+def _change(pair: _Pair, *, differs: bool) -> str:
+    """Say how a finding changed from the first diagnosis to the second."""
+    if all(pair):
+        return "<b>differs</b>" if differs else ""
+    return "<b>gone</b>" if pair[0] else "<b>new</b>"
 
 
 def _errors(names: Sequence[str], verdicts: Sequence[Verdict]) -> str:

@@ -94,11 +94,12 @@ def test_what_changed_what_is_new_and_what_is_gone_is_said(model):
     first = verdict(payload(1.0), found("backlash", (3,)))
     second = verdict(payload(1.5), found("torque_offset", (2,)))
     page = comparison(model, ("a<b", "tuesday"), [first, second])
-    text = page.html()
+    text = page.html().replace("\N{NO-BREAK SPACE}", " ")
     assert "differ in payload at the flange, backlash joint 3, torque offset joint 2" in page.title
     for said in ("1.00 kg [0.90, 1.10]", "1.50 kg [1.40, 1.60]", "backlash gone",
                  "torque offset new", "payload changed"):  # fmt: skip
         assert said in text
+    assert [text.count(f"<b>{change}</b>") for change in ("differs", "gone", "new")] == [1, 1, 1]
     assert "a<b" not in text
 
 
