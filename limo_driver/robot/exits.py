@@ -3,8 +3,10 @@
 The end of a `with` block closes its robot, also when it is left by an exception, and Ctrl-C is
 one. What is left open is closed when the interpreter ends. SIGTERM, SIGHUP (a terminal that was
 closed) and SIGQUIT would end the process at once; while arms are commanded from the main thread,
-they raise SystemExit there instead. A handler that the program has set itself is left alone. What
-comes while an arm brakes, as from somebody who presses Ctrl-C again, is acted on once it stands.
+they raise SystemExit there instead. In the middle of a cycle, they and Ctrl-C wait for its end:
+else what was sent and what is remembered of it would not fit together. What comes while an arm
+brakes, as from somebody who presses Ctrl-C again, is acted on once it stands. A handler that the
+program has set itself is left alone.
 """
 
 from __future__ import annotations
@@ -14,43 +16,53 @@ import signal
 import threading
 import weakref
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+from limo_driver.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Generator
     from types import FrameType
 
-    from limo_driver.closing import Closing
 
 ENDING: Final = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
 )
 _SIGNALLED: Final = 128  # plus the signal's number: the exit status that shells give
 
-_open: Final[weakref.WeakSet[Closing]] = weakref.WeakSet()
-_taken: Final[set[int]] = set()  # signals whose default was to end the process
+
+class Interruptible(Closing):
+    """Closes, and ends a cycle before it heeds a signal."""
+
+    interrupted: int = 0  # signal that came in the middle of a cycle
 
 
-def guard(robot: Closing) -> None:
+_open: Final[weakref.WeakSet[Interruptible]] = weakref.WeakSet()
+_taken: Final[dict[int, Any]] = {}  # signals that would have ended the process, and by what
+_CYCLE: Final = frozenset({"receive", "send"})  # of a robot
+
+
+def guard(robot: Interruptible) -> None:
     """See to it that a robot is closed, however the program ends."""
     _open.add(robot)
     if threading.current_thread() is not threading.main_thread():
         return
-    for number in ENDING:
-        if signal.getsignal(number) is signal.SIG_DFL:
+    for number in (signal.SIGINT, *ENDING):
+        before = signal.getsignal(number)
+        if before in {signal.SIG_DFL, signal.default_int_handler}:
             signal.signal(number, _leave)
-            _taken.add(number)
+            _taken[number] = before
 
 
-def release(robot: Closing) -> None:
+def release(robot: Interruptible) -> None:
     """Forget a robot that was closed; with the last one, signals act as before."""
     _open.discard(robot)
     if _open or threading.current_thread() is not threading.main_thread():
         return
     while _taken:
-        number = _taken.pop()
+        number, before = _taken.popitem()
         if signal.getsignal(number) is _leave:
-            signal.signal(number, signal.SIG_DFL)
+            signal.signal(number, before)
 
 
 @contextmanager
@@ -76,8 +88,23 @@ def deferred() -> Generator[None]:
             signal.raise_signal(number)
 
 
-def _leave(number: int, _frame: FrameType | None) -> NoReturn:
+def leave(number: int) -> NoReturn:
+    """End the program as a signal asks for."""
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
     raise SystemExit(_SIGNALLED + number)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        if frame.f_code.co_name in _CYCLE:
+            here = frame.f_locals.get("self")
+            for robot in _open:
+                if robot is here:
+                    robot.interrupted = number  # which ends the cycle before
+                    return
+        frame = frame.f_back
+    leave(number)
 
 
 @atexit.register

@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from limo_driver.closing import Closing
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, CycleTimeoutError
 from limo_driver.robot import exits
 from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
@@ -43,7 +42,7 @@ class StatesAhead:
     last: JointState  # as `receive` returned it
 
 
-class Robot(Closing):
+class Robot(exits.Interruptible):
     """An arm that is read and commanded once every cycle.
 
     However a program ends, an arm that moves brakes to rest within its limits: at the end of the
@@ -106,7 +105,10 @@ class Robot(Closing):
             raise ConnectionLostError("the robot is closed; open it again")
         if timeout is not None and math.isnan(timeout):
             raise ConfigError("timeout is nan, expected seconds")
-        return self._next_state(timeout)
+        state = self._next_state(timeout)
+        if self.interrupted:
+            self._leave()
+        return state
 
     def send(self, command: JointCommand) -> JointCommand:
         """Answer the last state with a command; the last one of a cycle counts.
@@ -133,6 +135,8 @@ class Robot(Closing):
             self._begin()
         applied = self._send(sent)
         self._answered = True
+        if self.interrupted:
+            self._leave()
         return sent if applied is None else applied
 
     def send_ahead(self, targets: FloatArray) -> StatesAhead | None:  # noqa: ARG002  # by default none
@@ -269,6 +273,10 @@ class Robot(Closing):
                     self._close()
         finally:
             exits.release(self)
+
+    def _leave(self) -> None:
+        number, self.interrupted = self.interrupted, 0
+        exits.leave(number)
 
     def _brake(self) -> None:
         """Come to rest within the limits; the arm holds, or nobody is reached for a while."""

@@ -119,6 +119,26 @@ class TestPrograms:
 
 
 class TestSignals:
+    @pytest.mark.parametrize("number", [signal.SIGINT, *exits.ENDING])
+    def test_in_the_middle_of_a_cycle_wait_for_its_end(self, number, monkeypatch):
+        with open_robot("virtual", robot="iiwa14") as robot:
+            start = robot.receive().position
+            for k in range(20):
+                robot.send(PositionCommand(position=start + 1e-5 * k * k))
+                robot.receive()
+            sent = robot.send(PositionCommand(position=start + 1e-5 * 20**2)).position
+            observe = robot._contract.observe
+
+            def interrupted(state):
+                signal.raise_signal(number)
+                return observe(state)
+
+            monkeypatch.setattr(robot._contract, "observe", interrupted)
+            with pytest.raises((SystemExit, KeyboardInterrupt)):
+                robot.receive()
+            monkeypatch.undo()
+            assert np.array_equal(robot.setpoint, sent)
+
     def test_act_as_before_once_the_robot_is_closed(self):
         before = [signal.getsignal(number) for number in exits.ENDING]
         with open_robot("virtual", robot="iiwa14") as robot:
