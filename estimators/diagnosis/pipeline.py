@@ -304,7 +304,7 @@ class _Judged:
         """Prove and judge a set."""
         proven = _proven(problem, solution)
         # what sensors may add within their tolerances is in no simulation, and nothing unknown
-        left = proven - problem.sensed(solution.fitted)
+        left = problem.without_sensors(proven, solution.noise)
         remaining = remaining_residual(problem.observed, left)
         named, unknown = abstained(problem, solution, remaining)
         if not gains(problem, solution, proven, remaining):

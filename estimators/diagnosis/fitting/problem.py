@@ -16,7 +16,7 @@ from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.fitting import SOLVING
-from estimators.regression.evidence import Evidence, Posterior
+from estimators.regression.evidence import REACH, Evidence, Posterior
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
 
@@ -79,6 +79,28 @@ class RegressionProblem:
         index = self.nuisance.prior.index
         own = np.where(self.nuisance.entered, 0.0, fitted.mean[: index.size])
         return self.columns.apply(index, own)
+
+    def without_sensors(self, left: FloatArray, noise: Noise) -> FloatArray:
+        """Take out of a residual (K, n) what lags and offsets of sensors explain of it [N m].
+
+        Fitted to the residual itself, within their tolerances and to no row held out: beside
+        another simulation than the one that a solution was linear around, they are others.
+        """
+        result = left.copy()
+        index = self.nuisance.prior.index
+        deviation = np.full(self.columns.count, np.nan)
+        deviation[index[~self.nuisance.entered]] = self.nuisance.prior.deviation[
+            ~self.nuisance.entered
+        ]
+        for joint in range(self.columns.joints):
+            values, at = self.columns.of_joint(joint)
+            own = deviation[at] > 0  # not those that nothing is tolerated of, nor any other column
+            scaled, rows = values[:, own] * deviation[at[own]], self.split.fitted[:, joint]
+            A = noise.whiten(scaled, joint, rows)
+            y = noise.whiten(left[:, joint], joint, rows)
+            found = np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ y)
+            result[:, joint] -= scaled @ np.clip(found, -REACH, REACH)
+        return result
 
     def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:
         """Return how much larger errors are than what a fit leaves of them, (n,).
