@@ -12,6 +12,7 @@ import numpy as np
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
+from limo_driver.exports.mjcf_servos import write_servos
 from limo_driver.exports.motors import append_motors, write_motors
 from limo_driver.exports.xml_edits import Element, XmlText
 
@@ -64,6 +65,7 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
         motors += write_motors(texts, name, stated, target.split.joints[j], into)
     append_motors(texts[0], motors)
     _write_payloads(texts, target, into)
+    write_servos(texts, target, float(spec.option.timestep), into)
     gravity = target.simulation.body.gravity
     if not np.allclose(gravity, target.model.gravity, rtol=_SAME, atol=1e-12):
         _write_gravity(texts[0], gravity)

@@ -1,0 +1,66 @@
+"""Drives in an exported MJCF file are those that limo reads out of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import pytest
+
+import limo_driver as limo
+from limo_driver.errors import ConfigError
+from limo_driver.physics import PositionServo, Simulation
+
+ARM = """<mujoco>
+  <worldbody>
+    <body name="upper"><joint name="shoulder" axis="0 1 0"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 .3 0 0" mass=".4"/>
+      <body name="fore" pos=".3 0 0"><joint name="elbow" axis="0 1 0"/>
+        <geom type="capsule" size=".02" fromto="0 0 0 .25 0 0" mass=".3"/>
+      </body>
+    </body>
+  </worldbody>
+  {actuators}
+</mujoco>"""
+FOUND = (
+    PositionServo(joint=1, kp=17.5, kd=0.8, torque_limit=3.0, delay=0.0145),
+    PositionServo(joint=2, kp=16.0, kd=0.6),
+)
+
+
+def exported(tmp_path, actuators):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=actuators))
+    simulation = replace(Simulation.load(path), drives=FOUND)
+    return limo.export(simulation, "mjcf", tmp_path / "out").file
+
+
+@pytest.mark.parametrize(
+    "actuators",
+    [
+        "",
+        '<actuator><position joint="shoulder" kp="998" forcerange="-9 9"/></actuator>',
+        "<actuator/>",
+        '<actuator><general name="s" joint="shoulder" biastype="affine" gainprm="9" '
+        'biasprm="0 -9 -1"/></actuator>',
+        '<actuator><position joint="shoulder" kp="1"/><position joint="elbow" kp="2"/></actuator>',
+    ],
+)
+def test_the_copy_has_the_drives(tmp_path, actuators):
+    file = exported(tmp_path, actuators)
+
+    assert sorted(Simulation.load(file).drives, key=lambda x: x.joint) == list(FOUND)
+    assert mujoco.MjModel.from_xml_path(str(file)).nu == 2
+
+
+def test_drives_that_are_there_already_change_nothing(tmp_path):
+    once = exported(tmp_path, "")
+
+    again = limo.export(replace(Simulation.load(once), drives=FOUND), "mjcf", tmp_path / "again")
+
+    assert again.diff == ""
+
+
+def test_another_kind_of_actuator_is_told(tmp_path):
+    with pytest.raises(ConfigError, match=r"joint elbow is moved by <motor>; expected <position>"):
+        exported(tmp_path, '<actuator><motor joint="elbow"/></actuator>')
