@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from importlib import resources
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from browser import Tab
 
-AXE = Path(__file__).parent / "pages" / "vendor" / "axe.min.js"
+AXE = resources.files("axe_core_python") / "axe.min.js"
 DRAWN = (
     "(!document.querySelector('section.arm') || document.body.dataset.arm) && "
     "(!document.querySelector('.chart') || document.body.dataset.charts === 'drawn')"
