@@ -134,7 +134,9 @@ def _told(
     """
     problem, solution, remaining = judged.problem, judged.solution, judged.remaining
     observed, attempts = problem.observed, Attempts(list(remaining.failures))
-    noise = Noise.of(problem.left(solution.fitted), observed.moving, observed.segment)
+    noise = Noise.of(
+        problem.left(solution.fitted), observed.moving, observed.segment, observed.least_noise
+    )
     final = fitted(problem, solution.members, noise, everything=True)
     improved = observed.beside(simulation)
     if not harmful:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
 
+TINY = 1e-12  # [N m], that nothing is divided by less than
+
 
 def without(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:
     """Fit the set without one of its members."""
@@ -74,4 +76,4 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
 
 
 def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
-    return np.maximum(rmse(left, rows) ** 2, 1e-12)
+    return np.maximum(rmse(left, rows) ** 2, TINY**2)

@@ -69,7 +69,7 @@ class Linearised:
         given = observed.simulation
         rest = _without(given.effects, found)
         columns = ColumnTable(len(observed.kept), observed.n)
-        floor = roughness(observed.residual, observed.moving)
+        floor = roughness(observed.residual, observed.moving, observed.least_noise)
         lacking = observed.beside(replace(given, effects=rest), around=given)
         nuisance = nuisance_of(lacking, columns, floor, stated or given)
         deviation = nuisance.prior.deviation.copy()
@@ -86,7 +86,7 @@ class Linearised:
             The recordings beside it; None if there is none.
         """
         residual = self.observed.residual
-        noise = Noise.of(residual, split, self.observed.segment)
+        noise = Noise.of(residual, split, self.observed.segment, self.observed.least_noise)
         start = self.nuisance.start  # tolerances count from what is stated, not from where we are
         off = residual + self.columns.apply(self.known.index, start)
         products = normal_equations(self.columns, off, noise, split)
@@ -132,7 +132,8 @@ class Linearised:
         observed, prior = self.observed, joined(self.known, *self.own)
         use, residual = observed.moving, observed.residual
         s, size = prior.deviation, prior.index.size
-        noise, block = Noise.of(residual, use, observed.segment), _blocks(observed)
+        noise = Noise.of(residual, use, observed.segment, observed.least_noise)
+        block = _blocks(observed)
         gram, scores = np.zeros((size, size)), np.zeros((int(block.max()) + 1, size))
         for joint in range(observed.n):
             values, at = self.columns.of_joint(joint)

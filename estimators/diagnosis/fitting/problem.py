@@ -59,7 +59,7 @@ class RegressionProblem:
         residual = observed.residual
         split = Split.of(observed)
         columns = ColumnTable(*residual.shape)
-        rough = roughness(residual, observed.moving)
+        rough = roughness(residual, observed.moving, observed.least_noise)
         nuisance = nuisance_of(observed, columns, rough)
         progress("columns of every effect at every place", 0.2)
         level = np.maximum(rmse(residual, observed.moving), 3 * rough)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import coefficients
+from estimators.diagnosis.fitting.contribution import TINY, coefficients
 from estimators.diagnosis.fitting.problem import improve
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -113,5 +113,5 @@ def _surely_worse(problem: RegressionProblem, ahead: FloatArray, behind: FloatAr
         behind: That of what has it.
     """
     rows = problem.split.held_out
-    scale = np.maximum(rmse(behind, rows), 1e-12)
+    scale = np.maximum(rmse(behind, rows), TINY)
     return surely_positive((ahead**2 - behind**2) / scale**2, problem.observed, rows)

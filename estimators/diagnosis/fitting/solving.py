@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import material
+from estimators.diagnosis.fitting.contribution import TINY, material
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from estimators.diagnosis.stages import Progress
-
-
-_TINY = 1e-12  # [N m], that nothing is divided by less than
+    from estimators.regression.evidence import Posterior
 
 
 def solve(
@@ -74,9 +72,7 @@ def _until_it_stays(
 ) -> Solution:
     for _ in range(SOLVING.rounds):
         before = set(solution.members)
-        noise = Noise.of(
-            problem.left(solution.fitted), problem.split.fitted, problem.observed.segment
-        )
+        noise = _noise_left(problem, solution.fitted)
         solution = _sought(problem, noise, progress, near)
         if set(solution.members) == before:
             break
@@ -110,14 +106,21 @@ def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProble
 
 def _noise_of_everything(problem: RegressionProblem) -> Noise:
     white = Noise.independent(
-        roughness(problem.target, problem.observed.moving), problem.split.fitted
+        roughness(problem.target, problem.observed.moving, problem.observed.least_noise),
+        problem.split.fitted,
     )
     evidence = search_on(problem, white).evidence
     everything = joined(*(candidate.prior for candidate in problem.candidates))
     free = Prior.free(everything.index, everything.deviation)
     fit = evidence.posterior(free)
-    noise = Noise.of(problem.left(fit), problem.split.fitted, problem.observed.segment)
+    noise = _noise_left(problem, fit)
     return noise.larger(problem.inflation(fit, white))
+
+
+def _noise_left(problem: RegressionProblem, fit: Posterior) -> Noise:
+    """Return the noise that a fit leaves on the rows meant for it."""
+    observed = problem.observed
+    return Noise.of(problem.left(fit), problem.split.fitted, observed.segment, observed.least_noise)
 
 
 def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
@@ -161,7 +164,7 @@ def _excess(problem: RegressionProblem, solution: Solution) -> float:
     It may err as the given one does, or somewhat more than the fit says, relative to the former.
     """
     observed, rows = problem.observed, problem.split.fitted
-    given = np.maximum(rmse(observed.residual, rows), _TINY)
+    given = np.maximum(rmse(observed.residual, rows), TINY)
     linear = rmse(problem.left(solution.fitted), rows)
     simulated = rmse(observed.beside(improve(problem, solution)).residual, rows)
     allowed = np.maximum(given, SOLVING.followed * linear)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import coefficients, contribution, material
+from estimators.diagnosis.fitting.contribution import TINY, coefficients, contribution, material
 from estimators.diagnosis.fitting.laws import sentence_of
 from estimators.diagnosis.judgement.judgement import (
     acts_most,
@@ -290,7 +290,7 @@ def shares_of(
         for member in solution.members
         if member not in plain
     }
-    total = max(sum(lost.values()), 1e-12)
+    total = max(sum(lost.values()), TINY**2)
     return {member: taken * part / total for member, part in lost.items()}
 
 
@@ -309,6 +309,6 @@ def left_at(
         Of the arm's error, and of each of those joints' own.
     """
     left = np.maximum(after**2 - floor**2, 0.0)
-    whole = np.maximum(np.maximum(alone**2 - floor**2, left), 1e-12)  # nothing leaves no 0 / 0
+    whole = np.maximum(np.maximum(alone**2 - floor**2, left), TINY**2)  # nothing leaves no 0 / 0
     own = tuple(float(left[j] / whole[j]) for j in joints)
     return float(left[list(joints)].sum() / whole.sum()), own

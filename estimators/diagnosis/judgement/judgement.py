@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import (
+    TINY,
     contribution,
     left_by_tolerances,
     taken_off,
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-_TINY = 1e-12  # [N m], that nothing is divided by less than
-
-
 @dataclass(frozen=True)
 class RemainingResidual:
     """Residual that remains on each joint beside the chosen set."""
@@ -71,7 +69,7 @@ def remaining_residual(observed: Observations, left: FloatArray) -> RemainingRes
     attempts = Attempts()
     series = attempts.at("search for what is unknown", lambda: _series(observed, left), 0.0 * left)
     whole, floor = rmse(left, moving), rmse(left - series, moving)
-    rough, moves = roughness(left, moving), moving.any(axis=0)
+    rough, moves = roughness(left, moving, observed.least_noise), moving.any(axis=0)
     floor = np.where(moves, floor, rough)  # of a still joint nothing is known
     ratio = floor / rough
     usual = float(np.median(ratio[moves])) if moves.any() else 1.0
@@ -153,7 +151,7 @@ def abstained(
     search = solution.search
     none = search.evidence.posterior(search.prior(problem.base))
     removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
-    explained = removed / np.maximum(removed + remaining.predictable**2, 1e-12)
+    explained = removed / np.maximum(removed + remaining.predictable**2, TINY**2)
     unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
     small = remaining.predictable < JUDGEMENT.small * remaining.floor
     least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
@@ -193,7 +191,7 @@ def gains(
     """
     bare = bool(problem.base)
     given = left_by_tolerances(problem, solution) if bare else problem.observed.residual
-    gained = (given**2 - proven**2) / np.maximum(remaining.floor, _TINY) ** 2
+    gained = (given**2 - proven**2) / np.maximum(remaining.floor, TINY) ** 2
     return surely_positive(gained, problem.observed, problem.split.held_out)
 
 
@@ -208,7 +206,7 @@ def least_harmful(problem: RegressionProblem, solution: Solution) -> tuple[int, 
 
     def left(member: int) -> float:
         error = rmse(problem.left(without(problem, solution, member)), rows)
-        return float(np.sum((error / np.maximum(scale, _TINY)) ** 2))
+        return float(np.sum((error / np.maximum(scale, TINY)) ** 2))
 
     worst = min(solution.members, key=left)
     return tuple(member for member in solution.members if member != worst)

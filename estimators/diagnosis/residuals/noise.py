@@ -31,14 +31,29 @@ class Noise:
     known: NDArray[np.int64]  # (K, n) rows before, at most the order, in the same run
 
     @classmethod
-    def of(cls, residual: FloatArray, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
-        """Fit to residuals (K, n) on the rows in `use` (K, n), within segments (K,)."""
+    def of(
+        cls,
+        residual: FloatArray,
+        use: NDArray[np.bool_],
+        segment: NDArray[np.int64],
+        least: float = NOISE.tiny,
+    ) -> Noise:
+        """Fit an autoregression to each joint.
+
+        Args:
+            residual: Errors, (K, n) [N m].
+            use: Rows that count, (K, n).
+            segment: Of each row, (K,); no error is predicted from those of another.
+            least: Deviation of any noise [N m].
+        """
         n = residual.shape[1]
         weight, white = np.zeros((n, NOISE.order + 1, NOISE.order)), np.zeros((n, NOISE.order + 1))
         known = _known(use, segment)
         for j in range(n):
-            weight[j], white[j] = _levinson(_covariance(residual[:, j], use[:, j], known[:, j]))
-        return cls(weight, np.maximum(white, NOISE.least), known)
+            weight[j], white[j] = _levinson(
+                _covariance(residual[:, j], use[:, j], known[:, j], least)
+            )
+        return cls(weight, np.maximum(white, least), known)
 
     def larger(self, factor: FloatArray) -> Noise:
         """Return errors that are alike in time, and larger by a factor of each joint (n,)."""
@@ -92,7 +107,7 @@ def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int
 
 
 def _covariance(
-    residual: FloatArray, use: NDArray[np.bool_], known: NDArray[np.int64]
+    residual: FloatArray, use: NDArray[np.bool_], known: NDArray[np.int64], least: float
 ) -> FloatArray:
     """Return the covariance of errors 0 to `order` rows apart, (order + 1,) [N² m²]."""
     result = np.zeros(NOISE.order + 1)
@@ -100,7 +115,7 @@ def _covariance(
         rows = np.flatnonzero(use & (known >= lag))
         if rows.size:
             result[lag] = float(np.mean(residual[rows] * residual[rows - lag]))
-    result[0] = result[0] * (1.0 + NOISE.ridge) + NOISE.least**2
+    result[0] = result[0] * (1.0 + NOISE.ridge) + least**2
     return result
 
 
@@ -120,15 +135,18 @@ def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return weight, white
 
 
-def roughness(residual: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
+def roughness(
+    residual: FloatArray, use: NDArray[np.bool_], least: float = NOISE.tiny
+) -> FloatArray:
     """Return what changes from row to row in residuals (K, n), as a white deviation; (n,) [N m].
 
-    Third differences leave nothing of what changes slowly; a lower bound of the noise.
+    Third differences leave nothing of what changes slowly; a lower bound of the noise, which is
+    `least` [N m] at least.
     """
     rough = np.diff(residual, n=3, axis=0)
     rows = use[3:] & use[2:-1] & use[1:-2] & use[:-3]
     energy = np.sum(np.where(rows, rough, 0.0) ** 2, axis=0) / np.maximum(rows.sum(axis=0), 1)
-    return np.maximum(np.sqrt(energy / _THIRD), NOISE.least)
+    return np.maximum(np.sqrt(energy / _THIRD), least)
 
 
 _THIRD = 20.0  # variance of a third difference of white noise

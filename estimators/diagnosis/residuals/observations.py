@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import binary_opening, maximum_filter1d
 
-from estimators.diagnosis.settings.residuals import MISTAKES, ROWS
+from estimators.diagnosis.settings.residuals import MISTAKES, NOISE, ROWS
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
@@ -135,6 +135,12 @@ class Observations:
     def n(self) -> int:
         """Number of joints."""
         return self.motion.n
+
+    @cached_property
+    def least_noise(self) -> float:
+        """Deviation that any noise has: more than rounding makes of the arm's torque [N m]."""
+        strongest = float(np.median(np.abs(self.measured), axis=0).max(initial=0.0))
+        return max(NOISE.least * strongest, NOISE.tiny)
 
     @cached_property
     def chain(self) -> RegressorChain:

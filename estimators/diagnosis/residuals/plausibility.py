@@ -131,7 +131,7 @@ def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
     left = observed.measured - observed.filter(observed.load)
     left -= np.median(left, axis=0)
     torque = observed.measured - np.median(observed.measured, axis=0)
-    rough = roughness(left, np.ones_like(observed.moving))
+    rough = roughness(left, np.ones_like(observed.moving), observed.least_noise)
     strange = np.median(np.abs(left), axis=0)
     doubt = (strange > PLAUSIBILITY.alive * rough) & (
         strange > PLAUSIBILITY.own * np.median(np.abs(torque), axis=0)

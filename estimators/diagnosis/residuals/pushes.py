@@ -271,7 +271,7 @@ def _usual(errors: FloatArray) -> float:
 def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_]) -> Noise:
     """Return how errors (K, n) usually look: what a push adds is cut, and passes for none."""
     most = PUSHES.cut * np.array([_usual(residual[rows, j]) for j, rows in enumerate(use.T)])
-    return Noise.of(np.clip(residual, -most, most), use, observed.segment)
+    return Noise.of(np.clip(residual, -most, most), use, observed.segment, observed.least_noise)
 
 
 def _moving(observed: Observations) -> NDArray[np.bool_]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray
 
 SIGN_WIDTHS = tuple(  # [rad/s]
     np.geomspace(BASE_FRICTION.narrowest, BASE_FRICTION.widest, BASE_FRICTION.widths).tolist()
@@ -67,9 +68,12 @@ def with_friction(observed: Observations) -> Observations:
     if not bare:
         return observed
     residual, rows = observed.residual, Split.of(observed).fitted
-    columns, rough = ColumnTable(*residual.shape), roughness(residual, observed.moving)
+    columns, rough = (
+        ColumnTable(*residual.shape),
+        roughness(residual, observed.moving, observed.least_noise),
+    )
     nuisance = nuisance_of(observed, columns, rough).prior
-    candidates = _competing(observed, columns, bare)
+    candidates = _competing(observed, columns, bare, rough)
 
     def fit(noise: Noise) -> tuple[tuple[int, ...], Posterior]:
         evidence = Evidence(normal_equations(columns, residual, noise, rows), nuisance)
@@ -80,7 +84,7 @@ def with_friction(observed: Observations) -> Observations:
     members, fitted = fit(Noise.independent(rough, rows))
     for _ in range(BASE_FRICTION.turns):
         left = residual - columns.apply(fitted.index, fitted.mean)
-        members, fitted = fit(Noise.of(left, rows, observed.segment))
+        members, fitted = fit(Noise.of(left, rows, observed.segment, observed.least_noise))
     improvement = Improvement(observed.simulation)
     for member, size in zip(members, fitted.mean[nuisance.index.size :], strict=True):
         candidates[member].enter(improvement, np.array([size]))
@@ -88,9 +92,9 @@ def with_friction(observed: Observations) -> Observations:
 
 
 def _competing(
-    observed: Observations, columns: ColumnTable, bare: Sequence[int]
+    observed: Observations, columns: ColumnTable, bare: Sequence[int], rough: FloatArray
 ) -> list[Candidate]:
-    level = np.maximum(rmse(observed.residual, observed.moving), 1e-3)
+    level = np.maximum(rmse(observed.residual, observed.moving), 3 * rough)
     tried = [
         hypothesis
         for j in bare

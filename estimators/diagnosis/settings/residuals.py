@@ -60,9 +60,10 @@ class NoiseSettings:
     ridge: float = setting(1e-3, "of the variance",
         "added, so that a residual of nothing has an autoregression",
         "larger predicts less; smaller is badly conditioned")
-    least: float = setting(1e-4, "N m", "deviation of any noise",
+    least: float = setting(2e-6, "of the torque of the strongest joint", "deviation of any noise",
         "larger hides what exact torques show; smaller takes rounding for physics",
-        chosen="below any torque sensor")
+        chosen="below any torque sensor: 0.1 mN m on an arm whose shoulder holds 50 N m")
+    tiny: float = setting(1e-12, "N m", "that no noise is below", "numerical")
     strongest: float = setting(0.97, "", "reflection, at most",
         "higher remembers longer and takes slow physics for noise; lower whitens less",
         chosen="so that errors forget within some fifty rows")

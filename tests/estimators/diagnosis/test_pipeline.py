@@ -130,6 +130,32 @@ def test_a_lag_of_a_sensor_within_its_tolerance_is_neither_unknown_nor_noise(giv
     np.testing.assert_allclose(*floors, rtol=0.2)
 
 
+def test_an_arm_of_a_millinewton_metre_is_judged_as_one_of_a_hundred(given):
+    """Bodies, friction and noise in another unit of mass: nothing but that unit may change."""
+
+    def diagnosed(strength):
+        dry = [replace(effect, tau_c=strength * effect.tau_c) for effect in given.effects[:2]]
+        viscous = [replace(effect, f_v=strength * effect.f_v) for effect in given.effects[2:]]
+        light = {
+            name: replace(
+                body,
+                mass=strength * body.mass,
+                inertia=tuple(strength * value for value in body.inertia),
+            )
+            for name, body in given.model.inertials.items()
+        }
+        stated = replace(given, effects=(*dry, *viscous), inertials=light)
+        heard = record(given, 0, 30.0)
+        heard = Recording.from_arrays(heard.time, heard.position, strength * heard.torque)
+        return diagnose(stated, [heard]).verdict
+
+    usual, weak = diagnosed(1.0), diagnosed(1e-5)
+    assert weak.verdict == usual.verdict == "consistent"
+    for name in ("noise_floor", "heldout_rmse_after"):
+        scaled = 1e-5 * np.array(getattr(usual.fit, name))
+        np.testing.assert_allclose(getattr(weak.fit, name), scaled, rtol=1e-3)
+
+
 def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeypatch):
     scans = iter([(), (PUSH,), (PUSH,)])  # of the first set, of the whole one, and without its rows
     monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
