@@ -6,7 +6,7 @@ import servo_cases
 import limo_driver as limo
 
 
-@pytest.mark.slow  # ten seconds a case; benchmarks/diagnosis/concealed_servos.py runs many
+@pytest.mark.slow("ten seconds a case; benchmarks/diagnosis/concealed_servos.py runs many")
 @pytest.mark.parametrize(
     ("seed", "hidden", "name", "within"),
     [(0, "payload", "mass", 0.1), (7, "dead_band", "dead_band", 0.1), (12, "", "", 0.0)],
