@@ -30,7 +30,6 @@ from estimators.diagnosis.judgement.judgement import (
 from estimators.diagnosis.judgement.ordinary import ordinary
 from estimators.diagnosis.judgement.questions import tests_of
 from estimators.diagnosis.residuals.held_out import rmse
-from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
@@ -64,10 +63,22 @@ def _found(
     ]
 
 
-def _proven(problem: RegressionProblem, solution: Solution) -> FloatArray:
-    """Return the residual (K, n) of a simulation that was fitted to no row held out [N m]."""
+def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
+    """Return the recordings beside a simulation that was fitted to no row held out."""
     start, places = improve(problem, solution), _found(problem, solution)
-    return polished(problem.observed, start, problem.split.fitted, places).residual
+    return polished(problem.observed, start, problem.split.fitted, places)
+
+
+def _to_the_end(judged: _Judged) -> Observations:
+    """Return the recordings beside a simulation that was fitted to all rows.
+
+    From the proven one on: rows that no law of the catalogue holds on (a joint that begins to move)
+    may weigh more among all rows than among those of the proof, and a step has to make no joint's
+    error larger.
+    """
+    observed = judged.problem.observed
+    start, places = judged.beside.simulation, _found(judged.problem, judged.solution)
+    return polished(observed, start, observed.moving, places)
 
 
 def observe(
@@ -134,17 +145,11 @@ def _told(
     """
     problem, solution, remaining = judged.problem, judged.solution, judged.remaining
     observed, attempts = problem.observed, Attempts(list(remaining.failures))
-    noise = Noise.of(
-        problem.left(solution.fitted), observed.moving, observed.segment, observed.least_noise
-    )
-    final = fitted(problem, solution.members, noise, everything=True)
     improved = observed.beside(simulation)
     if not harmful:
         improved = attempts.at(
             "fit to all rows, so the written simulation is the given one",
-            lambda: polished(
-                observed, improve(problem, final), observed.moving, _found(problem, final)
-            ),
+            lambda: _to_the_end(judged),
             improved,
         )
     contact: tuple[Finding, ...] = ()
@@ -158,7 +163,7 @@ def _told(
     verdict = conclude(
         problem, solution, remaining, named, judged.unknown, judged.proven, tolerances, contact
     )
-    shifts = shifts_of(problem, final)
+    shifts = shifts_of(problem, solution)
     said = remarks(
         shifts,
         members=problem.beyond_base(solution.members),
@@ -296,7 +301,7 @@ class _Judged:
 
     problem: RegressionProblem
     solution: Solution
-    proven: FloatArray  # (K, n) residual of a simulation that was fitted to no row held out [N m]
+    beside: Observations  # the recordings, beside a simulation that was fitted to no row held out
     remaining: RemainingResidual
     named: tuple[int, ...]
     unknown: tuple[int, ...]  # joints, 0-based
@@ -304,14 +309,19 @@ class _Judged:
     @classmethod
     def of(cls, problem: RegressionProblem, solution: Solution) -> _Judged:
         """Prove and judge a set."""
-        proven = _proven(problem, solution)
+        beside = _fitted(problem, solution)
         # what sensors may add within their tolerances is in no simulation, and nothing unknown
-        left = problem.without_sensors(proven, solution.noise)
+        left = problem.without_sensors(beside.residual, solution.noise)
         remaining = remaining_residual(problem.observed, left)
         named, unknown = abstained(problem, solution, remaining)
-        if not gains(problem, solution, proven, remaining):
+        if not gains(problem, solution, beside.residual, remaining):
             named = ordinary(problem, solution, named)
-        return cls(problem, solution, proven, remaining, named, unknown)
+        return cls(problem, solution, beside, remaining, named, unknown)
+
+    @property
+    def proven(self) -> FloatArray:
+        """Residual (K, n) of a simulation that was fitted to no row held out [N m]."""
+        return self.beside.residual
 
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
         """Return effect and joints (0-based) of some candidates."""
@@ -346,8 +356,8 @@ class _Judged:
         if better:
             rows = problem.split.held_out
             return min(better, key=lambda one: float(np.sum(rmse(one.proven, rows) ** 2))), False
-        given, nothing = problem.observed.residual, fitted(problem, (), judged.solution.noise)
-        remaining = remaining_residual(problem.observed, given)
+        given, nothing = problem.observed, fitted(problem, (), judged.solution.noise)
+        remaining = remaining_residual(given, given.residual)
         return _Judged(
             problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
         ), True

@@ -44,6 +44,7 @@ _SHORT = 0.9  # part of the way to where a body ceases to exist that a step may 
 _LIGHTEST = 0.05  # [kg], smallest nominal mass taken seriously
 _SMALLEST = 0.01  # [m], smallest nominal radius of gyration taken seriously
 _RELEASE = 1e-6  # gradient at which a parameter held at zero is set free again
+_HARDLY_KNOWN = 10.0  # relative deviation of a nominal body that only has to exist
 _WEAKEST_PRIOR = 1e-8  # [1/unit²] on joint terms, so that what nothing reveals is zero
 
 
@@ -106,6 +107,23 @@ def fit_consistent(
             )
         held = (held | negative) if negative.any() else (held & ~released)
     raise DivergedError("the friction parameters found no consistent set of signs")
+
+
+def nearest_body(parameters: FloatArray, metric: FloatArray) -> FloatArray:
+    """Return the parameters (10,) of the body that exists and is nearest to the ones given.
+
+    It keeps off the bound of what exists by a small part of what the metric calls a deviation.
+
+    Args:
+        parameters: Of one link, (m, m c, I at the joint frame), (10,).
+        metric: Positive definite, such as the inverse of their covariance, (10, 10).
+
+    Raises:
+        DivergedError: No minimum was found.
+    """
+    none = np.zeros(PER_LINK, dtype=bool)
+    data = Quadratic(metric, metric @ parameters, metric)
+    return fit_consistent(data, thickened(parameters), 1, _HARDLY_KNOWN, none, none).parameters
 
 
 @dataclass(frozen=True)

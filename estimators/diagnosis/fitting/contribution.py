@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.problem import fitted
-from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.wording import is_of_bodies
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,6 +48,16 @@ def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatA
     return first.left(solution.having(first.base).fitted)
 
 
+def own_joints(problem: RegressionProblem, member: int) -> list[int]:
+    """Return the joints (0-based) on which a member acts.
+
+    Without it, what is fitted beside it would change elsewhere, too.
+    """
+    candidate = problem.candidates[member]
+    everywhere = is_of_bodies(candidate.effect) or not candidate.joints
+    return list(range(problem.observed.n) if everywhere else candidate.joints)
+
+
 def contribution(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
     """Return the held-out mean square that a member removes at each joint, (n,) [N² m²]."""
     left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
@@ -61,8 +72,10 @@ def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> Fl
 def material(problem: RegressionProblem, solution: Solution, member: int) -> float:
     """Return the error that a member removes at the joint where it does most [errors left].
 
-    Counted on rows held out. What fades within the first minute, or happens but now and then, may
-    miss most of those: then over all rows, but nothing where it makes those held out clearly worse.
+    Of the joints that it acts on, and counted on rows held out; 0 where that sum might as well be
+    negative, had other blocks of time been recorded. What fades within the first minute, or happens
+    but now and then, may miss most of those: then over all rows, but nothing where it makes those
+    held out clearly worse.
     """
     left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
     moving, held_out = problem.observed.moving, problem.split.held_out
@@ -72,7 +85,12 @@ def material(problem: RegressionProblem, solution: Solution, member: int) -> flo
         misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0
     )
     part = np.where(misses, part, proven / _square(left, held_out))
-    return float(np.sqrt(max(part.max(), 0.0)))
+    own = own_joints(problem, member)
+    if not misses[own].any():
+        scaled = ((bare**2 - left**2) / _square(left, held_out))[:, own]
+        if not surely_positive(scaled, problem.observed, held_out[:, own]):
+            return 0.0
+    return float(np.sqrt(max(part[own].max(), 0.0)))
 
 
 def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:

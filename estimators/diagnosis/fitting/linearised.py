@@ -30,7 +30,7 @@ from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -82,27 +82,55 @@ class Linearised:
     def step(self, split: NDArray[np.bool_]) -> Observations | None:
         """Find a simulation that fits the rows of a split (K, n) better.
 
+        First with everything free, and no joint may err more. Errors that are alike in time would
+        let slow physics grow for a little less of noise, and bend what lies within tolerances
+        towards it. Where that is all that such a step does, values stay, and only what was found
+        moves: what was linear around another simulation may be far off at one joint, and to mend
+        that may cost another a little.
+
         Returns:
             The recordings beside it; None if there is none.
         """
         residual = self.observed.residual
         noise = Noise.of(residual, split, self.observed.segment, self.observed.least_noise)
+        size = rmse(residual, split)
+        enough = (1 - NEWTON.enough) * _energy(residual, noise, split)
+
+        def likelier(trial: Observations) -> bool:
+            return _energy(trial.residual, noise, split) < enough
+
+        for trial in self._shorter(self._newton(residual, noise, split)):
+            if likelier(trial) and (rmse(trial.residual, split) <= NEWTON.slack * size).all():
+                return trial
+        for trial in self._shorter(self._newton_of_found(residual, noise, split)):
+            if likelier(trial) and np.mean((rmse(trial.residual, split) / size) ** 2) <= 1.0:
+                return trial
+        return None
+
+    def _newton(self, residual: FloatArray, noise: Noise, split: NDArray[np.bool_]) -> FloatArray:
+        """Return the changes (c,) of all coefficients that fit a residual best."""
         start = self.nuisance.start  # tolerances count from what is stated, not from where we are
         off = residual + self.columns.apply(self.known.index, start)
         products = normal_equations(self.columns, off, noise, split)
         mean = posterior(products, self.known, joined(*self.own)).mean
         mean[: start.size] -= start
-        before, size = _energy(residual, noise, split), rmse(residual, split)
+        return mean
+
+    def _newton_of_found(
+        self, residual: FloatArray, noise: Noise, split: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Return the same where values stay as they are, and only what was found changes."""
+        products = normal_equations(self.columns, residual, noise, split)
+        held = replace(self.known, deviation=np.zeros_like(self.known.deviation))
+        return posterior(products, held, joined(*self.own)).mean
+
+    def _shorter(self, step: FloatArray) -> Iterator[Observations]:
+        """Yield the recordings beside the simulation a step ahead, and parts of a step ahead."""
         for part in NEWTON.shorter:
             try:
-                trial = self.observed.beside(self._moved(part * mean))
+                yield self.observed.beside(self._moved(part * step))
             except ConfigError:  # a combination that no such part has
                 continue
-            likelier = _energy(trial.residual, noise, split) < (1 - NEWTON.enough) * before
-            # errors that are alike in time would let slow physics grow for a little less of noise
-            if likelier and (rmse(trial.residual, split) <= NEWTON.slack * size).all():
-                return trial
-        return None
 
     def _moved(self, coefficients: FloatArray) -> Simulation:
         given, count = self.observed.simulation, self.known.index.size

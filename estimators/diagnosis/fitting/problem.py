@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.fitting.bodies import with_possible_bodies
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
@@ -243,14 +244,15 @@ def impossible(problem: RegressionProblem, solution: Solution) -> tuple[int, ...
 
 def _entered(problem: RegressionProblem, solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
     improvement = Improvement(problem.observed.simulation)
+    members = [problem.candidates[member] for member in solution.members]
+    mean = with_possible_bodies(problem.observed.simulation.model, members, solution.fitted)
     at = problem.nuisance.prior.index.size
-    problem.nuisance.enter(improvement, solution.fitted.mean[:at])
+    problem.nuisance.enter(improvement, mean[:at])
     refused: list[int] = []
-    for i in solution.members:
-        candidate = problem.candidates[i]
+    for i, candidate in zip(solution.members, members, strict=True):
         size = candidate.prior.index.size
         try:
-            candidate.enter(improvement, solution.fitted.mean[at : at + size])
+            candidate.enter(improvement, mean[at : at + size])
         except ConfigError:
             refused.append(i)
         at += size

@@ -11,6 +11,7 @@ from estimators.diagnosis.fitting.contribution import (
     TINY,
     contribution,
     left_by_tolerances,
+    own_joints,
     taken_off,
     without,
 )
@@ -23,7 +24,7 @@ from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import Attempts
-from estimators.diagnosis.wording import LINK_INERTIA, is_of_bodies
+from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import REACH
 from limo_driver.physics.catalogue import identical_to
 
@@ -168,13 +169,8 @@ def abstained(
 def acts_most(
     problem: RegressionProblem, solution: Solution, member: int, floor: FloatArray
 ) -> int:
-    """Return the joint (0-based) on which a member explains most, of those that it acts on.
-
-    Without it, what is fitted beside it would change elsewhere, too.
-    """
-    candidate = problem.candidates[member]
-    everywhere = is_of_bodies(candidate.effect) or not candidate.joints
-    own = list(range(problem.observed.n) if everywhere else candidate.joints)
+    """Return the joint (0-based) on which a member explains most, of those that it acts on."""
+    own = own_joints(problem, member)
     gained = contribution(problem, solution, member)
     return own[int(np.argmax((gained / floor**2)[own]))]
 

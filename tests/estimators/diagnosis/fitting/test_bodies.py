@@ -1,0 +1,86 @@
+"""Bodies that come out of a fit can exist, and are as near to it as such bodies are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from noisy_recordings import observed
+
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, improve
+from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.stages import quiet
+from estimators.rigid_body.consistent import nearest_body, pseudo_inertia
+from estimators.rigid_body.regressor import parameters_of
+from limo_driver.model import Inertial
+from limo_driver.physics import Payload
+
+CRATE = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.06, 0.0, 0.0, 0.06, 0.0, 0.05))
+ROD = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.09, 0.0, 0.0, 0.09, 0.0, 0.0))
+NOISE = 0.02  # [N m]
+
+
+def loaded(body):
+    """Fit a payload; return the problem, the solution and what was fitted, (m, m c, I)."""
+    problem = RegressionProblem.of(observed(body), quiet)
+    noise = Noise.independent(np.full(7, NOISE), problem.split.fitted)
+    (payload,) = (i for i, item in enumerate(problem.candidates) if item.effect == "payload")
+    solution = fitted(problem, (payload,), noise)
+    return problem, solution, solution.fitted.mean[problem.nuisance.prior.index.size :]
+
+
+def payload_in(problem, solution):
+    return next(e for e in improve(problem, solution).effects if isinstance(e, Payload))
+
+
+def exists(parameters):
+    return np.linalg.eigvalsh(pseudo_inertia(parameters))[0] > 0
+
+
+def test_a_body_that_exists_stays_as_it_was_fitted():
+    problem, solution, body = loaded(CRATE)
+    assert exists(body)
+    found = payload_in(problem, solution)
+    assert found.mass == pytest.approx(body[0])
+    np.testing.assert_allclose(found.com, body[1:4] / body[0])
+
+
+def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to():
+    """Noise makes the inertia of a rod impossible; what the motion shows of its length stays."""
+    problem, solution, body = loaded(ROD)
+    assert not exists(body)
+    found = payload_in(problem, solution)
+    assert found.load.is_consistent()
+    assert found.mass == pytest.approx(ROD.mass, rel=0.02)
+    rows, given = problem.split.held_out, problem.observed.simulation
+    off = problem.observed.beside(improve(problem, solution)).residual
+    point = replace(found, inertia=(0.0,) * 6)
+    shrunk = problem.observed.beside(replace(given, effects=(point,))).residual
+    linear = rmse(problem.left(solution.fitted), rows)
+    assert np.all(rmse(off, rows) < 1.1 * linear)
+    assert np.any(rmse(shrunk, rows) > 1.5 * linear)
+
+
+def test_the_nearest_body_is_nearer_than_its_neighbours():
+    random = np.random.default_rng(3)
+    body = parameters_of(Inertial(2.0, (0.1, 0.0, 0.2), (0.02, 0.0, 0.0, 0.03, 0.0, 0.025)))
+    root = random.normal(size=(10, 10))
+    metric = 1e4 * (root @ root.T + np.eye(10))
+    np.testing.assert_allclose(nearest_body(body, metric), body, atol=1e-4)
+    wrong = body - np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0])
+    assert not exists(wrong)
+    nearest = nearest_body(wrong, metric)
+    assert exists(nearest)
+
+    def distance(parameters):
+        return (parameters - wrong) @ metric @ (parameters - wrong)
+
+    for _ in range(100):  # all that lies between two bodies that exist is one, too
+        lower = 0.3 * random.normal(size=(4, 4))
+        J = lower @ lower.T
+        moment = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
+        other = np.array([J[3, 3], *J[:3, 3], *moment[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+        for part in (0.03, 0.3, 1.0):
+            assert distance(nearest + part * (other - nearest)) > distance(nearest)
