@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from wandering import wander
 
+from estimators.diagnosis.fitting import linearised
 from estimators.diagnosis.fitting.entries import entries_of, found_in, moved
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.linearised import Linearised, polished
 from estimators.diagnosis.hypotheses.revision import derivative
+from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Where
 from limo_driver.physics import (
@@ -112,6 +114,19 @@ def test_a_fit_goes_to_its_end_where_effects_act_on_one_another(given):
     assert np.sqrt(np.mean(left**2)) < 1.05 * np.sqrt(
         np.mean(observed.beside(true).residual[observed.moving] ** 2)
     )
+
+
+def test_where_nothing_else_may_move_what_was_found_goes_to_its_end_alone(given, monkeypatch):
+    """Steps of everything that would raise a joint's error are not taken."""
+    none = replace(linearised.NEWTON, slack=0.0)  # no step of everything lowers errors to nothing
+    monkeypatch.setattr(linearised, "NEWTON", none)
+    observed = observe(plus(given, TorqueGain(joint=2, gain=-0.4)), given)
+    start = plus(given, TorqueGain(joint=2, gain=-0.2))
+    found = polished(observed, start, observed.moving, [("torque_gain", (2,), True)])
+    assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.01)
+    assert found.simulation.effects[:2] == given.effects
+    rows = observed.moving
+    assert np.all(rmse(found.residual, rows) < 1.01 * rmse(observed.beside(start).residual, rows))
 
 
 def test_a_fit_that_is_at_its_end_stays(given):
