@@ -127,7 +127,7 @@ class Recorded:
         inside = ~recording.edges(bandwidth)
         noise = recording.filtered(self.noise, bandwidth)[inside]
         floor = np.sqrt(np.mean(noise**2, axis=0))
-        sharp = recording.sharp_motion(bandwidth)
+        sharp = recording.calm_motion(bandwidth)
         result = {"predict": simulation.predict(recording, bandwidth)}
         top = min(SHARPER * bandwidth, SAFE_BANDWIDTH * recording.rate)
         fixed, lively = recording.motion(top), recording.motion(LIVELIER * bandwidth)

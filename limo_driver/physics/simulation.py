@@ -176,7 +176,7 @@ class Simulation(Displayed):
             motion: T samples of n joints in order of time. Of a recording only times and positions
                 are used.
             bandwidth: Of the zero-phase differentiator of a recording's positions [Hz]; velocities
-                are sharper, see `Recording.sharp_motion`; if not given, 10, or what the recording
+                are sharper, see `Recording.calm_motion`; if not given, 10, or what the recording
                 can bear. Of no use to a motion, which has derivatives.
 
         Returns:
@@ -188,8 +188,8 @@ class Simulation(Displayed):
         """
         if isinstance(motion, Recording):
             width = bandwidth_for([motion], bandwidth)
-            sharp = motion.sharp_motion(width)
-            return self.predict_stretches(sharp, motion.segments, width)
+            calm = motion.calm_motion(width)
+            return self.predict_stretches(calm, motion.segments, width)
         torque, _ = self.advance(self.init(), motion)
         return torque
 

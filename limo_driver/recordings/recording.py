@@ -397,13 +397,39 @@ class Recording(Displayed):
         """Differentiate the positions for a prediction that is filtered, if at all, afterwards.
 
         A velocity that lost its high frequencies changes its sign too gently: friction computed
-        from it errs by several noise floors around every reversal, whatever is filtered later. One
-        that kept them all is nothing but noise at rest, and friction chatters. So positions are
-        smoothed at up to `SHARPER` times the bandwidth, as far as the sampling rate allows, and at
-        less where they tell no more than noise, see `adaptive_smoothing`. The acceleration keeps
-        at most `LIVELIER` times the bandwidth: with no more than the bandwidth itself, a
-        prediction that is filtered like the measured torque would have lost there what that torque
-        keeps.
+        from it errs by several noise floors around every reversal, whatever is filtered later.
+        So position and velocity keep `SHARPER` times the bandwidth, as far as the sampling rate
+        allows. The acceleration would be nothing but noise there, and keeps `LIVELIER` times the
+        bandwidth: with no more than the bandwidth itself, a prediction that is filtered like the
+        measured torque would have lost there what that torque keeps.
+
+        The filter is linear and one for all rows, as whatever is fitted to motion has to have it:
+        one that follows the motion would look like physics.
+
+        Args:
+            bandwidth: As for `motion` [Hz].
+
+        Returns:
+            Position, velocity and acceleration at the recorded instants.
+
+        Raises:
+            RecordingError: The bandwidth is too high for the sampling rate.
+        """
+        highest = max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
+        lively = self.motion(min(LIVELIER * bandwidth, highest))
+        sharp = differentiate(
+            self.time, self.position, min(SHARPER * bandwidth, highest), self.segments
+        )
+        return replace(lively, position=sharp.value, velocity=sharp.first)
+
+    def calm_motion(self, bandwidth: float) -> Motion:
+        """Differentiate the positions as `sharp_motion` does where they move, and calmly at rest.
+
+        For a prediction that is looked at on all rows. Position and velocity that keep all high
+        frequencies are nothing but noise at rest, and friction with a sharp sign chatters there. So
+        positions are smoothed at up to `SHARPER` times the bandwidth, and at less where they tell
+        no more than noise, see `adaptive_smoothing`; the acceleration keeps at most `LIVELIER`
+        times the bandwidth.
 
         Args:
             bandwidth: As for `motion` [Hz].

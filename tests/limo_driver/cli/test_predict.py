@@ -72,7 +72,7 @@ def test_one_row_for_each_row_and_nan_where_left_out(tmp_path, recording, predic
     assert torque.shape == (400, 7)
     assert np.flatnonzero(np.isnan(torque).any(axis=1)).tolist() == [40]
     measured = Recording.load(recording)
-    sharp = measured.sharp_motion(10.0)  # the friction has a sharp sign
+    sharp = measured.calm_motion(10.0)  # the friction has a sharp sign
     np.testing.assert_allclose(torque[measured.rows], SIMULATION.predict(sharp), atol=1e-9)
 
 
