@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import LimoError
+from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.stretches import STRETCH
 from limo_driver.workflow.inputs import recordings_of, simulation_of
 
@@ -72,7 +73,8 @@ def diagnose(
 
         return diagnose_drives(known, measured, tell)
     measured = _within_memory(measured)
-    found = diagnosed(known, measured, bandwidth, forward(tell, _DIAGNOSED))
+    width = bandwidth_for(measured, bandwidth)
+    found = diagnosed(known, measured, width, forward(tell, _DIAGNOSED))
     attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
     found = attempts.at("next motion", lambda: with_next_motion(found), _without_motion(found))

@@ -49,7 +49,7 @@ class RegressionProblem:
     first: RegressionProblem | None = (
         None  # around the given simulation and tolerances, where this one is not
     )
-    _sums: dict[bool, tuple[Noise, NormalEquations]] = field(default_factory=dict, init=False)
+    _sums: list[tuple[Noise, NormalEquations]] = field(default_factory=list, init=False)
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> RegressionProblem:
@@ -129,14 +129,13 @@ class RegressionProblem:
             factor[joint] = 1.0 / np.sqrt(max(left, SOLVING.least_left))
         return factor
 
-    def products(self, noise: Noise, *, everything: bool) -> NormalEquations:
-        """Return sums over the rows meant for fits, or over all; what was summed once is kept."""
-        of, known = self._sums.get(everything, (noise, None))
-        rows = self.observed.moving if everything else self.split.fitted
+    def products(self, noise: Noise) -> NormalEquations:
+        """Return sums over the rows meant for fits; what was summed last is kept."""
+        of, known = self._sums[0] if self._sums else (noise, None)
         known = normal_equations(
-            self.columns, self.target, noise, rows, known if of is noise else None
+            self.columns, self.target, noise, self.split.fitted, known if of is noise else None
         )
-        self._sums[everything] = noise, known
+        self._sums[:] = [(noise, known)]
         return known
 
     def holding(self, limits: FloatArray | None) -> RegressionProblem:
@@ -216,18 +215,16 @@ class Solution:
         return replace(self, members=members, fitted=posterior, gain=self.search.gain(members))
 
 
-def fitted(
-    problem: RegressionProblem, members: tuple[int, ...], noise: Noise, *, everything: bool = False
-) -> Solution:
-    """Fit a given set under given noise, to the rows meant for it or to all."""
-    search = search_on(problem, noise, everything=everything)
+def fitted(problem: RegressionProblem, members: tuple[int, ...], noise: Noise) -> Solution:
+    """Fit a given set under given noise, to the rows meant for it."""
+    search = search_on(problem, noise)
     posterior = search.evidence.posterior(search.prior(members))
     return Solution(members, search, noise, posterior, search.gain(members))
 
 
-def search_on(problem: RegressionProblem, noise: Noise, *, everything: bool = False) -> Search:
-    """Return the search under given noise, on the rows meant for fits or on all."""
-    products = problem.products(noise, everything=everything)
+def search_on(problem: RegressionProblem, noise: Noise) -> Search:
+    """Return the search under given noise, on the rows meant for fits."""
+    products = problem.products(noise)
     evidence = Evidence(products, problem.nuisance.prior, problem.held)
     return Search(problem.candidates, evidence, problem.base)
 

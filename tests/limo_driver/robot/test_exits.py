@@ -124,9 +124,10 @@ class TestSignals:
         with open_robot("virtual", robot="iiwa14") as robot:
             start = robot.receive().position
             for k in range(20):
-                robot.send(PositionCommand(position=start + 1e-5 * k * k))
+                robot.send(PositionCommand(position=start + 1e-5 * k * k, valid_for=1.0))
                 robot.receive()
-            sent = robot.send(PositionCommand(position=start + 1e-5 * 20**2)).position
+            last = PositionCommand(position=start + 1e-5 * 20**2, valid_for=1.0)
+            sent = robot.send(last).position
             observe = robot._contract.observe
 
             def interrupted(state):

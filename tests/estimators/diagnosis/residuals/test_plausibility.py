@@ -12,6 +12,7 @@ from lanes import sampled
 from estimators.diagnosis.fitting.problem import impossible, improve
 from estimators.diagnosis.pipeline import observe
 from estimators.diagnosis.residuals.plausibility import doubtful_encoders, foreign_bodies, notes_on
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
@@ -319,16 +320,20 @@ def test_what_is_odd_about_a_recording_is_noted(recording):
 
 
 def test_an_explanation_out_of_range_is_left_out_and_told():
-    nothing = SimpleNamespace(index=np.zeros(0))
+    bodies = PER_LINK * GIVEN.model.n
     offset = SimpleNamespace(
+        effect=EncoderOffset.name,
         prior=SimpleNamespace(index=np.zeros(1)),
         enter=lambda improvement, c: improvement.add(EncoderOffset(joint=2, offset=float(c[0]))),
     )
     problem = SimpleNamespace(
         observed=SimpleNamespace(simulation=GIVEN),
-        nuisance=SimpleNamespace(prior=nothing, enter=lambda _improvement, _c: None),
+        nuisance=SimpleNamespace(
+            prior=SimpleNamespace(index=np.zeros(bodies)), enter=lambda _improvement, _c: None
+        ),
         candidates=[offset],
     )
-    solution = SimpleNamespace(members=(0,), fitted=SimpleNamespace(mean=np.array([1.5])))
+    found = SimpleNamespace(mean=1.5 * np.eye(bodies + 1)[-1], covariance=np.eye(bodies + 1))
+    solution = SimpleNamespace(members=(0,), fitted=found)
     assert impossible(problem, solution) == (0,)
     assert improve(problem, solution) == GIVEN
