@@ -32,8 +32,9 @@ class RippleSettings:
         "more blur a coloured level; fewer let a line raise its own")
     passed: float = setting(0.25, "", "gain of the filter below which a row does not count",
         "higher uses fewer rows; lower divides by nearly nothing")
-    least_share: float = setting(0.1, "of the rows", "on which a line has to pass the filter",
-        "more miss lines of fast joints; fewer judge by little")
+    least_share: float = setting(0.25, "of the rows", "on which a line has to pass the filter",
+        "more miss lines of fast joints; fewer judge by little",
+        chosen="a tenth are those near reversals alone, where friction does all that it does")
     shape: int = setting(8, "knots", "of the dependence on position that is taken out first",
         "more take slow lines out; fewer leave shapes that look like lines")
     flat: int = setting(2, "knots", "the same, where a line of few periods is sought", "as above")
