@@ -164,17 +164,18 @@ def specification(simulation: Simulation, period: float) -> RobotSpec:
     """Return the specification of a simulated arm.
 
     Raises:
-        ConfigError: The period is not above 0, or a joint has no limit of velocity.
+        ConfigError: The period is not above 0, or a joint has no limit of velocity or torque.
     """
     if not 0 < period < np.inf:
         raise ConfigError(f"period = {period} s has to be positive")
     model = simulation.model
-    for j, most in enumerate(model.limits.velocity.tolist()):
-        if not most > 0:
-            raise ConfigError(
-                f"joint {j + 1} ({model.joint_names[j]}) has no limit of velocity, so the arm "
-                f"cannot be run: give it one in the {model.description.kind}"
-            )
+    for what, limits in (("velocity", model.limits.velocity), ("torque", model.limits.torque)):
+        for j, most in enumerate(limits.tolist()):
+            if not most > 0:
+                raise ConfigError(
+                    f"joint {j + 1} ({model.joint_names[j]}) has no limit of {what}, so the arm "
+                    f"cannot be run: give it one in the {model.description.kind}"
+                )
     resolution = simulation.sensors.for_joints("torque_resolution", model.n)
     return RobotSpec(
         model.name,

@@ -111,6 +111,7 @@ def _print_json(found: Export) -> None:
         "files": [str(path) for path in found.files],
         "diff": found.diff,
         "not_expressed": {item.place: list(item.rms) for item in found.remainder},
+        "kept": list(found.kept),
         "difference": list(found.error),
         "torque": list(found.torque),
         "share": found.share,
@@ -125,6 +126,8 @@ def show(found: Export) -> None:
     console = terminal(soft_wrap=True)
     for line in found.diff.splitlines():
         console.print(line)
+    for line in found.kept:
+        console.print(f"kept: {line}")
     for item in found.remainder:
         console.print(f"left: {item}")
     for line in str(found).splitlines():

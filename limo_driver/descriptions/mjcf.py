@@ -27,22 +27,30 @@ from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from limo_driver.types import FloatArray
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
 _ROOM: Final = 1.0  # [m] to either side of a joint that slides, where no range is stated
 _FEWEST: Final = 2  # arms, of which one has to be chosen
+# By element: a mass that is no number, MuJoCo replaces by one of a density, and hands others on.
+_FINITE: Final = {
+    "inertial": ("mass", "pos", "quat", "diaginertia", "fullinertia"),
+    "geom": ("mass", "density"),
+    "joint": ("damping", "armature", "frictionloss", "stiffness", "springref"),
+}
 
 
 def read_mjcf(path: Path) -> RobotDescription:
     """Read the arm of an MJCF file: of its trees of bodies, the one with the most hinges.
 
     Raises:
-        ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, its arm floats, or
-            several trees could be the arm.
+        ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, a mass or the
+            like is no finite number, its arm floats, or several trees could be the arm.
     """
-    check_includes(path)
+    _check_numbers(check_includes(path))
     model = compile_mjcf(path)
     root = _arm(model, path)
     writer = _Writer(model, root)
@@ -95,6 +103,29 @@ def check_includes(path: Path) -> tuple[Path, ...]:
                 found.append(file)
                 waiting.append(file)
     return tuple(found)
+
+
+def _check_numbers(files: Iterable[Path]) -> None:
+    """Refuse masses, inertias and physics of joints that are not finite, by the element's name."""
+    for path in files:
+        for parent in read_xml(path).iter():
+            for element in parent:
+                for key in _FINITE.get(element.tag, ()):
+                    _check_finite(element, key, parent, path)
+
+
+def _check_finite(element: ET.Element, key: str, parent: ET.Element, path: Path) -> None:
+    for word in element.get(key, "").split():
+        try:
+            value = float(word)
+        except ValueError:
+            continue  # MuJoCo says so
+        if not np.isfinite(value):
+            place = " ".join(filter(None, (parent.tag, parent.get("name") or parent.get("class"))))
+            raise ConfigError(
+                f"{place}: {key} of its {element.tag} is {word}, expected a finite number",
+                path=path,
+            )
 
 
 def _arm(model: Any, path: Path) -> int:  # noqa: ANN401

@@ -47,6 +47,7 @@ class Export(Displayed):
     joint_names: tuple[str, ...]
     error: tuple[float, ...]  # RMS of plain simulator less prediction, (n,) [N m]
     torque: tuple[float, ...]  # RMS of the prediction, (n,) [N m]
+    kept: tuple[str, ...] = ()  # lines: what the file states of joints and nothing was said of
 
     @property
     def share(self) -> float:
@@ -56,10 +57,11 @@ class Export(Displayed):
 
     def headline(self) -> str:
         """Say what was written, and how well it was proven."""
+        kept = " with what the file keeps" if self.kept else ""
         plain = "MuJoCo" if self.kind == MJCF else "pinocchio"
         return (
             f"{self.file}: {(len(self.diff.splitlines()) and 'changed') or 'nothing to change'}; "
-            f"{plain} alone needs what limo predicts, to {self.share:.2%} of the torque "
+            f"{plain} alone needs what limo predicts{kept}, to {self.share:.2%} of the torque "
             "(RMS, in motion)"
         )
 
@@ -94,6 +96,7 @@ def write(
         ConfigError: It is of another arm, or cannot be written.
     """
     target = target_of(simulation, into, kind)
+    simulation = target.simulation
     on = proof_motion(simulation.model)
     left = remainders(simulation, target.split, motion or on)
     expressed = replace(simulation, effects=tuple(map(sharp, target.split.expressed)))
@@ -114,7 +117,8 @@ def write(
         text = write_layer(target, place)
         error, torque = errors(place, kind, expressed, on)
         names = simulation.model.joint_names
-        return Export(place, (place, *copied), kind, _added(text), left, names, error, torque)
+        files = (place, *copied)
+        return Export(place, files, kind, _added(text), left, names, error, torque, target.kept)
     texts = edited_mjcf(target) if kind == MJCF else edited_urdf(target, kind)
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
     _write_texts(texts, places)
@@ -137,7 +141,7 @@ def write(
     diff = "".join(_diff(text, place) for text, place in zip(texts, places, strict=True))
     files = (*places, *copied)
     names = simulation.model.joint_names
-    return Export(places[0], files, kind, diff, left, names, error, torque)
+    return Export(places[0], files, kind, diff, left, names, error, torque, target.kept)
 
 
 def _places(texts: Sequence[XmlText], into: Path, out: Path, name: str) -> tuple[Path, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,6 +11,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.exports.bodies import shared
 from limo_driver.exports.formats import edited_format
 from limo_driver.exports.joints import EffectSplit, split
+from limo_driver.exports.kept import kept_effects, kept_lines
 from limo_driver.exports.parts import parts_of
 from limo_driver.model import RobotModel
 
@@ -30,10 +31,11 @@ class Target:
     """A file, and what of it has to change."""
 
     model: RobotModel  # as the file has it
-    simulation: Simulation
+    simulation: Simulation  # with what the file states and nothing was said of
     split: EffectSplit
     inertials: Mapping[str, Inertial]  # new ones, by body of the file, in its frame
     last: str  # body that payloads are fixed to
+    kept: tuple[str, ...]  # lines: what of the file's own joints stays, as nothing was said of it
 
 
 def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
@@ -60,7 +62,10 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     for (link, its_parts), wanted in zip(parts.items(), own.inertials.values(), strict=True):
         _ = link
         changes |= shared(its_parts, wanted)
-    return Target(model, simulation, split(simulation, kind), changes, list(parts)[-1])
+    kept = kept_effects(simulation, model)
+    whole = replace(simulation, effects=(*simulation.effects, *kept))
+    lines = kept_lines(kept, model.joint_names)
+    return Target(model, whole, split(whole, kind), changes, list(parts)[-1], lines)
 
 
 def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:

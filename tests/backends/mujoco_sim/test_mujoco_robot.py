@@ -175,3 +175,14 @@ def test_an_arm_without_limits_of_velocity_is_refused_by_the_joint(tmp_path):
         ConfigError, match=r"joint 1 \(\w+\) has no limit of velocity.* in the URDF"
     ):
         MujocoRobot(robot=str(path))
+
+
+def test_an_arm_without_limits_of_torque_is_named_and_not_run(tmp_path):
+    path = tmp_path / "weak.urdf"
+    text = RobotModel.load("iiwa14").description.text
+    path.write_text(re.sub(r'effort="[^"]*"', 'effort="0"', text, count=1))
+    assert RobotModel.load(path).notes == (
+        "joints joint1 state no effort limit; without one, the arm cannot be planned or run",
+    )
+    with pytest.raises(ConfigError, match=r"joint 1 \(joint1\) has no limit of torque.* the URDF"):
+        MujocoRobot(robot=str(path))

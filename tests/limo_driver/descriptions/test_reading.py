@@ -217,3 +217,20 @@ def test_joints_that_are_not_there_are_refused(file, joints):
     path = file(URDF, "arm.urdf")
     with pytest.raises(ConfigError, match=r"has no joint 'elbow'|locked at 'x'"):
         RobotModel.load(f"{path}#{joints}")
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ('<geom name="g" size="0.1" mass="nan"/>', "body link: mass of its geom is nan"),
+        ('<geom size="0.1" density="inf"/>', "body link: density of its geom is inf"),
+        ('<inertial pos="0 nan 0" mass="1" diaginertia="1 1 1"/>', "pos of its inertial is nan"),
+        ('<geom size="0.1" mass="1"/><joint name="b" armature="nan"/>', "armature of its joint"),
+    ],
+)
+def test_a_number_of_an_mjcf_that_is_not_finite_is_refused_by_name(file, part, said):
+    text = (
+        f'<mujoco><worldbody><body name="link"><joint name="a"/>{part}</body></worldbody></mujoco>'
+    )
+    with pytest.raises(ConfigError, match=f"{said}.*, expected a finite number"):
+        RobotModel.load(file(text))
