@@ -99,8 +99,10 @@ class DelimitedText:
         if not self._dialect.named:
             notes.append("it has no line of names; columns are counted from 1")
         if cut := self._cut:
+            rows = "1 row" if len(cut) == 1 else f"{len(cut)} rows"
             notes.append(
-                f"{len(cut)} rows have another number of cells, and are left out: {cut[0]}"
+                f"{rows} left out: another number of cells than the {len(self._dialect.names)} of "
+                f"the first line{cut[0]}"
             )
         return tuple(notes)
 
@@ -124,15 +126,16 @@ class DelimitedText:
         )
 
     def _leave_out(self, row: Any) -> str:  # noqa: ANN401  # pyarrow has no types
-        self._cut.append(f"row {row.number}" if row.number is not None else "a row")
+        # pyarrow counts no rows where it reads in parallel
+        self._cut.append("" if row.number is None else f" (row {row.number})")
         return "skip"
 
     def _check_cut(self) -> None:
         expected = len(self._dialect.names)
         if len(self._cut) > max(1, self._rows // 50):
             raise RecordingError(
-                f"has {len(self._cut)} rows with another number of cells than the {expected} of "
-                f"its first line, expected {expected}",
+                f"has {len(self._cut)} rows with another number of cells, expected {expected} as "
+                "in its first line",
                 path=self._path,
             )
 

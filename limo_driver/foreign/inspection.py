@@ -57,7 +57,7 @@ class Inspection(Displayed):
         if self.mapping.left_out:
             told.append(f"left out: {shortened(list(self.mapping.left_out), 24)}")
         told += [f"not read: {name} holds {what}" for name, what in self.table.unread.items()]
-        if self.refused:
+        if self.refused and self.recording is None:  # else it is one of the questions
             told.append(f"read as proposed it is refused: {self.refused}")
         if self.recording is not None:
             told += [*self.recording.warnings, *map(str, self.recording.left_out)]

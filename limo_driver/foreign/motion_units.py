@@ -100,10 +100,13 @@ def _turns(position: FloatArray, torque: FloatArray | None, model: RobotModel) -
     if len(uniform) > 1:
         rad, deg = (cost.of(position, (unit,) * n) for unit in ("rad", "deg"))
         if abs(rad - deg) < _DECISIVE:
+            told, fitted = "the torques fit both", "limits and torques"
+            if torque is None:
+                told, fitted = "no torque says which", "the limits, and no torque says which"
             return Reading(
                 ("rad",) * n,
-                "in rad and in deg within the limits, and the torques fit both",
-                "position: are the columns in rad or deg? both fit limits and torques",
+                f"in rad and in deg within the limits, and {told}",
+                f"position: are the columns in rad or deg? both fit {fitted}",
             )
         unit = "rad" if rad < deg else "deg"
         return _unless_mixed(

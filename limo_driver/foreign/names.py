@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.foreign.units import CURRENTS, WRITTEN, quantity_of
+from limo_driver.foreign.units import CURRENTS, SECONDS, UNITS, WRITTEN, quantity_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -54,6 +54,9 @@ _NO_ROBOT: Final = (
 _USUAL: Final = frozenset(_NO_ROBOT.split())
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°")
+# the letter before the number of an axis, as in `tau_A1`, which is no ampere; `mA_1` is
+_AXIS: Final = re.compile(r"(?:(?<![A-Za-z])a|(?<![A-Z])(?<!\bm)(?<!_m)A)(?=[ _.-]?\d)")
+_UNITS: Final = {TIME: SECONDS, CURRENT: CURRENTS, **UNITS}
 _SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s"}
 
 
@@ -93,6 +96,8 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
             unit, rest = found, rest.replace(match[0], " ")
     words = words_of(rest)
     joint, words = _joint_in(words, joints)
+    if isinstance(joint, int):
+        joint, words = _joint_in(words_of(_AXIS.sub(" axis ", rest)), ())
     if not unit:
         unit, words = _unit_at_end(words)
     said = [word for word in words if word in _QUANTITY]
@@ -103,6 +108,8 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
         unit = _SPEED.get(unit, unit)
     if quantity != TIME and any(word in _ELSEWHERE for word in words):
         quantity = NOTHING
+    if unit not in _UNITS.get(quantity, ()):
+        unit = ""
     ranks = [_RANK[word] for word in words if word in _RANK]
     return Name(column, quantity, max(ranks, default=PLAIN), joint, unit, words)
 
@@ -147,5 +154,5 @@ def _unit_at_end(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
 
 
 def _of_unit(unit: str) -> str:
-    """Return the quantity that a unit alone gives away; A1 is an axis, and no ampere."""
+    """Return the quantity that a unit alone gives away; a letter alone is no current."""
     return NOTHING if unit in CURRENTS else quantity_of(unit)

@@ -197,6 +197,7 @@ class _Rows:
     topics: dict[str, str] = field(default_factory=dict)  # topic → schema
     malformed: int = 0
     elsewhere: int = 0
+    others: tuple[str, ...] = ()  # joints of the first message that was elsewhere
 
     def __post_init__(self) -> None:
         self._wanted = self.topic is None
@@ -240,6 +241,7 @@ class _Rows:
             columns = [state.names.index(name) for name in joints]
         elif self._fixed:
             self.elsewhere += 1
+            self.others = self.others or state.names
             return
         else:
             raise RecordingError(
@@ -320,7 +322,11 @@ class _Rows:
             named = [f"{topic} ({schema})" for topic, schema in self.topics.items()][:_LISTED]
             asked = "" if self._wanted else f" of topic {self.topic}"
             unread = f"; {self.malformed} are malformed" if self.malformed else ""
-            others = f"; {self.elsewhere} are of other joints" if self.elsewhere else ""
+            others = ""
+            if self.elsewhere:
+                listed = ", ".join(self.others[:_LISTED]) or "that have no names"
+                more = ", ..." if len(self.others) > _LISTED else ""
+                others = f"; {self.elsewhere} are of other joints ({listed}{more})"
             raise RecordingError(
                 f"no joint states{asked} in these logs{unread}{others}; they hold "
                 f"{', '.join(named) or 'nothing'}"

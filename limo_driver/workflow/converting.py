@@ -8,12 +8,14 @@ from importlib.metadata import version
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.foreign.blocks import check_units, long_log
 from limo_driver.foreign.proposal import propose
 from limo_driver.logs.joint_state_log import joint_state_blocks
+from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.data_gate import LeftOut, inspect
 from limo_driver.recordings.file import columns_writer
+from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.reading import columns_of, mapping_of, said
 
 if TYPE_CHECKING:
@@ -72,7 +74,7 @@ def convert_log(
         "joints": used.joints,
         "provenance": {"logs": [log.name], "limo": version("limo")},
     }
-    judged = _Judged(log, is_whole=blocks is None)
+    judged = _Judged(log, model, is_whole=blocks is None)
     with columns_writer(out, about) as write:
         for columns in pieces:
             judged.add(columns)
@@ -119,7 +121,7 @@ def convert_bags(
             "limo": version("limo"),
         },
     }
-    judged, last = _Judged(bags[0], is_whole=second is None), first
+    judged, last = _Judged(bags[0], model, is_whole=second is None), first
     with columns_writer(out, about) as write:
         for log in chain([first], [] if second is None else [second], blocks):
             judged.add(log.columns)
@@ -161,8 +163,9 @@ def _mapped(
 class _Judged:
     """The findings about all rows, as they come."""
 
-    def __init__(self, log: Path, *, is_whole: bool) -> None:
-        self._log, self._is_whole = log, is_whole
+    def __init__(self, log: Path, model: RobotModel | None, *, is_whole: bool) -> None:
+        self._log, self._model, self._is_whole = log, model, is_whole
+        self._head: Columns | None = None  # the first block
         self._rows = self._usable = self._blocks = 0
         self._first = self._last = 0.0
         self._left_out: dict[str, list[int]] = defaultdict(list)
@@ -178,6 +181,7 @@ class _Judged:
             findings = inspect(columns)
         except RecordingError as error:
             raise self._placed(error, columns.time.size) from None
+        self._head = self._head or columns
         time = columns.time[findings.rows]
         if self._blocks and time[0] <= self._last:
             raise RecordingError(
@@ -203,6 +207,8 @@ class _Judged:
                 *notes,
                 f"written in {self._blocks} blocks, each judged by itself",
             )
+        if self._head is not None and self._model is not None:
+            notes = (*notes, *_doubts(self._head, self._model))
         return Converted(joints, self._rows, self._usable, self._last - self._first, notes)
 
     def _placed(self, error: RecordingError, rows: int) -> RecordingError:
@@ -214,3 +220,14 @@ class _Judged:
             path=self._log,
             rows=[self._rows + row for row in error.rows],
         )
+
+
+def _doubts(columns: Columns, model: RobotModel) -> tuple[str, ...]:
+    """Return what makes one doubt rows that are written all the same: they may be mended later."""
+    from estimators.diagnosis.residuals.plausibility import doubts_about
+
+    try:
+        recording = Recording.from_columns(columns)
+        return doubts_about(model, [recording], bandwidth_for([recording]))
+    except LimoError as error:
+        return (f"identification and diagnosis will refuse it: {error}",)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from limo_driver.foreign.proposal import Proposal
     from limo_driver.model import RobotModel
 
 
@@ -63,7 +64,18 @@ def inspect(
     told: tuple[str, ...] = ()
     if recording is not None:
         told, refused = _judged(recording, model)
+        if refused:
+            proposal = _asking(proposal, refused)
     return Inspection(table, proposal, recording, refused, told)
+
+
+def _asking(proposal: Proposal, refused: str) -> Proposal:
+    """Return a proposal that cannot be used before it is said what is meant instead."""
+    question = (
+        f"read as proposed it is refused: {refused}: which columns, signs or units are meant?"
+    )
+    undecided = (*proposal.mapping.undecided, question)
+    return replace(proposal, mapping=replace(proposal.mapping, undecided=undecided))
 
 
 def _judged(recording: Recording, model: RobotModel) -> tuple[tuple[str, ...], str]:
@@ -74,5 +86,5 @@ def _judged(recording: Recording, model: RobotModel) -> tuple[tuple[str, ...], s
     try:
         doubts = doubts_about(model, [recording], bandwidth_for([recording]))
     except LimoError as error:
-        return (), str(error)
+        return (), str(error).removeprefix(f"{recording.source}: ")
     return (*telemetry_of(recording, model).lines(), *doubts), ""

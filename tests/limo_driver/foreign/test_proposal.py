@@ -68,9 +68,20 @@ def test_small_motion_has_its_unit_from_gravity(scale, unit):
 def test_two_readings_that_fit_are_a_question():
     found = proposed(q=0.01 * POSITION)  # no torque says which
     assert found.mapping.undecided == (
-        "position: are the columns in rad or deg? both fit limits and torques",
+        "position: are the columns in rad or deg? both fit the limits, and no torque says which",
     )
     assert found.mapping.torque is None
+    assert found.taken[1].why == "in rad and in deg within the limits, and no torque says which"
+
+
+@pytest.mark.parametrize("velocity", [{}, numbered("vel_A{}", VELOCITY, 1)], ids=["no", "yes"])
+def test_joints_named_like_an_ampere_are_joints(velocity):
+    log = {**numbered("pos_A{}", POSITION, 1), **velocity, **numbered("tau_A{}", TORQUE, 1)}
+    mapping = proposed(**log).mapping
+    assert mapping.undecided == ()
+    assert (mapping.position.unit, mapping.torque.unit) == (("rad",), ("N m",))
+    assert mapping.velocity is None or mapping.velocity.unit == ("rad/s",)
+    assert mapping.left_out == ()
 
 
 def test_degrees_and_radians_in_one_log_are_a_question_that_names_the_joints():

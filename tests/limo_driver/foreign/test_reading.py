@@ -13,6 +13,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from limo_driver.errors import RecordingError
+from limo_driver.foreign.proposal import propose
 from limo_driver.foreign.reading import read_table
 
 TIME, POSITION, VELOCITY, TORQUE = measured(2.0)
@@ -69,7 +70,15 @@ def test_a_row_that_is_cut_off_is_left_out_and_told(tmp_path):
     path.write_text(text[: len(text) - 40])
     table = read_table(path)
     assert table.rows == TIME.size - 1
-    assert "another number of cells" in table.notes[0]
+    assert "1 row left out: another number of cells than the 15 of the first line" in table.notes[0]
+
+
+def test_many_rows_that_are_cut_off_are_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q0\n" + "0,1\n" * 20 + "0\n" * 5, encoding="utf-8")
+    said = "has 5 rows with another number of cells, expected 2 as in its first line$"
+    with pytest.raises(RecordingError, match=said):
+        read_table(path)
 
 
 DAMAGED = [
@@ -143,6 +152,16 @@ def test_joints_of_a_bag_come_by_name_beside_a_gripper(tmp_path, storage):
         np.testing.assert_array_equal(table.columns[f"position.{name}"], POSITION[:, j])
         np.testing.assert_array_equal(table.columns[f"effort.{name}"], TORQUE[:, j])
     assert "left aside: 500 messages of finger_left, finger_right" in table.notes[-1]
+
+
+def test_joints_of_a_bag_named_like_an_ampere_are_joints(tmp_path):
+    shuffled = ("/joint_states", [f"A{j + 1}" for j in ORDER], ORDER)
+    table = read_table(bag(tmp_path / "bag", [shuffled]), joints=NAMES)
+    mapping = propose(table, arm()).mapping
+    assert mapping.position.columns == tuple(f"position.A{j}" for j in range(1, 8))
+    assert mapping.position.unit == ("rad",)
+    assert mapping.torque.unit == ("N m",)
+    assert mapping.velocity.unit == ("rad/s",)
 
 
 DYNAMIC = """

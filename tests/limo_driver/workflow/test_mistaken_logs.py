@@ -10,6 +10,7 @@ import pytest
 import limo_driver as limo
 from limo_driver.errors import RecordingError
 from limo_driver.physics import CoulombFriction
+from limo_driver.workflow.converting import convert_log
 
 RATE, DURATION, BANDWIDTH = 50.0, 40.0, 5.0  # [Hz], [s], [Hz]
 ARM = limo.RobotModel.load("iiwa14")
@@ -86,3 +87,22 @@ def test_a_robot_on_the_wall_is_judged_as_it_hangs():
 def test_too_little_to_judge_by_is_said(recording):
     found = identified(recording[:100])
     assert found.warnings[0].startswith("signs, units and order of the columns cannot be checked:")
+
+
+def test_an_inspection_asks_and_a_conversion_doubts_what_would_be_refused(recording, tmp_path):
+    """A log that is converted may be mended later, so it is written all the same."""
+    log = {"time_s": recording.time, "q_rad": recording.position}
+    good, bad = log | {"tau_nm": recording.torque}, log | {"tau_nm": recording.torque @ EXCHANGED}
+    assert limo.inspect(good, ARM).questions == ()
+    (question,) = limo.inspect(bad, ARM).questions
+    assert "refused: torque_2 belongs to joint 4 and torque_4 to joint 2" in question
+    for name, columns in (("good", good), ("bad", bad)):
+        np.savez(tmp_path / f"{name}.npz", **columns)
+    written = [
+        convert_log(tmp_path / f"{name}.npz", tmp_path / f"{name}.parquet", ARM)
+        for name in ("good", "bad")
+    ]
+    assert written[0].samples == written[1].samples == len(recording)
+    said = "identification and diagnosis will refuse it: torque_2 belongs to joint 4"
+    assert said in written[1].notes[-1]
+    assert not any(said in note for note in written[0].notes)
