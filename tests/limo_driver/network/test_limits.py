@@ -8,6 +8,7 @@ from sessions import sessions_of_two
 from limo_driver.network.limits import WAITING, PacedQueryable, RateLimit
 
 KEY = "limo/arm/model/index"
+OTHER = "limo/arm/other"
 
 
 def test_some_may_come_together_and_then_a_few_a_second():
@@ -35,9 +36,12 @@ def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path
         while not busy.is_set():  # until the two know each other
             first = there.get(f"{KEY}?k=first", timeout=60.0)
             busy.wait(0.1)
+        last = here.declare_queryable(OTHER, lambda query: query.reply(OTHER, b""))
+        while not list(there.get(OTHER, timeout=60.0)):  # until they know of that one, too
+            pass
         asked = [there.get(f"{KEY}?k={k}", timeout=60.0) for k in range(10 * WAITING)]
-        heard = there.get("limo/arm/other", timeout=60.0)  # comes after those
-        assert not list(heard)
+        assert list(there.get(OTHER, timeout=60.0))  # comes after those
+        last.undeclare()
         free.set()
         got = [len(list(replies)) for replies in asked]
         assert len(list(first)) == 1

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -120,7 +121,10 @@ class TestPrograms:
 
 class TestSignals:
     @pytest.mark.parametrize("number", [signal.SIGINT, *exits.ENDING])
-    def test_in_the_middle_of_a_cycle_wait_for_its_end(self, number, monkeypatch):
+    def test_in_the_middle_of_a_cycle_wait_for_its_end(self, number, monkeypatch, request):
+        # whoever ran before in this process: a handler of somebody's own is left alone
+        usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+        request.addfinalizer(partial(signal.signal, number, signal.signal(number, usual)))
         with open_robot("virtual", robot="iiwa14") as robot:
             start = robot.receive().position
             for k in range(20):
