@@ -40,7 +40,7 @@ from estimators.diagnosis.verdict import Finding, Identified
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay, spoken
-from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -100,7 +100,7 @@ def observe(
 def diagnose(
     simulation: Simulation,
     recordings: Sequence[Recording],
-    bandwidth: float | None = None,
+    bandwidth: float = BANDWIDTH,
     progress: Progress = quiet,
 ) -> Diagnosis:
     """Find where a simulation and recordings differ, and which physics is missing.
@@ -108,8 +108,7 @@ def diagnose(
     Args:
         simulation: What is believed of the arm, with its tolerances.
         recordings: One or more of that arm.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what
-            the most slowly sampled recording can bear.
+        bandwidth: Of the zero-phase filter on motion and torque [Hz].
         progress: Told the stage and the part that is done, which never goes back, and ends at 1.
 
     Returns:
@@ -121,8 +120,7 @@ def diagnose(
     """
     progress = forward(progress)
     progress("reading motion", 0.0)
-    width = bandwidth_for(recordings, bandwidth)
-    problem = RegressionProblem.of(observe(simulation, recordings, width), progress)
+    problem = RegressionProblem.of(observe(simulation, recordings, bandwidth), progress)
     judged, pushed = _without_pushes(problem, progress)
     judged = _beyond_tolerances(judged, progress)
     judged, harmful = judged.harmless()

@@ -14,7 +14,7 @@ from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
 from limo_driver.exports.mjcf_servos import write_servos
 from limo_driver.exports.motors import append_motors, write_motors
-from limo_driver.exports.xml_edits import Element, XmlText
+from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -57,7 +57,7 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
             values["solimpfriction"] = firm[j]
             if firm[j] == FIRMNESS[-1]:
                 quick = _QUICK_STEPS * float(spec.option.timestep)
-                values["solreffriction"] = _numbers(quick, 1.0)
+                values["solreffriction"] = as_list(quick, 1.0)
         if values:
             text, element = _found(texts, "joint", name, into)
             for attribute, value in values.items():
@@ -79,7 +79,7 @@ def rubs_anew(target: Target) -> frozenset[int]:
     return frozenset(
         j
         for j, (name, wanted) in enumerate(pairs)
-        if wanted.friction and _differ(known.get(name, JointDynamics()).friction, wanted.friction)
+        if wanted.friction and differ(known.get(name, JointDynamics()).friction, wanted.friction)
     )
 
 
@@ -131,9 +131,9 @@ def _write_inertial(
 def _inertial_values(body: Inertial) -> dict[str, str]:
     xx, xy, xz, yy, yz, zz = body.inertia
     return {
-        "pos": _numbers(*body.com),
-        "mass": _numbers(body.mass),
-        "fullinertia": _numbers(xx, yy, zz, xy, xz, yz),
+        "pos": as_list(*body.com),
+        "mass": as_list(body.mass),
+        "fullinertia": as_list(xx, yy, zz, xy, xz, yz),
     }
 
 
@@ -141,17 +141,17 @@ def _joint_values(stated: JointDynamics, wanted: JointDynamics, *, degrees: bool
     """Return the attributes of a joint that have to change."""
     values: dict[str, str] = {}
     for attribute, of in (("frictionloss", "friction"), ("armature", "armature")):
-        if _differ(getattr(stated, of), getattr(wanted, of)):
-            values[attribute] = _numbers(getattr(wanted, of))
-    if _differ(stated.damping, wanted.damping) or _differ(stated.drag, wanted.drag):
+        if differ(getattr(stated, of), getattr(wanted, of)):
+            values[attribute] = as_list(getattr(wanted, of))
+    if differ(stated.damping, wanted.damping) or differ(stated.drag, wanted.drag):
         more = (wanted.drag,) if wanted.drag or stated.drag else ()
-        values["damping"] = _numbers(wanted.damping, *more)
-    if _differ(stated.stiffness, wanted.stiffness) or _differ(stated.cubic, wanted.cubic):
+        values["damping"] = as_list(wanted.damping, *more)
+    if differ(stated.stiffness, wanted.stiffness) or differ(stated.cubic, wanted.cubic):
         more = (0.0, wanted.cubic) if wanted.cubic or stated.cubic else ()
-        values["stiffness"] = _numbers(wanted.stiffness, *more)
+        values["stiffness"] = as_list(wanted.stiffness, *more)
     pulls = wanted.stiffness or wanted.cubic
-    if pulls and _differ(stated.rest, wanted.rest):
-        values["springref"] = _numbers(np.rad2deg(wanted.rest) if degrees else wanted.rest)
+    if pulls and differ(stated.rest, wanted.rest):
+        values["springref"] = as_list(np.rad2deg(wanted.rest) if degrees else wanted.rest)
     return values
 
 
@@ -172,9 +172,9 @@ def _payload(payload: Payload, shift: Any) -> str:  # noqa: ANN401
     xx, xy, xz, yy, yz, zz = payload.inertia
     if min(xx, yy, zz) < _SMALLEST:
         xx, yy, zz = (value + _SMALLEST for value in (xx, yy, zz))
-    inertia = _numbers(xx, yy, zz, xy, xz, yz)
+    inertia = as_list(xx, yy, zz, xy, xz, yz)
     return (
-        f'<inertial pos="{_numbers(x, y, z)}" mass="{_numbers(payload.mass)}" '
+        f'<inertial pos="{as_list(x, y, z)}" mass="{as_list(payload.mass)}" '
         f'fullinertia="{inertia}"/>'
     )
 
@@ -182,14 +182,6 @@ def _payload(payload: Payload, shift: Any) -> str:  # noqa: ANN401
 def _write_gravity(text: XmlText, gravity: Sequence[float]) -> None:
     option = text.root.child("option")
     if option is None:
-        text.insert(text.root, f'<option gravity="{_numbers(*gravity)}"/>')
+        text.insert(text.root, f'<option gravity="{as_list(*gravity)}"/>')
     else:
-        text.set(option, "gravity", _numbers(*gravity))
-
-
-def _differ(first: float, second: float) -> bool:
-    return abs(first - second) > _SAME * max(abs(first), abs(second))
-
-
-def _numbers(*values: float) -> str:
-    return " ".join(f"{float(value):.10g}" for value in values)
+        text.set(option, "gravity", as_list(*gravity))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from limo_driver.descriptions.description import StatedServo
 from limo_driver.errors import ConfigError
-from limo_driver.exports.xml_edits import as_attribute
+from limo_driver.exports.xml_edits import as_attribute, differ
 from limo_driver.physics import PositionServo
 
 if TYPE_CHECKING:
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from limo_driver.exports.target import Target
     from limo_driver.exports.xml_edits import Element, XmlText
-
-_SAME: Final = 1e-9  # relative
 
 
 def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into: Path) -> None:
@@ -102,4 +100,4 @@ def _alike(first: StatedServo, second: StatedServo) -> bool:
         (first.limit or 0.0, second.limit or 0.0),
         (first.delay, second.delay),
     )
-    return all(abs(a - b) <= _SAME * max(abs(a), abs(b)) for a, b in pairs)
+    return not any(differ(a, b) for a, b in pairs)

@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.xml_edits import as_attribute
+from limo_driver.exports.xml_edits import as_attribute, as_list
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,14 +62,14 @@ def write_motors(
                 path=into,
             )
         for (text, element), values in zip(own, has, strict=False):
-            text.set(element, attribute, _numbers(values))
+            text.set(element, attribute, as_list(*values))
         for text, element in own[len(has) :]:
             text.remove(element, attribute)
         for number, values in enumerate(has[len(own) :], start=1):
             name = as_attribute(f"{joint}_{attribute}" + (f"_{number}" if len(has) > 1 else ""))
             lines.append(
                 f'<{_TAG} name="{name}" joint="{as_attribute(joint)}" input="none" resistance="1" '
-                f'{attribute}="{_numbers(values)}"/>'
+                f'{attribute}="{as_list(*values)}"/>'
             )
     return lines
 
@@ -111,7 +111,3 @@ def _alike(first: Sequence[float], second: Sequence[float]) -> bool:
     return all(
         math.isclose(a, b, rel_tol=_SAME, abs_tol=_SAME) for a, b in zip(first, second, strict=True)
     )
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(f"{value:.10g}" for value in values)

@@ -59,8 +59,7 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     _check_same(own, model, into)
     parts = parts_of(model)
     changes: dict[str, Inertial] = {}
-    for (link, its_parts), wanted in zip(parts.items(), own.inertials.values(), strict=True):
-        _ = link
+    for its_parts, wanted in zip(parts.values(), own.inertials.values(), strict=True):
         changes |= shared(its_parts, wanted)
     kept = kept_effects(simulation, model)
     whole = replace(simulation, effects=(*simulation.effects, *kept))

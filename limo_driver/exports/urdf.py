@@ -9,14 +9,13 @@ from limo_driver.descriptions.description import JointDynamics
 from limo_driver.errors import ConfigError
 from limo_driver.exports.drake import write_rotors
 from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
-from limo_driver.exports.xml_edits import Element, XmlText, as_attribute
+from limo_driver.exports.xml_edits import Element, XmlText, as_attribute, as_list, differ
 
 if TYPE_CHECKING:
     from limo_driver.exports.target import Target
     from limo_driver.model import Inertial
     from limo_driver.physics import Payload
 
-_SAME: Final = 1e-9  # relative
 _KEYS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -64,9 +63,9 @@ def _write_inertial(text: XmlText, link: Element, body: Inertial) -> None:
         return
     origin, mass, inertia = (stated.child(tag) for tag in ("origin", "mass", "inertia"))
     if origin is None:
-        text.insert(stated, f'<origin xyz="{_numbers(*body.com)}" rpy="0 0 0"/>')
+        text.insert(stated, f'<origin xyz="{as_list(*body.com)}" rpy="0 0 0"/>')
     else:
-        text.set(origin, "xyz", _numbers(*body.com))
+        text.set(origin, "xyz", as_list(*body.com))
         if any(float(part) for part in origin.attributes.get("rpy", "0").split()):
             text.set(origin, "rpy", "0 0 0")
     for element, values in (
@@ -80,16 +79,16 @@ def _write_inertial(text: XmlText, link: Element, body: Inertial) -> None:
             )
         for key, value in values.items():
             if float(element.attributes.get(key, "nan")) != value:
-                text.set(element, key, _numbers(value))
+                text.set(element, key, as_list(value))
 
 
 def _inertial(body: Inertial) -> str:
     inertia = " ".join(
-        f'{key}="{_numbers(value)}"' for key, value in zip(_KEYS, body.inertia, strict=True)
+        f'{key}="{as_list(value)}"' for key, value in zip(_KEYS, body.inertia, strict=True)
     )
     return (
-        f'<inertial><origin xyz="{_numbers(*body.com)}" rpy="0 0 0"/>'
-        f'<mass value="{_numbers(body.mass)}"/><inertia {inertia}/></inertial>'
+        f'<inertial><origin xyz="{as_list(*body.com)}" rpy="0 0 0"/>'
+        f'<mass value="{as_list(body.mass)}"/><inertia {inertia}/></inertial>'
     )
 
 
@@ -97,9 +96,9 @@ def _write_joint(
     text: XmlText, joint: Element, stated: JointDynamics, wanted: JointDynamics
 ) -> None:
     values = {
-        attribute: _numbers(getattr(wanted, attribute))
+        attribute: as_list(getattr(wanted, attribute))
         for attribute in ("damping", "friction")
-        if _differ(getattr(stated, attribute), getattr(wanted, attribute))
+        if differ(getattr(stated, attribute), getattr(wanted, attribute))
     }
     if not values:
         return
@@ -120,11 +119,3 @@ def _write_payload(text: XmlText, payload: Payload, last: str, number: int) -> N
         "</joint>",
     )
     text.insert(text.root, f'<link name="{name}">{_inertial(payload.load)}</link>')
-
-
-def _differ(first: float, second: float) -> bool:
-    return abs(first - second) > _SAME * max(abs(first), abs(second))
-
-
-def _numbers(*values: float) -> str:
-    return " ".join(f"{float(value):.10g}" for value in values)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _ATTRIBUTE = re.compile(rb"(\s+)([\w:.\-]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _NAME = re.compile(rb"<[\w:.\-]+")
+_ROUNDING = 1e-9  # relative
 
 
 @dataclass
@@ -50,6 +51,16 @@ class Element:
 def as_attribute(value: str) -> str:
     """Return a value as it stands between the quotes of an attribute."""
     return escape(value, {'"': "&quot;"})
+
+
+def as_list(*values: float) -> str:
+    """Return numbers as they stand in an attribute, one after the other."""
+    return " ".join(f"{float(value):.10g}" for value in values)
+
+
+def differ(first: float, second: float) -> bool:
+    """Say whether numbers are further apart than rounding makes them."""
+    return abs(first - second) > _ROUNDING * max(abs(first), abs(second))
 
 
 class XmlText:
