@@ -13,8 +13,7 @@ import numpy as np
 from estimators.drives.forward import commands_of
 from estimators.drives.one_joint import LoadedJoint
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
-from limo_driver.recordings.bandwidth import BANDWIDTH
-from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ class ArmLoads:
         thinned = [max(1, round(r.rate / _FASTEST)) for r in self.recordings]
         self._rows = [slice(None, None, every) for every in thinned]
         self._motions = [
-            _thinned(r.motion(min(BANDWIDTH, SAFE_BANDWIDTH * r.slowest_rate)), rows)
+            _thinned(r.motion(bandwidth_for([r])), rows)
             for r, rows in zip(self.recordings, self._rows, strict=True)
         ]
 

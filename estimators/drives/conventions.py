@@ -14,8 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from estimators.drives.forward import commands_of
-from limo_driver.recordings.bandwidth import BANDWIDTH
-from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -149,8 +148,7 @@ def _score(
 def _rows(recordings: Sequence[Recording], delay: float) -> _Rows:
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for recording in recordings:
-        width = min(BANDWIDTH, SAFE_BANDWIDTH * recording.slowest_rate)
-        motion = recording.motion(width)
+        motion = recording.motion(bandwidth_for([recording]))
         since = recording.time - delay
         at = np.maximum(np.searchsorted(recording.time, since, side="right") - 1, 0)
         error = commands_of(recording)[at] - motion.position

@@ -16,8 +16,7 @@ from estimators.drives.columns import DELAY
 from estimators.drives.forward import ROUNDING, commands_of
 from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity, slack
 from limo_driver.compiled import compiled
-from limo_driver.recordings.bandwidth import BANDWIDTH
-from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,15 +44,12 @@ class LoadedJoint:
         return _advance_one(row, self.time, self.command, self.position[0], self.load, self.inertia)
 
 
-def loaded_joints(
-    body: RobotModel, recordings: Sequence[Recording], bandwidth: float = BANDWIDTH
-) -> list[list[LoadedJoint]]:
+def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[list[LoadedJoint]]:
     """Return the stretches of each joint.
 
     Args:
         body: The rigid body.
         recordings: With commands.
-        bandwidth: Of the zero-phase filter on the motion that loads are computed of [Hz].
 
     Returns:
         For each joint (0-based), its stretches without a gap.
@@ -61,8 +57,7 @@ def loaded_joints(
     found: list[list[LoadedJoint]] = [[] for _ in range(body.n)]
     for recording in recordings:
         command = commands_of(recording)
-        width = min(bandwidth, SAFE_BANDWIDTH * recording.slowest_rate)
-        motion = recording.motion(width)
+        motion = recording.motion(bandwidth_for([recording]))
         total = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
         for j in range(body.n):
             inertia = body.inertia_of(motion.position, j)[:, j]
