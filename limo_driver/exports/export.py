@@ -100,16 +100,14 @@ def write(
     on = proof_motion(simulation.model)
     left = remainders(simulation, target.split, motion or on)
     expressed = replace(simulation, effects=tuple(map(sharp, target.split.expressed)))
-    if edited_format(kind) == URDF and not np.allclose(
-        [simulation.model.gravity, simulation.body.gravity], DOWN
+    stated = {URDF: DOWN, USD: target.model.gravity}.get(edited_format(kind))
+    if stated is not None and not np.allclose(
+        [simulation.model.gravity, simulation.body.gravity], stated
     ):
-        expressed = replace(expressed, effects=(*expressed.effects, GravityDirection(gravity=DOWN)))
-        if not np.allclose(simulation.body.gravity, DOWN):
-            left = (*left, _gravity(simulation, motion or on))
-    if kind == USD and not np.allclose(simulation.body.gravity, target.model.gravity):
-        left = (*left, _gravity(simulation, motion or on, target.model.gravity))
-        own = tuple(np.array(target.model.gravity).tolist())
-        expressed = replace(expressed, effects=(*expressed.effects, GravityDirection(gravity=own)))
+        own = GravityDirection(gravity=tuple(np.array(stated).tolist()))
+        expressed = replace(expressed, effects=(*expressed.effects, own))
+        if not np.allclose(simulation.body.gravity, stated):
+            left = (*left, _gravity(simulation, motion or on, stated))
     require_folder(out, "the export")
     if kind == USD:
         place = out / (name or f"{into.stem}_found.usda")
@@ -173,7 +171,7 @@ def _added(text: str) -> str:
     return "".join(f"+{line}" for line in text.splitlines(keepends=True))
 
 
-def _gravity(simulation: Simulation, motion: Motion, stated: Sequence[float] = DOWN) -> Remainder:
+def _gravity(simulation: Simulation, motion: Motion, stated: Sequence[float]) -> Remainder:
     """Return the size of a gravity that a file does not state."""
     body = simulation.body
     static = body.gravity_torque(motion.position)
