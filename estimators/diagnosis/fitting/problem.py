@@ -88,11 +88,9 @@ class RegressionProblem:
         another simulation than the one that a solution was linear around, they are others.
         """
         result = left.copy()
-        index = self.nuisance.prior.index
+        prior, sensors = self.nuisance.prior, ~self.nuisance.entered
         deviation = np.full(self.columns.count, np.nan)
-        deviation[index[~self.nuisance.entered]] = self.nuisance.prior.deviation[
-            ~self.nuisance.entered
-        ]
+        deviation[prior.index[sensors]] = prior.deviation[sensors]
         for joint in range(self.columns.joints):
             values, at = self.columns.of_joint(joint)
             own = deviation[at] > 0  # not those that nothing is tolerated of, nor any other column
