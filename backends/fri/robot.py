@@ -53,6 +53,7 @@ WRENCH_LIMITS: Final = WrenchLimits(
     rate=np.array([500.0, 500.0, 500.0, 100.0, 100.0, 100.0]),
 )
 PATIENCE: Final = 0.01  # [s] beyond a period in which a late packet is waited for
+HEEDING: Final = 0.1  # [s] of waiting, after which a signal that came meanwhile is acted on
 OUTDATED: Final = 5e-3  # [s] of waiting to be read, after which a packet moves nothing any more
 MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
 UNCONFIRMED: Final = 0.1  # [s] of commands that the robot may leave unconfirmed
@@ -326,13 +327,22 @@ class FriRobot(Robot):
             timeout = self.spec.period + (0.0 if self._missed else PATIENCE)
         deadline = time.monotonic() + timeout
         for _ in range(MOST_WAITING):
-            datagram = self._link.endpoint.receive(timeout)
+            datagram = self._wait(timeout, deadline)
             if datagram is None:
                 return None
             if (message := self._accept(datagram)) is not None:
                 return message
             timeout = max(deadline - time.monotonic(), 0.0)
         return None
+
+    def _wait(self, timeout: float, deadline: float) -> Datagram | None:
+        """Return the next datagram; None after the deadline, or soon after a signal came."""
+        while timeout > HEEDING:
+            datagram = self._link.endpoint.receive(HEEDING)
+            if datagram is not None or self.interrupted:
+                return datagram
+            timeout = max(deadline - time.monotonic(), 0.0)
+        return self._link.endpoint.receive(timeout)
 
     def _accept(self, datagram: Datagram) -> Monitoring | None:
         """Note a datagram; return its message if that is to be answered."""

@@ -50,7 +50,7 @@ def guard(robot: Interruptible) -> None:
     for number in (signal.SIGINT, *ENDING):
         before = signal.getsignal(number)
         if before in {signal.SIG_DFL, signal.default_int_handler}:
-            signal.signal(number, _leave)
+            signal.signal(number, _heed)
             _taken[number] = before
 
 
@@ -61,7 +61,7 @@ def release(robot: Interruptible) -> None:
         return
     while _taken:
         number, before = _taken.popitem()
-        if signal.getsignal(number) is _leave:
+        if signal.getsignal(number) is _heed:
             signal.signal(number, before)
 
 
@@ -95,7 +95,7 @@ def leave(number: int) -> NoReturn:
     raise SystemExit(_SIGNALLED + number)
 
 
-def _leave(number: int, frame: FrameType | None) -> None:
+def _heed(number: int, frame: FrameType | None) -> None:
     while frame is not None:
         if frame.f_code.co_name in _CYCLE:
             here = frame.f_locals.get("self")

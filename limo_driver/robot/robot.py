@@ -107,7 +107,7 @@ class Robot(exits.Interruptible):
             raise ConfigError("timeout is nan, expected seconds")
         state = self._next_state(timeout)
         if self.interrupted:
-            self._leave()
+            self._heed_signal()
         return state
 
     def send(self, command: JointCommand) -> JointCommand:
@@ -136,7 +136,7 @@ class Robot(exits.Interruptible):
         applied = self._send(sent)
         self._answered = True
         if self.interrupted:
-            self._leave()
+            self._heed_signal()
         return sent if applied is None else applied
 
     def send_ahead(self, targets: FloatArray) -> StatesAhead | None:  # noqa: ARG002  # by default none
@@ -274,7 +274,7 @@ class Robot(exits.Interruptible):
         finally:
             exits.release(self)
 
-    def _leave(self) -> None:
+    def _heed_signal(self) -> None:
         number, self.interrupted = self.interrupted, 0
         exits.leave(number)
 

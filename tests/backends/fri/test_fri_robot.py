@@ -1,6 +1,10 @@
 """The FRI driver: what it answers in each state, what it counts, and how it opens."""
 
+import os
+import signal
 import socket
+import threading
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -368,6 +372,24 @@ def test_session_of_another_pace_is_another_session():
         robot.arm.period_ms = 4
         with pytest.raises(ConnectionLostError, match=r"send period of 4 ms.*began with 1 ms"):
             robot.receive()
+
+
+def test_a_signal_ends_a_long_wait_for_a_robot_that_fell_silent(monkeypatch, request):
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, usual))
+    with stepped() as robot:
+        robot.receive()
+        robot.send(PositionCommand(position=np.array(POSE)))
+        robot.receive()
+        monkeypatch.setattr(robot.arm, "cycle", lambda: None)
+        pressed = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+        pressed.start()
+        began = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            robot.receive(timeout=600.0)
+        pressed.join()
+        assert time.monotonic() < began + 60.0
+        monkeypatch.undo()
 
 
 def test_nobody_there_is_said_in_time():
