@@ -150,7 +150,7 @@ def _pointer_to(entry: Any) -> Any:  # noqa: ANN401
     return pointer(types.int64), generate
 
 
-@compiled()
+@compiled(nogil=True)
 def _advance(
     model: int,
     data: int,

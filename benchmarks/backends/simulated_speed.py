@@ -3,13 +3,16 @@
     python benchmarks/backends/simulated_speed.py [--seconds 60]
 
 All in one run, in turn, by processor time, which leaves out what else the machine does; opening
-and recording are in it where `limo run` does them. Many runs are by the clock. Bars: 80 times real
-time as `limo run` moves it, 1.8 times one worker on two cores.
+and recording are in it where `limo run` does them. Many runs are by the clock, beside as many
+processes that share nothing and have nothing to start: what the machine itself gives to two at
+that moment. Bars: 80 times real time as `limo run` moves it; two workers 1.8 times one, or 0.95 of
+what two processes come to.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import time
@@ -26,8 +29,9 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml"
-BAR, PARALLEL = 80.0, 1.8
+BAR, PARALLEL, OF_PROCESSES = 80.0, 1.8, 0.95
 ROUNDS = 3
+RUNS = 8
 
 
 class ByCycle(MujocoRobot):
@@ -69,9 +73,23 @@ def in_one_call(sim: limo.Simulation, planned: limo.Trajectory) -> float:
 
 
 def many(sim: limo.Simulation, planned: limo.Trajectory, workers: int) -> float:
-    """Return the time that eight runs take [s]."""
+    """Return the time that the runs take [s]."""
     begun = time.perf_counter()
-    limo.simulate(sim, [planned], range(8), workers=workers)
+    limo.simulate(sim, [planned], range(RUNS), workers=workers)
+    return time.perf_counter() - begun
+
+
+def apart(sim: limo.Simulation, planned: limo.Trajectory, processes: int) -> float:
+    """Return the time that they take as copies of this process, a part of the runs each [s]."""
+    begun = time.perf_counter()
+    copies = []
+    for _ in range(processes):
+        if not (copy := os.fork()):
+            limo.simulate(sim, [planned], range(RUNS // processes), workers=1)
+            os._exit(0)
+        copies.append(copy)
+    for copy in copies:
+        os.waitpid(copy, 0)
     return time.perf_counter() - begun
 
 
@@ -95,14 +113,21 @@ def main() -> int:
     print(f"cycle by cycle, recorded   {by_cycle:7.1f}")
     print(f"as `limo run`, recorded    {ahead:7.1f}   bar {BAR:g}")
     print(f"in one call, not recorded  {one_call:7.1f}")
-    start = many(sim, motion(1.0), 2)
-    alone, both = many(sim, planned, 1), many(sim, planned, 2)
-    ratio = alone / both
-    print(
-        f"8 runs: {alone:.1f} s by one worker, {both:.1f} s by two, of which they start for about"
-    )
-    print(f"{start:.1f} s: {ratio:.2f} times as fast, bar {PARALLEL}")
-    return 0 if ahead >= BAR and ratio >= PARALLEL else 1
+    times = [
+        (
+            many(sim, planned, 1),
+            many(sim, planned, 2),
+            apart(sim, planned, 1),
+            apart(sim, planned, 2),
+        )
+        for _ in range(ROUNDS)
+    ]
+    alone, both, copy, copies = np.median(times, axis=0)
+    ratio, most = alone / both, copy / copies
+    print(f"{RUNS} runs: {alone:.1f} s by one worker, {both:.1f} s by two:")
+    print(f"{ratio:.2f} times as fast, bar {PARALLEL}; two processes {most:.2f} times")
+    good = ratio >= PARALLEL or ratio >= OF_PROCESSES * most
+    return 0 if ahead >= BAR and good else 1
 
 
 if __name__ == "__main__":

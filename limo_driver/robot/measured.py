@@ -168,7 +168,7 @@ def _judge(
     return fine + 4 * runaway
 
 
-@compiled(reads=("position", "velocity", "torque", "known"))
+@compiled(reads=("position", "velocity", "torque", "known"), nogil=True)
 def _all_fine(
     position: FloatArray,
     velocity: FloatArray,

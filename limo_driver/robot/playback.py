@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
 _SAID = {"robot": "`robot`", "sim": "`simulation`"}  # arguments, as messages name them
-_CYCLES = 256  # taken at a time; progress is told after each
+_CYCLES = 256  # after which progress is told
+_AHEAD = 1024  # cycles simulated at a time, a multiple of these
 HOLD_TIMEOUT = 10.0  # [s] of robot time in which a hold has to come to rest
 
 
@@ -162,9 +163,9 @@ class Playback:
             recorder = open_.enter_context(self._recorder(robot, start))
             open_.enter_context(self._braking(robot, recorder))
             while done < len(targets):  # how far it came
-                if done % _CYCLES == 0 and done + _CYCLES <= len(targets):
-                    ahead = targets[done : done + _CYCLES - 1]  # the last goes as always
-                    if (found := self._ahead(robot, state, ahead)) is not None:
+                if done % _CYCLES == 1:  # the first goes as always, and the last
+                    ahead = targets[done : done + _AHEAD - 1][:-1]
+                    if len(ahead) and (found := self._ahead(robot, state, ahead)) is not None:
                         self._keep(found, state, ahead, done, recorder, errors)
                         done, state = done + len(ahead), found.last
                 target = targets[done]

@@ -192,7 +192,7 @@ def _follow(
     return hit
 
 
-@compiled(reads=("targets",))
+@compiled(reads=("targets",), nogil=True)
 def _follow_on(
     targets: FloatArray, bounds: FloatArray, period: float, path: FloatArray, speeds: FloatArray
 ) -> int:

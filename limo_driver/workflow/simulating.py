@@ -1,10 +1,15 @@
-"""Many runs of a simulated arm, on all cores."""
+"""Many runs of a simulated arm, on all cores.
+
+Threads, not processes: the compiled loop and MuJoCo in it leave the interpreter to others, and
+nothing has to be imported, compiled or copied again, which took longer than the runs themselves.
+"""
 
 from __future__ import annotations
 
 import os
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+import threading
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError
@@ -30,9 +35,8 @@ def simulate(
 ) -> list[Recording]:
     """Move a simulated arm along every trajectory with every seed, side by side.
 
-    Each run is what `run("mujoco", ...)` gives with that seed, whatever runs beside it. Every
-    worker is a process of its own, and in a program that is a file, the call has to stand behind
-    `if __name__ == "__main__":`.
+    Each run is what `run("mujoco", ...)` gives with that seed, whatever runs beside it. Workers are
+    threads: effects that are written in Python alone run one at a time.
 
     Args:
         simulation: Physics of the arm, or its file.
@@ -62,11 +66,22 @@ def simulate(
     wanted = min(wanted, len(jobs))
     if wanted <= 1:
         return [_run(*job) for job in jobs]
-    with ProcessPoolExecutor(wanted, mp_context=get_context("spawn")) as pool:
-        return list(pool.map(_run, *zip(*jobs, strict=True)))
+    ended = threading.Event()
+    pool = ThreadPoolExecutor(wanted, thread_name_prefix="limo-simulate")
+    try:
+        return list(pool.map(partial(_run, ended=ended), *zip(*jobs, strict=True)))
+    finally:  # after an error, or Ctrl-C, what still runs is not wanted any more
+        ended.set()
+        pool.shutdown(cancel_futures=True)
 
 
-def _run(simulation: Simulation, motion: Trajectory, seed: int) -> Recording:
+def _run(
+    simulation: Simulation, motion: Trajectory, seed: int, *, ended: threading.Event | None = None
+) -> Recording:
     from limo_driver.workflow.running import run
 
-    return run("mujoco", motion, simulation=simulation, seed=seed)
+    def go_on(_done: int, _all: int) -> None:
+        if ended is not None and ended.is_set():
+            raise CancelledError
+
+    return run("mujoco", motion, simulation=simulation, seed=seed, progress=go_on)

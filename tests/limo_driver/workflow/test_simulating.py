@@ -1,5 +1,9 @@
 """Many simulated runs side by side are the runs that each is by itself."""
 
+import threading
+import time
+from concurrent.futures import CancelledError
+
 import numpy as np
 import pytest
 
@@ -20,15 +24,38 @@ def motion(size: float) -> limo.Trajectory:
     return limo.Trajectory(t, position, rest, rest, robot="iiwa14")
 
 
-@pytest.mark.slow("starts two processes, which import and compile: ten seconds")
-def test_side_by_side_they_are_what_each_is_alone():
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_side_by_side_they_are_what_each_is_alone(workers):
     motions, seeds = [motion(0.02), motion(0.04)], [1, 2]
-    found = limo.simulate(ARM, motions, seeds, workers=2)
+    found = limo.simulate(ARM, motions, seeds, workers=workers)
     alone = [limo.run("mujoco", m, simulation=ARM, seed=s) for m in motions for s in seeds]
     for one, other in zip(found, alone, strict=True):
         np.testing.assert_array_equal(one.torque, other.torque)
         np.testing.assert_array_equal(one.position, other.position)
     assert not np.array_equal(found[0].torque, found[1].torque)
+
+
+def test_what_goes_wrong_in_one_ends_the_others(monkeypatch):
+    begun, ended = threading.Event(), threading.Event()
+
+    def one_run(_backend, _motion, *, seed, progress, **_):
+        if seed == 1:
+            assert begun.wait(10.0)
+            raise ConfigError("the first")
+        begun.set()
+        try:
+            for _ in range(1000):  # [10 ms]
+                progress(1, 2)
+                time.sleep(0.01)
+        except CancelledError:
+            ended.set()
+            raise
+
+    monkeypatch.setattr("limo_driver.workflow.running.run", one_run)
+    with pytest.raises(ConfigError, match="the first"):
+        limo.simulate(ARM, [motion(0.02)], range(1, 9), workers=2)
+    assert ended.is_set()
+    assert not [t for t in threading.enumerate() if t.name.startswith("limo-simulate")]
 
 
 def test_what_cannot_be_run_is_refused_before_anything_runs():
