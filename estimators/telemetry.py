@@ -70,6 +70,9 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
         model: The robot.
     """
     side, excitation = "", list[str]()
+    if not recording.has_torque:
+        told = "no torque: commands and positions identify and diagnose the drives instead"
+        return Telemetry(tuple(sampling_of(recording)), tuple(channels_of(recording)), "", (told,))
     try:
         found = _identified(recording, model)
     except LimoError as error:
@@ -140,6 +143,8 @@ def channels_of(recording: Recording) -> list[str]:
     """Say how finely and how often each quantity was measured."""
     told: list[str] = []
     for name, unit in (("position", "rad"), ("torque", "N m")):
+        if name == "torque" and not recording.has_torque:
+            continue
         values: FloatArray = getattr(recording, name)
         steps = [resolution(column) for column in values.T]
         known = [(j + 1, step) for j, step in enumerate(steps) if step]

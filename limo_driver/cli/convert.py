@@ -72,6 +72,7 @@ def command(
         _to_log(files, out, robot, topic or _TOPIC, mapping, as_json=as_json)
         return
     if out.suffix in _LAYOUTS:
+        _refuse_for_layout(out, robot=robot, topic=topic, mapping=mapping, episode=episode)
         _to_layout(files, out)
         return
     require_parquet(out)
@@ -81,14 +82,35 @@ def command(
         _mapped(files, out, robot, mapping, topic, episode, as_json=as_json)
 
 
+def _refuse_for_layout(out: Path, **options: object) -> None:
+    """Refuse what says how a log is to be read: a layout only shows it."""
+    from limo_driver.errors import ConfigError
+
+    given = [f"--{name}" for name, value in options.items() if value is not None]
+    if given:
+        raise ConfigError(
+            f"a layout ({' or '.join(_LAYOUTS)}) shows a log as it is and takes no "
+            f"{' or '.join(given)}; a recording is written to a .parquet file",
+            path=out,
+        )
+
+
 def _to_layout(files: list[Path], out: Path) -> None:
     from limo_driver.console.terminal import terminal
+    from limo_driver.errors import ConfigError
     from limo_driver.logs.layouts import foxglove_layout, logged_topics, plotjuggler_layout
     from limo_driver.outputs import whole
 
     if files[0].suffix in {".parquet", ".pq"}:
         _to_recording_layout(files, out)
         return
+    for file in files:
+        if not _is_bag(file):
+            raise ConfigError(
+                "a layout is of limo's logs, of bags, or of recordings (.parquet); "
+                "`limo convert` makes one of any log first",
+                path=file,
+            )
     log = logged_topics(files)
     made = foxglove_layout(log) if out.suffix == _FOXGLOVE else plotjuggler_layout(log)
     with whole(out) as draft:
@@ -163,17 +185,16 @@ def _to_recording(
 
 
 def _counts(found: ConvertedBags) -> dict[str, Any]:
-    log = found.last
     return {
-        "topic": log.topic,
-        "joints": list(log.joints),
+        "topic": found.topic,
+        "joints": list(found.whole.joints),
         "samples": found.whole.samples,
         "usable": found.whole.usable,
         "duration": found.whole.duration,
-        "duplicates": log.duplicates,
-        "reordered": log.reordered,
-        "malformed": log.malformed,
-        "of other joints": log.elsewhere,
+        "duplicates": found.duplicates,
+        "reordered": found.reordered,
+        "malformed": found.malformed,
+        "of other joints": found.elsewhere,
     }
 
 

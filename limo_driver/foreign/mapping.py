@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-_QUANTITIES: Final = ("position", "velocity", "torque", "temperature")
+_QUANTITIES: Final = ("position", "velocity", "torque", "command", "temperature")
 _EVERY: Final = tuple(dict.fromkeys(unit for units in UNITS.values() for unit in units))
 _DECIDE: Final = (
     "state it in a mapping, which `limo inspect` writes, and delete the question under `undecided:`"
@@ -141,6 +141,7 @@ class LogMapping(Declared, Displayed):
         position: Columns of the positions.
         torque: Columns of the torques; None where the log has none.
         velocity: Columns of velocities, where it has some.
+        command: Columns of the set-points of the positions, likewise.
         temperature: Columns of temperatures, likewise.
         robot: Name of the robot.
         topic: Of the joint states in a bag; found by the joints' names if empty.
@@ -161,6 +162,7 @@ class LogMapping(Declared, Displayed):
     position: Channels
     torque: Channels | None = None
     velocity: Channels | None = None
+    command: Channels | None = None
     temperature: Channels | None = None
     robot: str = parameter("", "its name", default="-")
     topic: str = parameter("", "of a bag", default="-")
@@ -258,31 +260,36 @@ class LogMapping(Declared, Displayed):
                 f"undecided: {'; '.join(self.undecided)} - {_DECIDE}", path=table.source or None
             )
         mapping = self if model is None else self._for(model)
-        if mapping.torque is None:
-            raise RecordingError(
-                "has no measured torque; motion alone says nothing of friction and inertia",
-                path=table.source or None,
-            )
-        if not set(CURRENTS).isdisjoint(mapping.torque.unit) and set(mapping.torque.factor) == {
-            1.0
-        }:
-            raise ConfigError(
-                "torque: is in amperes; its `factor:` has to say how many N m one makes"
-            )
         time, told = mapping.time.read(table, origin)
-        extras = {}
+        position, extras = mapping.position.read(table, "position"), {}
         if mapping.temperature is not None:
             extras["temperature"] = mapping.temperature.read(table, "temperature")
         return Columns(
             time=time,
-            position=mapping.position.read(table, "position"),
-            torque=mapping.torque.read(table, "torque"),
-            velocity=None if self.velocity is None else self.velocity.read(table, "velocity"),
+            position=position,
+            torque=mapping._torques(table),
+            velocity=None if mapping.velocity is None else mapping.velocity.read(table, "velocity"),
+            command=None if mapping.command is None else mapping.command.read(table, "command"),
             extras=extras,
             warnings=(*table.notes, *told),
             robot="" if model is None else model.name,
             spread=table.spread,
         )
+
+    def _torques(self, table: LogTable) -> FloatArray:
+        """Return the torques of T rows, (T, n) [N m]; NaN where there are commands instead."""
+        if self.torque is None:
+            if self.command is None:
+                raise RecordingError(
+                    "has no measured torque; motion alone says nothing of friction and inertia",
+                    path=table.source or None,
+                )
+            return np.full((table.rows, len(self.joints)), np.nan)
+        if not set(CURRENTS).isdisjoint(self.torque.unit) and set(self.torque.factor) == {1.0}:
+            raise ConfigError(
+                "torque: is in amperes; its `factor:` has to say how many N m one makes"
+            )
+        return self.torque.read(table, "torque")
 
     def _for(self, model: RobotModel) -> LogMapping:
         """Return the mapping, if it is of the joints of a robot."""

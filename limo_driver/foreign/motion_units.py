@@ -37,6 +37,7 @@ class Reading:
     units: tuple[str, ...]
     why: str
     question: str = ""  # empty where one reading alone fits
+    fits_both: bool = False  # all in rad as well as all in deg
 
 
 def position_reading(position: FloatArray, torque: FloatArray | None, model: RobotModel) -> Reading:
@@ -107,6 +108,7 @@ def _turns(position: FloatArray, torque: FloatArray | None, model: RobotModel) -
                 ("rad",) * n,
                 f"in rad and in deg within the limits, and {told}",
                 f"position: are the columns in rad or deg? both fit {fitted}",
+                fits_both=True,
             )
         unit = "rad" if rad < deg else "deg"
         return _unless_mixed(

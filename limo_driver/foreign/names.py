@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 TIME, POSITION, VELOCITY, ACCELERATION = "time", "position", "velocity", "acceleration"
 TORQUE, CURRENT, TEMPERATURE, NOTHING = "torque", "current", "temperature", ""
+COMMAND = "command"  # positions that were commanded, beside those that were measured
 MEASURED, PLAIN, COMMANDED, DERIVED = 0, 1, 2, 3  # ranks: which of two is the measurement
 
 _SAYS: Final = {
@@ -112,6 +113,11 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
         unit = ""
     ranks = [_RANK[word] for word in words if word in _RANK]
     return Name(column, quantity, max(ranks, default=PLAIN), joint, unit, words)
+
+
+def is_commanded(words: Iterable[str]) -> bool:
+    """Say whether words name what was commanded."""
+    return any(_RANK.get(word) == COMMANDED for word in words)
 
 
 def strange_words(name: Name, own: Iterable[str]) -> tuple[str, ...]:

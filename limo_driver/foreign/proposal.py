@@ -21,6 +21,7 @@ from limo_driver.foreign.motion_units import (
     velocity_unit,
 )
 from limo_driver.foreign.names import (
+    COMMAND,
     COMMANDED,
     CURRENT,
     NOTHING,
@@ -130,10 +131,11 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     position = _positions(draft, positions, torques)
     torque = _torques(draft, torques, position)
     velocity = _velocities(draft, time.columns, position)
+    command = _commands(draft, position, torque)
     temperature = None
     if warmth := _best(draft, TEMPERATURE):
         temperature = draft.take(TEMPERATURE, warmth, ("°C",), "by name")
-    used = [position, torque, velocity, temperature]
+    used = [position, torque, velocity, command, temperature]
     kept = {*time.columns.columns, *(name for c in used if c for name in c.columns)}
     mapping = LogMapping(
         joints=model.joint_names,
@@ -141,6 +143,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
         position=position,
         torque=torque,
         velocity=velocity,
+        command=command,
         temperature=temperature,
         robot=model.name,
         left_out=tuple(name for name in table.columns if name not in kept),
@@ -231,10 +234,13 @@ def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None
         return draft.take(POSITION, family, stated, "the names say so")
     measured = None if torques is None else draft.values(torques)
     found = position_reading(draft.values(family), measured, draft.model)
-    if found.question:
+    why = found.why
+    if found.fits_both and draft.table.is_si:
+        why = "messages of ROS are in SI units, and the values fit"
+    elif found.question:
         draft.questions.append(found.question)
     unit = found.units if len(set(found.units)) > 1 else found.units[:1]
-    return draft.take(POSITION, family, unit, found.why)
+    return draft.take(POSITION, family, unit, why)
 
 
 def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> Channels | None:
@@ -268,6 +274,41 @@ def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channel
     motion = position.read(draft.table, POSITION)
     found = velocity_unit(seconds[rising], motion[rising], draft.values(family)[rising])
     return draft.take(VELOCITY, family, found.units, found.why)
+
+
+def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Channels | None:
+    """Return the commanded positions beside measured ones, if one family alone names them.
+
+    Beside a torque they are not needed, and cost no row that they lack.
+    """
+    found = [
+        family
+        for family in _complete(draft, POSITION)
+        if family.rank == COMMANDED and family.columns != position.columns
+    ]
+    found = [family for family in found if not family.by_order] or found
+    if len(found) != 1:
+        return None
+    (family,) = found
+    values = draft.values(family)
+    known = np.isfinite(values)
+    if not known.any() or (torque is not None and not known.all()):
+        return None
+    unit = (family.unit,) if family.unit else _unit_beside(draft, values, position)
+    return draft.take(COMMAND, family, unit, "the names say so" if family.unit else "as positions")
+
+
+def _unit_beside(draft: _Draft, values: FloatArray, position: Channels) -> tuple[str, ...]:
+    """Return the unit in which commands come nearest to the positions that they led to."""
+    measured = position.read(draft.table, POSITION)
+
+    def apart(unit: str) -> float:
+        return float(np.nanmedian(np.abs(values * UNITS[COMMAND][unit] - measured)))
+
+    stated = tuple(dict.fromkeys(position.unit))
+    if len(stated) > 1:  # of joints that turn and others that slide
+        return position.unit
+    return (min((*stated, "rad", "deg"), key=apart),)
 
 
 def without_questions(proposal: Proposal) -> LogMapping:

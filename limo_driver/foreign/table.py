@@ -28,6 +28,7 @@ class LogTable:
         robot: Name of the robot, where the file says it.
         spread: Rows of a long log of which these are evenly spread stretches; 0 if they are all.
         first_row: Row of the log that is the first here, where it is read block by block.
+        is_si: Whether its format is defined in SI units, which count where values fit others, too.
     """
 
     columns: Mapping[str, NDArray[Any]]
@@ -38,6 +39,7 @@ class LogTable:
     robot: str = ""
     spread: int = 0
     first_row: int = 0
+    is_si: bool = False
 
     @property
     def rows(self) -> int:

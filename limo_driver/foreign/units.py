@@ -9,7 +9,7 @@ SECONDS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _TURN: Final = 2 * math.pi
 
 # By quantity: what one unit is in rad, rad/s, N m; K for a temperature.
-UNITS: Final = {
+UNITS: Final[dict[str, dict[str, float]]] = {
     "position": {
         "rad": 1.0,
         "deg": math.pi / 180,
@@ -40,6 +40,7 @@ UNITS: Final = {
     },
     "temperature": {"°C": 1.0},
 }
+UNITS["command"] = UNITS["position"]
 CURRENTS: Final = ("A", "mA")
 
 # How names and brackets write them; a name is cut into words, in lower case, without signs.

@@ -18,6 +18,7 @@ import zstandard
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_file import CDR, LoggedMessage
+from limo_driver.network.messages.schemas import ENCODING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
@@ -39,6 +40,7 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
     """
     with _unpacked(path) as file, closing(_opened(file, path)) as bag:
         try:
+            texts = _definitions(bag)
             topics = {
                 key: (str(name), str(kind))
                 for key, name, kind, encoding in bag.execute(
@@ -54,10 +56,23 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
             for count, (key, stamp, data) in enumerate(rows):  # told below
                 if key in topics:
                     payload = _unpack(data) if data[:4] == _ZSTD else data
-                    yield LoggedMessage(*topics[key], payload, stamp, stamp, count)
+                    name, kind = topics[key]
+                    text = texts.get(kind, b"")
+                    yield LoggedMessage(name, kind, payload, stamp, stamp, count, text)
         except (sqlite3.DatabaseError, zstandard.ZstdError) as error:
             if tell is not None:
                 tell(f"is damaged after {count} messages and was read up to there: {error}")
+
+
+def _definitions(bag: sqlite3.Connection) -> dict[str, bytes]:
+    """Return the definitions of types, which bags hold since ROS 2 Iron."""
+    tables = {str(name) for (name,) in bag.execute("SELECT name FROM sqlite_master")}
+    if "message_definitions" not in tables:
+        return {}
+    rows = bag.execute(
+        "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+    )
+    return {str(kind): str(text).encode() for kind, encoding, text in rows if encoding == ENCODING}
 
 
 def _opened(file: Path, path: Path) -> sqlite3.Connection:

@@ -45,6 +45,7 @@ class JointStateLog:
     reordered: int  # messages that were logged after one with a later stamp
     malformed: int  # messages that could not be decoded, which are not in the columns
     elsewhere: int  # messages of other joints than the robot's, which are not either
+    beside: tuple[str, ...] = ()  # joints in the same messages that are none of the robot's
 
 
 def joint_states(
@@ -198,6 +199,7 @@ class _Rows:
     malformed: int = 0
     elsewhere: int = 0
     others: tuple[str, ...] = ()  # joints of the first message that was elsewhere
+    beside: dict[str, None] = field(default_factory=dict)  # joints that are left out on purpose
 
     def __post_init__(self) -> None:
         self._wanted = self.topic is None
@@ -239,6 +241,8 @@ class _Rows:
             columns = slice(None)
         elif set(state.names) >= set(joints):
             columns = [state.names.index(name) for name in joints]
+            if len(state.names) > len(joints):
+                self.beside |= dict.fromkeys(name for name in state.names if name not in joints)
         elif self._fixed:
             self.elsewhere += 1
             self.others = self.others or state.names
@@ -299,6 +303,7 @@ class _Rows:
             reordered=self._reordered_before,
             malformed=self.malformed,
             elsewhere=self.elsewhere,
+            beside=tuple(self.beside),
         )
 
     def _given_out(

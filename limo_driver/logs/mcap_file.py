@@ -61,6 +61,7 @@ class LoggedMessage(NamedTuple):
     log_time_ns: int  # Unix time at which it was logged
     publish_time_ns: int
     sequence: int  # modulo 2**32
+    definition: bytes = b""  # of its type, as the log has it
 
 
 class McapWriter:
@@ -367,13 +368,15 @@ class _Contents:
             case Message():
                 channel = self._channels[part.channel_id]
                 if channel.message_encoding == CDR:
+                    schema = self._schemas[channel.schema_id]
                     return LoggedMessage(
                         channel.topic,
-                        self._schemas[channel.schema_id].name,
+                        schema.name,
                         part.data,
                         part.log_time,
                         part.publish_time,
                         part.sequence,
+                        schema.data if schema.encoding == ENCODING else b"",
                     )
             case _:
                 pass

@@ -9,6 +9,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError, LimoError, RecordingError
+from limo_driver.foreign.bag import read_bags, topic_with
 from limo_driver.foreign.blocks import check_units, long_log
 from limo_driver.foreign.proposal import propose
 from limo_driver.logs.joint_state_log import joint_state_blocks
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from limo_driver.foreign.mapping import LogMapping
     from limo_driver.foreign.table import LogTable
-    from limo_driver.logs.joint_state_log import JointStateLog
     from limo_driver.model import RobotModel
     from limo_driver.recordings.data_gate import Columns
 
@@ -87,7 +87,11 @@ class ConvertedBags:
     """What was written of the joint states of bags, and what was odd about them."""
 
     whole: Converted
-    last: JointStateLog  # of which the counts are those of all messages
+    topic: str
+    duplicates: int = 0  # messages with the stamp of another
+    reordered: int = 0  # messages that were logged after one with a later stamp
+    malformed: int = 0  # messages that could not be decoded
+    elsewhere: int = 0  # messages of other joints than the robot's
 
 
 def convert_bags(
@@ -99,6 +103,8 @@ def convert_bags(
 ) -> ConvertedBags:
     """Write the joint states of one topic, in order of their stamps, block by block.
 
+    Joints that are not named as the robot's are found as `limo.inspect` finds them.
+
     Args:
         bags: MCAP or .db3 files, or folders of them.
         out: To be written, Parquet.
@@ -107,13 +113,63 @@ def convert_bags(
         progress: Told the files and the messages read, now and then.
 
     Raises:
+        ConfigError: Which joints are meant is to be decided first.
         RecordingError: There are no joint states, several topics of them, or they cannot be used.
     """
-    joints, name = (None, "") if model is None else (model.joint_names, model.name)
-    blocks = joint_state_blocks(bags, joints, topic, name, progress)
-    first, second = next(blocks), next(blocks, None)
+    if model is None:
+        return _streamed(bags, out, None, None, topic, progress)
+    if (exact := topic_with(bags, model.joint_names, topic)) is not None:
+        return _streamed(bags, out, model, model.joint_names, exact, progress)
+    table = read_bags(bags, topic, model.joint_names)
+    proposal = propose(table, model)
+    columns = proposal.mapping.columns(table, model)
+    names = [name.partition(".")[2] for name in proposal.mapping.position.columns]
+    own = table.kind.rpartition(" ")[2]
+    if table.spread and _is_plain(proposal.mapping, names):  # of which the table has not every row
+        return _streamed(bags, out, model, tuple(names), own, progress, (said(proposal),))
     about = {
-        "joints": first.joints,
+        "joints": model.joint_names,
+        "provenance": {
+            "logs": [path.name for path in bags],
+            "topic": own,
+            "start_ns": int(table.columns["time"][0]),
+            "limo": version("limo"),
+        },
+    }
+    judged = _Judged(bags[0], model, is_whole=True)
+    with columns_writer(out, about) as write:
+        judged.add(replace(columns, warnings=(said(proposal), *columns.warnings)))
+        write(columns)
+    return ConvertedBags(judged.converted(model.joint_names), own)
+
+
+def _is_plain(mapping: LogMapping, names: Sequence[str]) -> bool:
+    """Say whether a mapping takes position and effort of joint states as they are."""
+    torque = mapping.torque
+    return (
+        torque is not None
+        and mapping.position.columns == tuple(f"position.{name}" for name in names)
+        and torque.columns == tuple(f"effort.{name}" for name in names)
+        and set(mapping.position.unit) <= {"rad", "m"}
+        and set(torque.unit) <= {"N m", "N"}
+    )
+
+
+def _streamed(
+    bags: Sequence[Path],
+    out: Path,
+    model: RobotModel | None,
+    joints: tuple[str, ...] | None,
+    topic: str | None,
+    progress: Callable[[int, int], None] | None,
+    told: tuple[str, ...] = (),
+) -> ConvertedBags:
+    """Write joint states of these names as they come."""
+    blocks = joint_state_blocks(bags, joints, topic, "" if model is None else model.name, progress)
+    first, second = next(blocks), next(blocks, None)
+    named = first.joints if model is None else model.joint_names
+    about = {
+        "joints": named,
         "provenance": {
             "logs": [path.name for path in bags],
             "topic": first.topic,
@@ -127,7 +183,11 @@ def convert_bags(
             judged.add(log.columns)
             write(log.columns)
             last = log
-    return ConvertedBags(judged.converted(first.joints), last)
+    whole = judged.converted(named)
+    beside = (f"left out: {', '.join(last.beside)}",) if last.beside else ()
+    whole = replace(whole, notes=(*told, *beside, *whole.notes))
+    counts = (last.duplicates, last.reordered, last.malformed, last.elsewhere)
+    return ConvertedBags(whole, first.topic, *counts)
 
 
 def _mapped(

@@ -135,9 +135,56 @@ def test_joints_are_those_of_the_robot_in_their_order(tmp_path, two_links_urdf, 
     status, _, notes = convert(path)
     assert (status, "of the joints b, a and of finger" in notes) == (2, True)
     status, _, notes = convert(path, "--robot", "iiwa14")
-    assert (status, "no joint states" in notes, "201 are of other joints (b, a)" in notes) == (
-        2, True, True,
-    )  # fmt: skip
+    assert (status, "has no positions of the 7 joints of iiwa14" in notes) == (2, True)
+    assert "position.b" in notes
+
+
+def test_joints_are_found_as_an_inspection_finds_them(tmp_path, two_links_urdf, log, convert):
+    names = ("left_finger", "arm_b", "arm_a")
+    values = [[np.insert(v, 0, 0.01 * k) for v in state(k)] for k in range(200)]
+    codec = JointStateCodec(names)
+    path = log(codec.encode(START + k * PERIOD, *own) for k, own in enumerate(values))
+    status, said, notes = convert(path, "--robot", two_links_urdf)
+    assert status == 0, notes
+    assert "position position.arm_a, position.arm_b [rad]" in notes
+    assert "left out: position.left_finger" in notes
+    assert "200 samples of 2 joints" in said
+    recording = Recording.load(tmp_path / "run.parquet")
+    np.testing.assert_array_equal(recording.position[:, 0], [state(k)[0][1] for k in range(200)])
+    header = read_header(pq.read_table(tmp_path / "run.parquet"))
+    assert header["joints"] == ["a", "b"]
+
+
+def test_joints_beside_those_of_the_robot_are_named(two_links_urdf, log, convert):
+    values = [[np.insert(v, 0, 0.0) for v in state(k)] for k in range(200)]
+    codec = JointStateCodec(("finger", "b", "a"))
+    path = log(codec.encode(START + k * PERIOD, *own) for k, own in enumerate(values))
+    status, _, notes = convert(path, "--robot", two_links_urdf)
+    assert (status, "left out: finger" in notes) == (0, True)
+
+
+def test_joints_that_a_bag_lacks_are_listed(two_links_urdf, log, convert):
+    path = log(JointStateCodec(["a"]).encode(START + k, *np.ones((3, 1))) for k in range(200))
+    status, _, notes = convert(path, "--robot", two_links_urdf)
+    assert (status, "lacks b" in notes) == (2, True)
+
+
+@pytest.mark.parametrize("option", ["--robot", "--topic", "--mapping"])
+def test_a_layout_takes_no_word_of_how_a_log_is_read(log, convert, option):
+    status, _, notes = convert(log(map(payload, range(9))), option, "any", out="layout.xml")
+    assert (status, f"takes no {option}" in notes) == (2, True)
+
+
+def test_a_layout_of_another_kind_of_log_is_refused(tmp_path, convert):
+    csv = tmp_path / "log.csv"
+    csv.write_text("t,q0\n0,1\n")
+    status, _, notes = convert(csv, out="layout.json")
+    assert (status, "log.csv: a layout is of limo's logs" in notes) == (2, True)
+
+
+def test_an_ending_that_is_not_known_is_refused(log, convert):
+    status, _, notes = convert(log(map(payload, range(9))), "--robot", "iiwa14", out="run.xlsx")
+    assert (status, "run.xlsx" in notes, ".parquet" in notes) == (2, True, True)
 
 
 def test_several_topics_need_to_be_named(tmp_path, log, convert):

@@ -8,6 +8,7 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.foreign.proposal import propose
 from limo_driver.foreign.table import table_of
 from limo_driver.model import RobotModel
+from limo_driver.workflow.inspecting import inspect
 
 TIME, POSITION, VELOCITY, TORQUE = measured()
 
@@ -129,8 +130,30 @@ def test_measured_goes_before_commanded_and_derived():
     found = proposed(**log, tau_ext=0.1 * TORQUE)
     assert found.mapping.position.columns[0] == "actual_q[0]"
     assert found.mapping.torque.columns[0] == "tau[0]"
-    assert "target_q[0]" in found.mapping.left_out
+    assert found.mapping.command.columns[0] == "target_q[0]"
     assert found.mapping.undecided == ()
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "rad"), (180 / np.pi, "deg")])
+def test_commands_are_in_the_unit_in_which_positions_follow_them(scale, unit):
+    target = {"target_q": scale * POSITION + 0.01, "actual_q": POSITION}
+    assert proposed(**target, tau=TORQUE).mapping.command.unit == (unit,)
+
+
+def test_commands_make_up_for_torques():
+    found = inspect({"t": TIME, "actual_q_rad": POSITION, "target_q_rad": POSITION + 0.01}, arm())
+    assert found.questions == ()
+    assert not found.recording.has_torque
+    np.testing.assert_array_equal(found.recording.command, POSITION + 0.01)
+    assert "no torque: commands and positions identify" in found.telemetry[-1]
+
+
+def test_commands_cost_no_row_that_has_a_torque():
+    target = POSITION.copy()
+    target[:9] = np.nan
+    mapping = proposed(actual_q=POSITION, target_q=target, tau=TORQUE).mapping
+    assert mapping.command is None
+    assert "target_q[0]" in mapping.left_out
 
 
 def test_motor_and_link_side_are_a_question():
