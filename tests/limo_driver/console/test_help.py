@@ -30,16 +30,24 @@ def commands():
 COMMANDS = commands()
 
 
+@pytest.fixture(scope="module")
+def pages():
+    """Keep the help of each command that was asked for: several tests read it."""
+    return {}
+
+
 @pytest.fixture
-def page(limo, monkeypatch):
+def page(limo, monkeypatch, pages):
     """Make a function that returns the help of a command."""
     monkeypatch.setenv("COLUMNS", str(WIDTH))
 
     def of(words):
-        shown = limo(*words, "--help")
-        assert shown.returncode == 0
-        assert not shown.stderr
-        return shown.stdout
+        if words not in pages:
+            shown = limo(*words, "--help")
+            assert shown.returncode == 0
+            assert not shown.stderr
+            pages[words] = shown.stdout
+        return pages[words]
 
     return of
 

@@ -262,8 +262,10 @@ def test_any_damage_is_told_and_never_more_than_that(tmp_path):
     assert len(told) > 30
 
 
-def chunked(folder, chunks=10, each=20):
-    """Write a log of some chunks; return it with the places of their contents."""
+@pytest.fixture(scope="module")
+def chunked(tmp_path_factory):
+    """Write a log of ten chunks of 20; return its bytes with the places of their contents."""
+    folder, chunks, each = tmp_path_factory.mktemp("chunked"), 10, 20
     with McapLog(folder) as log:
         ends = []
         for k in range(chunks):
@@ -271,14 +273,14 @@ def chunked(folder, chunks=10, each=20):
             until(lambda n=(k + 1) * each: log.written == n)
             ends.append(log_files(folder)[0].stat().st_size)
     (path,) = log_files(folder)
-    return path, ends
+    return path.read_bytes(), ends
 
 
 @pytest.mark.parametrize("hit", [(4,), (0, 5, 9), tuple(range(10))])
-def test_a_damaged_byte_costs_its_chunk_alone_and_is_told(tmp_path, hit):
+def test_a_damaged_byte_costs_its_chunk_alone_and_is_told(tmp_path, chunked, hit):
     """Also the first chunk, in which the channels are: they stand at the end of the file, too."""
-    path, ends = chunked(tmp_path)
-    damaged = bytearray(path.read_bytes())
+    path, (whole, ends) = tmp_path / "damaged.mcap", chunked
+    damaged = bytearray(whole)
     for k in hit:
         damaged[(ends[k - 1] if k else 100) + 150] ^= 0x10
     path.write_bytes(damaged)
@@ -291,9 +293,8 @@ def test_a_damaged_byte_costs_its_chunk_alone_and_is_told(tmp_path, hit):
 
 
 @pytest.mark.parametrize("byte", range(9))
-def test_damage_in_the_head_of_a_chunk_costs_that_chunk_alone(tmp_path, byte):
-    path, ends = chunked(tmp_path)
-    whole = path.read_bytes()
+def test_damage_in_the_head_of_a_chunk_costs_that_chunk_alone(tmp_path, chunked, byte):
+    path, (whole, ends) = tmp_path / "damaged.mcap", chunked
     at = whole.index(b"\x06", ends[3])  # behind the index of the one before
     for flip in (0x01, 0x80):
         damaged = bytearray(whole)
