@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import singledispatch
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.embedded.tables import table
+from estimators.embedded.variance import LANES, terms_of
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.column_scan import (
@@ -27,12 +28,7 @@ from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.neural import Network
-
-_LANES: Final = 16  # floats that fill the widest vectors
-_COLUMNS: Final = 4  # of a root, taken at a time
 
 
 @dataclass(frozen=True)
@@ -68,18 +64,20 @@ def _(model: SimulationOnly, rate: float) -> LearnedCode:  # noqa: ARG001
 @learned.register
 def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it has no clock
     fitted, columns = model.fitted, model.columns
-    packed, calibration, base = fitted.prediction, fitted.calibration, columns.base
-    roots = _roots_by_columns(packed.roots, packed.sizes.tolist())
+    calibration, base = fitted.calibration, columns.base
+    terms = [terms_of(columns, root) for root in fitted.root]
+    kept = [own.kept for own in terms]
     tables = {
         "base": base,
         "width": WIDTHS,
         "speed": SPEEDS,
         "sharp": SHARP,
-        "size": packed.sizes,
-        "kept": packed.kept,
-        "weight": packed.weights,
-        "root_size": np.array([own.size for own in roots]),
-        "root": np.concatenate(roots),
+        "size": np.array([own.kept.size for own in terms]),
+        "kept": np.concatenate(kept),
+        "less": np.concatenate([own.less for own in terms]),
+        "weight": np.concatenate([w[k] for w, k in zip(fitted.weights, kept, strict=True)]),
+        "root_size": np.array([own.root.size for own in terms]),
+        "root": np.concatenate([own.root for own in terms]),
         "certain": calibration.certain,
         "unsure": calibration.unsure,
         "fading": calibration.fading,
@@ -98,8 +96,8 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
             "WAVES": 2 * FRICTION_HARMONICS,
             "PLACE": fitted.unknown.place,
             "COLUMNS": columns.count,
-            "LANES": _LANES,
-            "WIDEST": int(packed.sizes.max()) + 2 * _LANES,
+            "LANES": LANES,
+            "WIDEST": max(k.size for k in kept) + 2 * LANES,
             "SETTLED": SETTLED,
             "STEP_TIME": columns.step_time,
             "DIFFERENCE": DIFFERENCE,
@@ -110,31 +108,6 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
         ("joint_physics.c",),
         tuple(columns.init().ravel()),
     )
-
-
-def _padded(size: int, to: int) -> int:
-    return -(-size // to) * to
-
-
-def _roots_by_columns(roots: NDArray[np.float32], sizes: list[int]) -> list[NDArray[np.float32]]:
-    """Return each joint's root in the order in which the code reads it.
-
-    Groups of four columns stand one after the other, from the group's first row on. Zeros fill
-    what is missing to whole vectors.
-    """
-    start = 0
-    found: list[NDArray[np.float32]] = []
-    for size in sizes:
-        root = np.zeros((size + _LANES, _padded(size, _COLUMNS)), np.float32)
-        below = np.tril_indices(size)
-        root[below] = roots[start : start + below[0].size]
-        start += below[0].size
-        groups = [
-            root[k : k + _padded(size - k, _LANES), k : k + _COLUMNS].T.ravel()
-            for k in range(0, size, _COLUMNS)
-        ]
-        found.append(np.concatenate(groups))
-    return found
 
 
 @learned.register

@@ -124,21 +124,43 @@ static void push(limo_state *state, const double row[2 * LIMO_LANES])
     state->oldest = (state->oldest + 1) % TAPS;
 }
 
+/* Rows are taken several at a time, since each sum waits for the one before. */
 static void smooth(const limo_state *state, double x[2 * LIMO_LANES], double v[LIMO_LANES],
                    double a[LIMO_LANES])
 {
-    for (int l = 0; l < LIMO_LANES; ++l) {
-        x[l] = x[LIMO_LANES + l] = v[l] = a[l] = 0.0;
-    }
-    for (size_t i = 0; i < TAPS; ++i) {
-        const double *row = state->line[state->oldest + i];
+    enum { ROWS = 8 };
+    double q[LIMO_LANES] = {0.0}, dq[LIMO_LANES] = {0.0}, ddq[LIMO_LANES] = {0.0};
+    double torque[LIMO_LANES] = {0.0};
+    size_t i = 0;
+    for (; i + ROWS <= TAPS; i += ROWS) {
+        const double(*row)[2 * LIMO_LANES] = state->line + state->oldest + i;
         for (int l = 0; l < LIMO_LANES; ++l) {
-            x[l] += taps[i][0] * row[l];
-            v[l] += taps[i][1] * row[l];
-            a[l] += taps[i][2] * row[l];
-            x[LIMO_LANES + l] += taps[i][0] * row[LIMO_LANES + l];
+            double part[4] = {0.0};
+            for (int k = 0; k < ROWS; ++k) {
+                part[0] += taps[i + k][0] * row[k][l];
+                part[1] += taps[i + k][1] * row[k][l];
+                part[2] += taps[i + k][2] * row[k][l];
+                part[3] += taps[i + k][0] * row[k][LIMO_LANES + l];
+            }
+            q[l] += part[0];
+            dq[l] += part[1];
+            ddq[l] += part[2];
+            torque[l] += part[3];
         }
     }
+    for (; i < TAPS; ++i) {
+        const double *row = state->line[state->oldest + i];
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            q[l] += taps[i][0] * row[l];
+            dq[l] += taps[i][1] * row[l];
+            ddq[l] += taps[i][2] * row[l];
+            torque[l] += taps[i][0] * row[LIMO_LANES + l];
+        }
+    }
+    memcpy(x, q, sizeof q);
+    memcpy(x + LIMO_LANES, torque, sizeof torque);
+    memcpy(v, dq, sizeof dq);
+    memcpy(a, ddq, sizeof ddq);
 }
 
 size_t limo_size(void)

@@ -113,8 +113,8 @@ static void fill_columns(int j, const double rigid[BASE][N], double q, double v,
     }
 }
 
-/* Return x R^T R x^T. R is lower triangular and stands in groups of four columns, each from the
- * group's first row down; rows and columns are filled up with zeros. */
+/* Return |R x|^2. R is lower triangular and stands in groups of four columns, each from the group's
+ * first row down; rows and columns are filled up with zeros. Most often, half of x is zero. */
 static double leverage_of(const float *restrict x, const float *restrict R, int rows)
 {
     float y[WIDEST] = {0.0F}, sum[LANES] = {0.0F};
@@ -123,6 +123,10 @@ static double leverage_of(const float *restrict x, const float *restrict R, int 
         const int below = (rows - k + LANES - 1) / LANES * LANES;
         const float x0 = x[k], x1 = x[k + 1], x2 = x[k + 2], x3 = x[k + 3];
         const float *R1 = R + below, *R2 = R1 + below, *R3 = R2 + below;
+        if (x0 == 0.0F && x1 == 0.0F && x2 == 0.0F && x3 == 0.0F) {
+            R = R3 + below;
+            continue;
+        }
         for (int i = 0; i < below; ++i) {
             y[k + i] += (R[i] * x0 + R1[i] * x1) + (R2[i] * x2 + R3[i] * x3);
         }
@@ -168,7 +172,7 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
                   const double q[N], const double v[N], const double a[N],
                   limo_estimate *estimate)
 {
-    double rigid[BASE][N], slope[N][N], load[N], x[COLUMNS];
+    double rigid[BASE][N], slope[N][N], load[N], x[COLUMNS + 1];
     float seen[WIDEST] = {0.0F};
     const float *R = root;
     for (int j = 0; j < N; ++j) {
@@ -177,6 +181,7 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
             slope[m][j] = (torque_at[j][2 + 2 * m] - torque_at[j][3 + 2 * m]) / (2.0 * DIFFERENCE);
         }
     }
+    x[COLUMNS] = 0.0; /* taken off where nothing is */
     fill_rigid(at, rigid);
     for (int j = 0, next = 0; j < N; ++j) {
         double *own = memory->joints + (STOPS + 3) * j, learned = 0.0;
@@ -185,7 +190,7 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
                      (const double(*)[N])slope, estimate->simulation, x);
         for (int k = 0; k < size[j]; ++k) {
             const double value = x[kept[next + k]];
-            seen[k] = (float)value;
+            seen[k] = (float)(value - x[less[next + k]]);
             learned += value * weight[next + k];
         }
         for (int k = size[j]; k < WIDEST; ++k) {
