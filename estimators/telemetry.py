@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.rigid_body.base_estimates import BaseEstimate
     from estimators.rigid_body.identification import Identification
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
@@ -42,7 +41,6 @@ _KNOWN: Final = 0.1  # relative deviation of a parameter that is known well enou
 _LONGEST: Final = 600.0  # [s], beyond which more of the same motion is no advice
 _LOST: Final = 1e-3  # of the samples, that nobody needs to be told of
 _LISTED: Final = 10
-_SMALLEST: Final = 1e-9
 _MOVES: Final = 0.05  # [rad], range of a joint whose friction shows
 _STILL: Final = 2e-3  # [rad], range of one that never moves
 
@@ -243,12 +241,9 @@ def side_in(simulation: Simulation, recording: Recording, bandwidth: float | Non
 
 def _excitation(found: Identification, recording: Recording) -> list[str]:
     """Say what the motion reveals, and what it does not."""
-    from estimators.rigid_body.base_estimates import base_estimates
+    from estimators.rigid_body.base_estimates import base_estimates, known_of, sizes_of
 
-    told = [
-        f"{found.fit.excited} of {found.base.rank} base parameters are excited; condition number "
-        f"{found.fit.condition:.3g}"
-    ]
+    told = [f"{known_of(found)}; condition number {found.fit.condition:.3g}"]
     still = np.flatnonzero(np.ptp(recording.position, axis=0) < _STILL)
     if still.size:
         one = still.size == 1
@@ -257,7 +252,7 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
             f"{'its' if one else 'their'} friction"
         )
     estimates = base_estimates(found)
-    size = _sizes(estimates)
+    size = sizes_of(estimates)
     unknown = [x for x in estimates if x.deviation > size[x.name]]
     if unknown:
         names = ", ".join(x.name for x in unknown[:_LISTED])
@@ -274,18 +269,6 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
         )
         told.append(f"to know all the others to {_KNOWN:.0%} takes {advice}")
     return told
-
-
-def _sizes(estimates: Sequence[BaseEstimate]) -> dict[str, float]:
-    """Return what each parameter is as large as: itself, or what is usual of its unit.
-
-    A product of inertia that is 0 is known, if it is known to be small beside the others.
-    """
-    of_unit: dict[str, list[float]] = {}
-    for item in estimates:
-        of_unit.setdefault(item.unit, []).append(max(abs(item.value), abs(item.nominal)))
-    usual = {unit: float(np.median(sizes)) for unit, sizes in of_unit.items()}
-    return {x.name: max(abs(x.value), abs(x.nominal), usual[x.unit], _SMALLEST) for x in estimates}
 
 
 def _joints(numbers: Sequence[int]) -> str:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from estimators.rigid_body.identification import Identification
 
 _PER_LINK = (  # as in the regressor: mass, its first moments, inertia at the joint frame
@@ -15,6 +17,7 @@ _PER_LINK = (  # as in the regressor: mass, its first moments, inertia at the jo
     *((f"I{axes}", "kg m^2") for axes in ("xx", "xy", "yy", "xz", "yz", "zz")),
 )
 _ROUNDING = 1e-15  # of differences of nominal inertias [SI]
+_SMALLEST = 1e-9  # [SI], that a parameter is as large as
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,36 @@ def base_estimates(found: Identification) -> tuple[BaseEstimate, ...]:
             )
         )
     return tuple(estimates)
+
+
+def sizes_of(estimates: Sequence[BaseEstimate]) -> dict[str, float]:
+    """Return what each parameter is as large as: itself, or what is usual of its unit.
+
+    A product of inertia that is 0 is known, if it is known to be small beside the others.
+
+    Args:
+        estimates: Of one identification.
+
+    Returns:
+        Sizes by name, in the unit of the parameter.
+    """
+    of_unit: dict[str, list[float]] = {}
+    for item in estimates:
+        of_unit.setdefault(item.unit, []).append(max(abs(item.value), abs(item.nominal)))
+    usual = {unit: float(np.median(sizes)) for unit, sizes in of_unit.items()}
+    return {x.name: max(abs(x.value), abs(x.nominal), usual[x.unit], _SMALLEST) for x in estimates}
+
+
+def known_of(found: Identification) -> str:
+    """Say how many base parameters the motion says something about.
+
+    Args:
+        found: With its recordings.
+    """
+    estimates = base_estimates(found)
+    size = sizes_of(estimates)
+    known = sum(item.deviation <= size[item.name] for item in estimates)
+    return f"{known} of {len(estimates)} base parameters are known to better than their size"
 
 
 def _labels(found: Identification) -> list[tuple[str, str]]:

@@ -86,10 +86,10 @@ class Identification(Displayed):
     warnings: tuple[str, ...]
 
     def headline(self) -> str:
-        """Say how much of the robot the motion revealed."""
+        """Say what was identified from how much."""
         return (
-            f"{self.model.name} from {self.samples} samples, {self.fit.excited} of "
-            f"{self.base.rank} base parameters excited, condition number {self.fit.condition:.3g}"
+            f"{self.model.name} from {self.samples} samples, {self.base.rank} base parameters, "
+            f"condition number {self.fit.condition:.3g}"
         )
 
     def figures(self) -> Mapping[str, Sequence[object]]:

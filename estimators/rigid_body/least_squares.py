@@ -160,9 +160,10 @@ def _solve(
     values, vectors = np.linalg.eigh((A + np.diag(prior)) * np.outer(scale, scale))
     inverse = (vectors / values) @ vectors.T
     excited = int((np.linalg.eigvalsh(A) > 1.0 / _WIDEST**2).sum())
+    is_known = excited == base.rank and values[0] > 0.0  # rounding may leave less than nothing
     return _Solution(
         start + scale * (inverse @ (scale * b)),
         inverse * np.outer(scale, scale),
-        float(np.sqrt(values[-1] / values[0])) if excited == base.rank else np.inf,
+        float(np.sqrt(values[-1] / values[0])) if is_known else np.inf,
         excited,
     )

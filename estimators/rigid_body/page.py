@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.rigid_body.base_estimates import base_estimates
+from estimators.rigid_body.base_estimates import base_estimates, known_of
 from limo_driver.pages import Charts, Page, Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
@@ -48,8 +48,7 @@ def identification_page(found: Identification, file: str) -> Page:
     errors = found.rmse_consistent
     title = (
         f"Inertias and friction of {found.model.n} joints explain the recorded torque to "
-        f"{errors.min():.2g} to {errors.max():.2g} N m RMSE; {found.fit.excited} of "
-        f"{found.base.rank} base parameters are excited."
+        f"{errors.min():.2g} to {errors.max():.2g} N m RMSE; {known_of(found)}."
     )
     known = found.simulation.tolerances
     source = (

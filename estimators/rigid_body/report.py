@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from rich import box
 from rich.table import Table
 
 from estimators.rigid_body.base_estimates import base_estimates
@@ -13,11 +15,17 @@ if TYPE_CHECKING:
     from estimators.rigid_body.identification import Identification, TermEstimate
 
 
+_MOST_DIGITS = 5  # behind the point, of what a table shows
+
+
 def joint_table(found: Identification) -> Table:
     """Return errors and joint terms, one row a joint."""
     table = Table(
         title="Joints: in-sample RMSE with base parameters and with physically consistent bodies",
         title_justify="left",
+        box=box.SIMPLE_HEAD,  # as narrow as a terminal of 80 columns with every term in it
+        padding=0,
+        show_edge=False,
     )
     for heading in ("#", "base\n\nN m", "body\n\nN m"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -37,7 +45,12 @@ def joint_table(found: Identification) -> Table:
 def _estimate(item: TermEstimate | None) -> str:
     if item is None:
         return "–"  # noqa: RUF001  # a dash, as in tables
-    return "0 (bound)" if item.deviation == 0 else f"{item.value:.3g}±{item.deviation:.1g}"
+    if item.deviation == 0:
+        return "0 (bound)"
+    digits = -math.floor(math.log10(item.deviation))
+    if not 0 <= digits <= _MOST_DIGITS:
+        return f"{item.value:.3g}±{item.deviation:.1g}"
+    return f"{item.value:.{digits}f}±{item.deviation:.{digits}f}"
 
 
 def link_table(found: Identification) -> Table:

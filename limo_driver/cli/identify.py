@@ -177,13 +177,13 @@ def _wrote(out: Path, page: Path | None) -> str:
 
 
 def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
+    from estimators.rigid_body.base_estimates import known_of
     from estimators.rigid_body.report import base_table, joint_table, link_table
     from limo_driver.console.terminal import terminal
 
     console = terminal()
     console.print(
-        f"{found.samples} samples; {found.fit.excited} of {found.base.rank} base parameters "
-        f"excited; condition {found.fit.condition:.3g}",
+        f"{found.samples} samples; {known_of(found)}; condition {found.fit.condition:.3g}",
     )
     fewest = int(found.fit.effective.min())
     console.print(

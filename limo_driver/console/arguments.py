@@ -20,6 +20,7 @@ OPTIONS: Final = {
     'link["host"]': "--host",
     'link["port"]': "--port",
     'link["reset_faults"]': "--reset-faults",
+    "into": "--into",
     "log": "--log",
     "mapping": "--mapping",
     "model": "--model",

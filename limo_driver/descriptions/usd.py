@@ -10,6 +10,7 @@ Shapes are not read.
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from xml.etree import ElementTree as ET
@@ -34,6 +35,10 @@ _FAST: Final = 1e5  # [deg/s], above which a limit of speed is none
 _STANDARD: Final = 9.81  # [m/s²], where a scene states no gravity
 
 
+_PLACE: Final = re.compile(r":(\d+):\d+: (.+?)(?: at '| in <|'\s|'$)")  # in what USD says
+_ASSET: Final = re.compile(r"@([^@]+)@")
+
+
 class _Frame(NamedTuple):
     place: FloatArray  # (3,) [m]
     R: FloatArray  # (3, 3)
@@ -53,8 +58,9 @@ def open_stage(path: Path) -> Any:  # noqa: ANN401  # a stage of USD
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"cannot be opened as USD: {reason[:200]}", path=path) from None
+        raise ConfigError(f"cannot be opened as USD: {_reason(error)}", path=path) from None
+    if lacking := _lacking(stage):
+        raise ConfigError(f"uses {lacking}, which cannot be read", path=path)
     folder = path.resolve().parent
     for layer in stage.GetUsedLayers():
         file = layer.realPath
@@ -67,6 +73,20 @@ def open_stage(path: Path) -> Any:  # noqa: ANN401  # a stage of USD
         if unit != 1.0:
             raise ConfigError(f"has {name} = {unit:g}, expected 1", path=path)
     return stage
+
+
+def _reason(error: Exception) -> str:
+    """Return why a file cannot be opened, without the library's own places in code."""
+    found = _PLACE.search(str(error))
+    return "it is damaged, or none" if found is None else f"line {found[1]}: {found[2]}"
+
+
+def _lacking(stage: Any) -> str:  # noqa: ANN401
+    """Return the first file that layers or prims refer to and that cannot be read, if any."""
+    for error in stage.GetCompositionErrors():
+        if (found := _ASSET.search(str(error))) is not None:
+            return found[1]
+    return ""
 
 
 def joints_of(stage: Any, path: Path) -> list[Any]:  # noqa: ANN401

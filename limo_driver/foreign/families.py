@@ -69,7 +69,7 @@ def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFam
     in_order = [
         ColumnFamily(quantity, rank, tuple(members), by_order=True)
         for (quantity, rank), members in loose.items()
-        if quantity and len(members) > 1 and (not joints or len(members) == len(joints))
+        if quantity and (len(members) == len(joints) if joints else len(members) > 1)
     ]
     return [family for family in (*found, *in_order) if family.names]
 

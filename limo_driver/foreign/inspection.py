@@ -26,6 +26,7 @@ class Inspection(Displayed):
     recording: Recording | None  # as it would be read; None where it cannot be
     refused: str  # why not
     telemetry: tuple[str, ...] = ()  # what the recording is worth, one sentence each
+    robot: tuple[str, ...] = ()  # what was locked of the robot, slides, or is not represented
 
     @property
     def mapping(self) -> LogMapping:
@@ -52,7 +53,7 @@ class Inspection(Displayed):
         }
 
     def notes(self) -> tuple[str, ...]:
-        """Say what is left out, and what is strange about the rows, one sentence each."""
+        """Say what is left out, what is strange about the rows, and of the robot."""
         told = list(self.table.notes)
         if self.mapping.left_out:
             told.append(f"left out: {shortened(list(self.mapping.left_out), 24)}")
@@ -61,4 +62,5 @@ class Inspection(Displayed):
             told.append(f"read as proposed it is refused: {self.refused}")
         if self.recording is not None:
             told += [*self.recording.warnings, *map(str, self.recording.left_out)]
+        told += self.robot
         return tuple(dict.fromkeys(told))

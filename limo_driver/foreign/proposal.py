@@ -87,7 +87,7 @@ class _Draft:
         """Note what is taken, and return it."""
         told = ", ".join(dict.fromkeys(unit))
         self.taken.append(Taken(quantity, str(family), told, why))
-        if family.by_order:
+        if family.by_order and self.model.n > 1:
             self.questions.append(
                 f"{quantity}: the columns {shortened(list(family.columns))} do not name joints of "
                 f"{self.model.name}: are they in the order {', '.join(self.model.joint_names)}?"

@@ -66,7 +66,7 @@ def inspect(
         told, refused = _judged(recording, model)
         if refused:
             proposal = _asking(proposal, refused)
-    return Inspection(table, proposal, recording, refused, told)
+    return Inspection(table, proposal, recording, refused, told, model.notes)
 
 
 def _asking(proposal: Proposal, refused: str) -> Proposal:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from one_file import check_page, drawn, title_of
+from rich.console import Console
 
+import limo_driver as limo
+from estimators.rigid_body.report import joint_table
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.data_gate import Columns
@@ -54,16 +59,32 @@ def identify(tmp_path, monkeypatch, capsys):
 def test_writes_a_simulation_that_holds_what_is_true(tmp_path, recording, identify):
     status, printed, notes = identify(recording, "--no-offset", "--no-armature")
     assert status == 0, notes
-    assert "57 of 57 base parameters" in printed
+    assert "of 57 base parameters are known" in printed
     assert "1 row left out: a value is missing or not finite (row 700)" in notes
     found = Simulation.load(tmp_path / "sim.yaml")
     coulomb = {e.joint: e.tau_c for e in found.effects if isinstance(e, CoulombFriction)}
     assert coulomb == pytest.approx({j: 0.3 * j for j in range(1, 8)}, abs=0.03)
     page = (tmp_path / "sim.html").read_text()
     check_page(page)
-    assert "57 of 57 base parameters are excited" in title_of(page)
+    assert " of 57 base parameters are known to better than their size" in title_of(page)
     friction = next(c for c in drawn(page) if c["layout"]["yaxis"]["title"]["text"] == "N m")
     assert friction["data"][0]["y"] == pytest.approx([0.3 * j for j in range(1, 8)], abs=0.03)
+
+
+def test_the_table_of_joints_fits_a_terminal(recording):
+    found = limo.identify("iiwa14", [recording])
+    viscous = [item for item in found.estimates if item.effect == "viscous_friction"]
+    inertia = [
+        replace(item, effect="armature", parameter="inertia", unit="kg m^2", value=-12.345)
+        for item in viscous
+    ]  # as a motion shows it that is fast enough
+    found = replace(found, estimates=(*found.estimates, *inertia))
+    console = Console(width=80, file=io.StringIO())
+    console.print(joint_table(found))
+    text = console.file.getvalue()
+    assert {"armature", "viscous", "coulomb"} <= set(text.split())
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_json_holds_the_findings(recording, identify):

@@ -11,6 +11,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation, ViscousFriction
 from limo_driver.types import Motion
+from limo_driver.workflow.inspecting import inspect
 
 URDF = """<robot name="arm">
   <link name="base"/>
@@ -118,6 +119,26 @@ def test_a_slide_that_is_chosen_or_carries_the_arm_moves(file):
     assert RobotModel.load(file(rail, "rail.urdf")).sliding == (True, False)
     with_force = chosen.gravity_torque(np.array([[0.0, np.pi / 2, 0.0]]))
     assert with_force[0, 2] == pytest.approx(0.1 * 9.81)  # N, to hold the finger up
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        ("", "joint finger, at the end of which none turns, is locked at 0"),
+        ("#finger,wrist=0", "joint finger slides: its positions are in m"),
+    ],
+)
+def test_an_inspection_says_what_becomes_of_a_slide(file, chosen, said):
+    path = file(
+        '<mujoco><worldbody><body name="a"><joint name="wrist" axis="0 1 0" range="-1 1"/>'
+        '<geom size=".1" mass="1"/><body name="b" pos="0 0 .2"><joint name="finger" type="slide" '
+        'range="0 .1"/><geom size=".02" mass=".2"/></body></body></worldbody></mujoco>',
+        "arm.xml",
+    )
+    time = np.arange(0, 4, 0.004)
+    q = 0.05 + 0.04 * np.sin(6 * time)
+    found = inspect({"t": time, "q_m" if chosen else "q_rad": q, "tau": q}, f"{path}{chosen}")
+    assert any(note.startswith(said) for note in found.notes())
 
 
 def test_chosen_joints_move_and_all_others_are_locked_where_stated(file):

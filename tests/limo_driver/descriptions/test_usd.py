@@ -80,6 +80,23 @@ def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, change, said):
     with pytest.raises(ConfigError, match=said) as error:
         RobotModel(path)
     assert "\n" not in str(error.value)
+    assert "pxr" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("(", "cannot be opened as USD: line 3: Expected"),
+        ("(\n  subLayers = [@./nowhere.usda@]\n)", r"uses .*nowhere.usda, which cannot be read"),
+        ('def Xform "a" ( references = @./nothing.usda@ ) {}', r"uses .*nothing.usda, which"),
+    ],
+)
+def test_what_usd_says_is_told_without_its_own_code(tmp_path, text, said):
+    path = tmp_path / "arm.usda"
+    path.write_text(f"#usda 1.0\n{text}\n")
+    with pytest.raises(ConfigError, match=said) as error:
+        RobotModel(path)
+    assert "pxr" not in str(error.value)
 
 
 def test_a_floating_base_is_refused(tmp_path):
