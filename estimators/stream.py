@@ -62,7 +62,8 @@ class Stream:
     """An estimator on positions as they come, with the motion differentiated causally.
 
     Each call answers for `delay` before the position it is given. Memory goes in and out, so that
-    one stream serves several arms. After a gap memory is reset, as in `predict` of an estimator.
+    one stream serves several arms. After a gap memory is reset, as in `predict` of an estimator,
+    and where time is set back by as much: a wrong time costs a start, not all that follow.
 
     Args:
         model: Fitted or loaded; a bare simulation is taken for one that has learned nothing.
@@ -136,7 +137,7 @@ class Stream:
 
         Args:
             state: Memory after the position before; not changed.
-            time: (T,) [s], strictly increasing; gaps are allowed.
+            time: (T,) [s], strictly increasing but for gaps, which may also go back.
             position: (T, n) [rad], T at least 1.
             torque: Measured with them, (T, n) [N m].
 
@@ -151,7 +152,7 @@ class Stream:
         if time.ndim != 1 or not time.size:
             raise ShapeError("time", time.shape, "(T,) with T at least 1")
         signals = self._signals(time.shape, position, torque)
-        gaps = np.flatnonzero(np.diff(time) > self.differentiator.longest_step) + 1
+        gaps = np.flatnonzero(np.abs(np.diff(time)) > self.differentiator.longest_step) + 1
         parts: list[LiveEstimate] = []
         for first, last in pairwise((0, *gaps, time.size)):
             part, state = self._advance_stretch(state, time[first:last], signals[first:last])

@@ -107,8 +107,12 @@ class CausalDifferentiator:
         return DelayLine(np.nan, np.zeros((n, self.taps.shape[1])))
 
     def gap(self, memory: DelayLine, time: float) -> bool:
-        """Say whether `time` [s] comes so late that memory has to start anew."""
-        return time - memory.time > self.longest_step  # not so before the first, whose time is NaN
+        """Say whether `time` [s] is so far from the last that memory has to start anew.
+
+        Also backwards: a clock was set back, or the last time was wrong, and no later one could
+        follow it any more. What is a little late is refused by `step`.
+        """
+        return abs(time - memory.time) > self.longest_step  # not before the first: its time is NaN
 
     def step(
         self, memory: DelayLine, time: float, position: FloatArray

@@ -189,11 +189,12 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
     if (!isfinite(time) || !all_finite(position) || (torque && !all_finite(torque))) {
         return LIMO_NOT_FINITE;
     }
+    /* Far ahead is a gap. Far back, a clock was set back, or the last time was wrong. */
+    if (state->received && fabs(time - state->time) > LONGEST_STEP) {
+        limo_init(state);
+    }
     if (state->received && !(time > state->time)) {
         return LIMO_TIME_STOOD;
-    }
-    if (state->received && time - state->time > LONGEST_STEP) {
-        limo_init(state);
     }
     if (state->received && state->with_torque != (torque != NULL)) {
         return LIMO_TORQUE_CHANGED;

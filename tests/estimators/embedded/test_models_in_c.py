@@ -139,6 +139,21 @@ def test_bad_input_is_refused_and_changes_nothing(
     np.testing.assert_array_equal(found["torque"][good], undisturbed["torque"])
 
 
+def test_a_wild_time_costs_a_start_and_not_all_that_follow(
+    rigid: Simulation, moved: Recording, tmp_path: Path
+) -> None:
+    time, position, torque = moved.time[:400].copy(), moved.position[:400], moved.torque[:400]
+    time[200] = 1e9  # far ahead, so that each later one is far back
+    time[300] -= 1.0  # far back, and the next far ahead
+    found = CModel.of(rigid, tmp_path, RATE).stream(time, position, torque)
+    stream = Stream(rigid, RATE)
+    late, _ = stream.advance(stream.init(), time, position, torque)
+    assert (found.status == OK).all()
+    assert worst(found["simulation"], late.simulation) < 1e-9
+    anew, _ = stream.advance(stream.init(), time[301:], position[301:], torque[301:])
+    np.testing.assert_array_equal(late.torque[301:], anew.torque)
+
+
 def test_a_push_is_a_contact_and_errors_are_as_rarely_one_as_stated(
     physics: JointPhysics,
     record: Callable[[int, float], Recording],
