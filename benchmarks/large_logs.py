@@ -1,6 +1,6 @@
 """What a log of millions of rows costs: time and peak memory of whole commands.
 
-    python benchmarks/large_logs.py [--kinds parquet csv] [ROWS ...]
+    python benchmarks/large_logs.py [--kinds parquet csv npz packed.npz] [ROWS ...]
 
 A log of seven joints at 1 kHz, with columns that are not limo's own, is made and goes through
 `limo inspect` and `limo convert`. The bar is 2 GB, also for 10^7 rows, 2.8 h of motion. A command
@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -49,11 +50,38 @@ def piece(first: int, rows: int) -> pa.Table:
 
 def write(path: Path, rows: int) -> None:
     """Write a log of so many rows, as its ending says."""
+    if path.suffix == ".npz":
+        write_npz(path, rows)
+        return
     schema = piece(0, 1).schema
     make = csv.CSVWriter if path.suffix == ".csv" else pq.ParquetWriter
     with make(path, schema) as writer:
         for first in range(0, rows, PIECE):
             writer.write_table(piece(first, min(PIECE, rows - first)))
+
+
+def write_npz(path: Path, rows: int) -> None:
+    """Write time, positions and torques as arrays, packed if the name says so."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        shapes = {"t_ms": (rows,), "q": (rows, 7), "tau": (rows, 7)}
+        files = {name: Path(folder) / f"{name}.npy" for name in shapes}
+        arrays = {
+            name: np.lib.format.open_memmap(files[name], "w+", np.float64, shape)
+            for name, shape in shapes.items()
+        }
+        for first in range(0, rows, PIECE):
+            own = piece(first, min(PIECE, rows - first))
+            part = slice(first, first + own.num_rows)
+            arrays["t_ms"][part] = own["t_ms"].to_numpy()
+            for name in ("q", "tau"):
+                columns = [own[f"{name}{j}"].to_numpy() for j in range(7)]
+                arrays[name][part] = np.stack(columns, axis=1)
+        for array in arrays.values():
+            array.flush()
+        how = zipfile.ZIP_DEFLATED if "packed" in path.name else zipfile.ZIP_STORED
+        with zipfile.ZipFile(path, "w", how) as packed:
+            for file in files.values():
+                packed.write(file, file.name)
 
 
 def cost(most: float, *words: str) -> tuple[float, float, int]:
@@ -73,10 +101,10 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rows", nargs="*", type=int, default=[10**6, 10**7])
-    parser.add_argument("--kinds", nargs="+", default=["parquet", "csv"])
+    parser.add_argument("--kinds", nargs="+", default=["parquet", "csv", "npz", "packed.npz"])
     parser.add_argument("--most", type=float, default=6.0, help="GB that a command may take")
     asked = parser.parse_args()
-    print(f"{'rows':>10} {'kind':>8} {'command':>8} {'time':>8} {'memory':>8}   bar")
+    print(f"{'rows':>10} {'kind':>10} {'command':>8} {'time':>8} {'memory':>8}   bar")
     for rows in asked.rows:
         for kind in asked.kinds:
             with tempfile.TemporaryDirectory() as folder:
@@ -89,7 +117,7 @@ def main() -> None:
                     )
                     ended = f", ended with {status}" if status else ""
                     print(
-                        f"{rows:>10} {kind:>8} {name:>8} {seconds:>6.1f} s {memory:>5.2f} GB   "
+                        f"{rows:>10} {kind:>10} {name:>8} {seconds:>6.1f} s {memory:>5.2f} GB   "
                         f"{GIGABYTES:g} GB{ended}",
                         flush=True,
                     )

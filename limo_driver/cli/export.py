@@ -112,6 +112,7 @@ def _print_json(found: Export) -> None:
         "diff": found.diff,
         "not_expressed": {item.place: list(item.rms) for item in found.remainder},
         "kept": list(found.kept),
+        "dropped": list(found.dropped),
         "difference": list(found.error),
         "torque": list(found.torque),
         "share": found.share,
@@ -128,6 +129,8 @@ def show(found: Export) -> None:
         console.print(line)
     for line in found.kept:
         console.print(f"kept: {line}")
+    for line in found.dropped:
+        console.print(f"dropped: {line}")
     for item in found.remainder:
         console.print(f"left: {item}")
     for line in str(found).splitlines():

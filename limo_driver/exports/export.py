@@ -48,6 +48,7 @@ class Export(Displayed):
     error: tuple[float, ...]  # RMS of plain simulator less prediction, (n,) [N m]
     torque: tuple[float, ...]  # RMS of the prediction, (n,) [N m]
     kept: tuple[str, ...] = ()  # lines: what the file states of joints and nothing was said of
+    dropped: tuple[str, ...] = ()  # lines: what an earlier export wrote and is not found any more
 
     @property
     def share(self) -> float:
@@ -139,7 +140,8 @@ def write(
     diff = "".join(_diff(text, place) for text, place in zip(texts, places, strict=True))
     files = (*places, *copied)
     names = simulation.model.joint_names
-    return Export(places[0], files, kind, diff, left, names, error, torque, target.kept)
+    kept, gone = target.kept, target.dropped
+    return Export(places[0], files, kind, diff, left, names, error, torque, kept, gone)
 
 
 def _places(texts: Sequence[XmlText], into: Path, out: Path, name: str) -> tuple[Path, ...]:

@@ -17,13 +17,16 @@ from limo_driver.physics.described import described_effects
 from limo_driver.physics.effect import Friction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
+    from limo_driver.descriptions.description import JointDynamics
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
 
 
-def kept_effects(simulation: Simulation, model: RobotModel) -> tuple[Effect, ...]:
+def kept_effects(
+    simulation: Simulation, model: RobotModel, dynamics: Mapping[str, JointDynamics]
+) -> tuple[Effect, ...]:
     """Return what a file states of joints of which a simulation has no effect of that kind.
 
     All friction of a joint is one kind: what was found of it replaces what the file states,
@@ -32,11 +35,12 @@ def kept_effects(simulation: Simulation, model: RobotModel) -> tuple[Effect, ...
     Args:
         simulation: What was found.
         model: The robot as the file has it, with the same joints.
+        dynamics: What of it the user's file states, without what an earlier export wrote.
     """
     said = {(joint, _kind(effect)) for effect in simulation.effects for joint in effect.joints}
     return tuple(
         effect
-        for effect in described_effects(model)
+        for effect in described_effects(model, dynamics)
         if (effect.joints[0], _kind(effect)) not in said
     )
 
@@ -58,6 +62,26 @@ def kept_lines(effects: Iterable[Effect], joint_names: Sequence[str]) -> tuple[s
             f"{'them' if others else 'it'}"
         )
     return tuple(lines)
+
+
+def dropped_lines(
+    simulation: Simulation, stated: Sequence[Effect], users: Sequence[Effect]
+) -> tuple[str, ...]:
+    """Say what an earlier export wrote that goes, as the simulation has it no longer.
+
+    Args:
+        simulation: What was found.
+        stated: Effects of the file as it is.
+        users: Effects of what the user's file states.
+    """
+    said = {(joint, _kind(effect)) for effect in simulation.effects for joint in effect.joints}
+    names = simulation.model.joint_names
+    return tuple(
+        f"joint {names[effect.joints[0] - 1]}: {_said(effect)}, which an earlier export wrote; the "
+        "simulation has it no longer"
+        for effect in stated
+        if effect not in users and (effect.joints[0], _kind(effect)) not in said
+    )
 
 
 def _kind(effect: Effect) -> type[Effect]:

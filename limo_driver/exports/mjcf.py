@@ -14,6 +14,7 @@ from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
 from limo_driver.exports.mjcf_servos import write_servos
 from limo_driver.exports.motors import append_motors, write_motors
+from limo_driver.exports.origin import alike, write_origin
 from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
 
 if TYPE_CHECKING:
@@ -30,6 +31,16 @@ _TURNED: Final = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "diaginertia"
 # if nothing is said. It may not answer quicker than in two steps.
 FIRMNESS: Final = ("0.999 0.999", "0.9999 0.9999")
 _QUICK_STEPS: Final = 2
+# What each attribute of a joint says; those of a constraint are there for its friction.
+_SAYS: Final = {
+    "frictionloss": ("friction",),
+    "solimpfriction": ("friction",),
+    "solreffriction": ("friction",),
+    "armature": ("armature",),
+    "damping": ("damping", "drag"),
+    "stiffness": ("stiffness", "cubic"),
+    "springref": ("stiffness", "cubic"),
+}
 _SMALLEST: Final = 1e-10  # [kg m²], of a payload that is a point: MuJoCo wants some inertia
 
 
@@ -49,7 +60,7 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
     spec = mujoco.MjSpec.from_file(str(into))
     for name, body in target.inertials.items():
         _write_inertial(texts, name, body, spec, into)
-    motors = list[str]()
+    motors, added = list[str](), dict[str, frozenset[str]]()
     for j, name in enumerate(target.model.joint_names):
         stated = target.model.description.dynamics.get(name, JointDynamics())
         values = _joint_values(stated, target.split.joints[j], degrees=bool(spec.compiler.degree))
@@ -58,18 +69,41 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
             if firm[j] == FIRMNESS[-1]:
                 quick = _QUICK_STEPS * float(spec.option.timestep)
                 values["solreffriction"] = as_list(quick, 1.0)
-        if values:
+        before = target.origin.added.get(name, frozenset())
+        gone = _back_to_users(target, j, before) if before else frozenset()
+        added[name] = before - gone
+        if values or gone:
             text, element = _found(texts, "joint", name, into)
-            for attribute, value in values.items():
-                text.set(element, attribute, value)
+            added[name] |= values.keys() - element.attributes.keys() - gone
+            text.remove(element, *gone)
+            for attribute in values.keys() - gone:
+                text.set(element, attribute, values[attribute])
         motors += write_motors(texts, name, stated, target.split.joints[j], into)
     append_motors(texts[0], motors)
+    names = target.model.joint_names
+    write_origin(
+        texts[0],
+        {name: target.users.get(name, JointDynamics()) for name in names},
+        dict(zip(names, target.split.joints, strict=True)),
+        added,
+    )
     _write_payloads(texts, target, into)
     write_servos(texts, target, float(spec.option.timestep), into)
     gravity = target.simulation.body.gravity
     if not np.allclose(gravity, target.model.gravity, rtol=_SAME, atol=1e-12):
         _write_gravity(texts[0], gravity)
     return texts
+
+
+def _back_to_users(target: Target, j: int, added: frozenset[str]) -> frozenset[str]:
+    """Return the attributes that exports added to a joint and that have nothing to say by now."""
+    name, wanted = target.model.joint_names[j], target.split.joints[j]
+    over = target.origin.over.get(name, JointDynamics())
+    return frozenset(
+        attribute
+        for attribute in added
+        if all(alike(getattr(over, of), getattr(wanted, of)) for of in _SAYS.get(attribute, ()))
+    )
 
 
 def rubs_anew(target: Target) -> frozenset[int]:

@@ -64,7 +64,10 @@ def write_motors(
         for (text, element), values in zip(own, has, strict=False):
             text.set(element, attribute, as_list(*values))
         for text, element in own[len(has) :]:
-            text.remove(element, attribute)
+            if _is_own(element, joint, attribute):
+                text.drop(element)
+            else:
+                text.remove(element, attribute)
         for number, values in enumerate(has[len(own) :], start=1):
             name = as_attribute(f"{joint}_{attribute}" + (f"_{number}" if len(has) > 1 else ""))
             lines.append(
@@ -105,6 +108,13 @@ def _motors_of(
         and element.attributes.get("joint") == joint
         and attribute in element.attributes
     ]
+
+
+def _is_own(element: Element, joint: str, attribute: str) -> bool:
+    """Say whether an export wrote a motor, which says nothing else."""
+    name = element.attributes.get("name", "")
+    known = {"name", "joint", "input", "resistance", attribute}
+    return name.startswith(f"{joint}_{attribute}") and element.attributes.keys() == known
 
 
 def _alike(first: Sequence[float], second: Sequence[float]) -> bool:

@@ -9,16 +9,20 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.bodies import shared
-from limo_driver.exports.formats import edited_format
+from limo_driver.exports.formats import USD, edited_format
 from limo_driver.exports.joints import EffectSplit, split
-from limo_driver.exports.kept import kept_effects, kept_lines
+from limo_driver.exports.kept import dropped_lines, kept_effects, kept_lines
+from limo_driver.exports.origin import Origin
 from limo_driver.exports.parts import parts_of
+from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model import RobotModel
+from limo_driver.physics.described import described_effects
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from limo_driver.descriptions.description import JointDynamics
     from limo_driver.model import Inertial
     from limo_driver.physics import Simulation
 
@@ -36,6 +40,9 @@ class Target:
     inertials: Mapping[str, Inertial]  # new ones, by body of the file, in its frame
     last: str  # body that payloads are fixed to
     kept: tuple[str, ...]  # lines: what of the file's own joints stays, as nothing was said of it
+    users: Mapping[str, JointDynamics]  # what the user's file states, without limo's own
+    origin: Origin  # what an earlier export wrote
+    dropped: tuple[str, ...] = ()  # lines: what of that goes
 
 
 def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
@@ -61,10 +68,16 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     changes: dict[str, Inertial] = {}
     for its_parts, wanted in zip(parts.values(), own.inertials.values(), strict=True):
         changes |= shared(its_parts, wanted)
-    kept = kept_effects(simulation, model)
+    dynamics = model.description.dynamics
+    origin = Origin() if kind == USD else Origin.of(XmlText(into))
+    users = {name: origin.users(name, own) for name, own in dynamics.items()}
+    kept = kept_effects(simulation, model, users)
+    dropped = dropped_lines(simulation, described_effects(model), described_effects(model, users))
     whole = replace(simulation, effects=(*simulation.effects, *kept))
     lines = kept_lines(kept, model.joint_names)
-    return Target(model, whole, split(whole, kind), changes, list(parts)[-1], lines)
+    return Target(
+        model, whole, split(whole, kind), changes, list(parts)[-1], lines, users, origin, dropped
+    )
 
 
 def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:

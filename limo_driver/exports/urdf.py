@@ -9,6 +9,7 @@ from limo_driver.descriptions.description import JointDynamics
 from limo_driver.errors import ConfigError
 from limo_driver.exports.drake import write_rotors
 from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
+from limo_driver.exports.origin import write_origin
 from limo_driver.exports.xml_edits import Element, XmlText, as_attribute, as_list, differ
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def edited_urdf(target: Target, kind: str = URDF) -> tuple[XmlText, ...]:
         ConfigError: A link or joint that changes is not in the file.
     """
     text = XmlText(target.model.urdf)
+    written = dict[str, JointDynamics]()
     for name, body in target.inertials.items():
         _write_inertial(text, _found(text, "link", name), body)
     for j, name in enumerate(target.model.joint_names):
@@ -38,10 +40,12 @@ def edited_urdf(target: Target, kind: str = URDF) -> tuple[XmlText, ...]:
         if kind not in WITH_FRICTION:
             wanted = replace(wanted, friction=stated.friction)  # nobody's number there
         _write_joint(text, _found(text, "joint", name), stated, wanted)
+        written[name] = JointDynamics(friction=wanted.friction, damping=wanted.damping)
     for number, payload in enumerate(target.split.payloads, start=1):
         _write_payload(text, payload, target.last, number)
+    names = target.model.joint_names
+    write_origin(text, {x: target.users.get(x, JointDynamics()) for x in names}, written, {})
     if kind == DRAKE:
-        names = target.model.joint_names
         pairs = zip(names, target.split.joints, strict=True)
         write_rotors(text, {name: joint.armature for name, joint in pairs})
     return (text,)

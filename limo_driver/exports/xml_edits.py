@@ -112,6 +112,20 @@ class XmlText:
                 start, _, stop = spans[name]
                 self._edits.append((start, stop, b""))
 
+    def cut(self, start: int, stop: int, new: str = "") -> None:
+        """Put something in place of some bytes of the file."""
+        self._edits.append((start, stop, new.encode()))
+
+    def drop(self, element: Element) -> None:
+        """Remove an element with all in it, and the line on which it stands alone."""
+        stop = element.stop
+        if not element.is_empty:
+            stop = self.data.index(b">", element.end) + 1
+        before = self.data[: element.start]
+        start = len(before.rstrip(b" \t"))
+        alone = before[:start].endswith(b"\n") and self.data[stop : stop + 1] in (b"\n", b"\r", b"")
+        self.cut(start - 1 if alone else element.start, stop)
+
     def insert(self, element: Element, text: str) -> None:
         """Insert a line as the first content of an element, indented as its other content is."""
         indent = self._indent(element)

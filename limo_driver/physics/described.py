@@ -11,9 +11,9 @@ from limo_driver.physics.hysteresis import PreslidingHysteresis
 from limo_driver.physics.transmission import Armature, TorqueRipple
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
-    from limo_driver.descriptions.description import StatedBristles
+    from limo_driver.descriptions.description import JointDynamics, StatedBristles
     from limo_driver.model import RobotModel
     from limo_driver.physics.effect import Effect
 
@@ -21,15 +21,19 @@ if TYPE_CHECKING:
 SIGN_WIDTH: Final = 0.005  # [rad/s]
 
 
-def described_effects(model: RobotModel) -> tuple[Effect, ...]:
+def described_effects(
+    model: RobotModel, dynamics: Mapping[str, JointDynamics] | None = None
+) -> tuple[Effect, ...]:
     """Return friction, damping, armature, springs and cogging that the robot's description states.
 
     Args:
         model: The robot.
+        dynamics: Of its joints, by name; those of its description if not given.
     """
     found: list[Effect] = []
+    dynamics = model.description.dynamics if dynamics is None else dynamics
     for joint, name in enumerate(model.joint_names, start=1):
-        stated = model.description.dynamics.get(name)
+        stated = dynamics.get(name)
         if stated is None:
             continue
         if stated.friction:

@@ -3,7 +3,15 @@
 import pytest
 
 import limo_driver as limo
-from limo_driver.physics import Armature, CoulombFriction, Simulation, StribeckFriction
+from limo_driver.descriptions.description import JointDynamics
+from limo_driver.physics import (
+    Armature,
+    CoulombFriction,
+    PreslidingHysteresis,
+    Simulation,
+    StribeckFriction,
+    TorqueRipple,
+)
 
 ARM = """<mujoco><worldbody>
 <body name="l1"><joint name="yaw" axis="0 0 1" damping="0.3" armature="0.02" frictionloss="0.5"/>
@@ -37,7 +45,8 @@ def test_a_simulation_that_says_nothing_changes_nothing(arm, tmp_path):
 def test_only_the_kinds_that_were_found_of_a_joint_change(arm, tmp_path):
     found = Simulation(str(arm), (Armature(joint=YAW, inertia=0.05),))
     written = limo.export(found, "mjcf", tmp_path / "out")
-    assert written.file.read_text() == ARM.replace("0.02", "0.05", 1)
+    text, comment = written.file.read_text(), '\n  <!-- limo wrote: {"yaw": {"armature": '
+    assert text.replace(f"{comment}[0.05, 0.02]}}}} -->", "") == ARM.replace("0.02", "0.05", 1)
     assert written.share < 1e-3
 
 
@@ -62,3 +71,65 @@ def test_none_is_meant_where_it_is_said(arm, tmp_path):
     stated = limo.RobotModel(written.file).description.dynamics
     assert (stated["yaw"].friction, stated["yaw"].damping, stated["yaw"].armature) == (0, 0, 0.02)
     assert stated["elbow"].armature == 0.0
+
+
+def rubbing(arm, *joints):
+    """A simulation of a file with friction and an armature that were found at some joints."""
+    found = [CoulombFriction(joint=j, tau_c=0.9, v_eps=0.01) for j in joints]
+    found += [Armature(joint=j, inertia=0.07) for j in joints]
+    return Simulation(str(arm), tuple(found))
+
+
+def test_what_an_earlier_export_wrote_goes_with_its_effect(arm, tmp_path):
+    first = limo.export(rubbing(arm, YAW, ELBOW), "mjcf", tmp_path / "1").file
+    assert first.read_text().count("<!-- limo wrote") == 1
+    second = limo.export(rubbing(arm, YAW), "mjcf", tmp_path / "2", into=first)
+    assert [line.split(",")[0] for line in second.dropped] == [
+        "joint elbow: dry friction 0.9 N m",
+        "joint elbow: armature 0.07 kg m²",
+    ]
+    assert second.share < 1e-3
+    only_yaw = limo.export(rubbing(arm, YAW), "mjcf", tmp_path / "3").file
+    assert second.file.read_text() == only_yaw.read_text()
+    third = limo.export(limo.nominal(arm), "mjcf", tmp_path / "4", into=second.file)
+    assert third.file.read_text() == ARM  # byte for byte, as it was before the first
+
+
+def test_a_number_that_the_user_changed_since_stays(arm, tmp_path):
+    first = limo.export(rubbing(arm, ELBOW), "mjcf", tmp_path / "1").file
+    first.write_text(first.read_text().replace('frictionloss="0.9"', 'frictionloss="0.4"'))
+    second = limo.export(limo.nominal(arm), "mjcf", tmp_path / "2", into=first)
+    stated = limo.RobotModel(second.file).description.dynamics
+    assert (stated["elbow"].friction, stated["elbow"].armature) == (0.4, 0.02)
+    assert any("joint elbow: the file's own dry friction 0.4" in line for line in second.kept)
+
+
+def test_motors_that_an_earlier_export_wrote_go_too(arm, tmp_path):
+    effects = (
+        PreslidingHysteresis(joint=YAW, law="lugre", sigma_0=900.0, tau_c=0.7),
+        TorqueRipple(joint=ELBOW, cycles_per_rev=(7.0,), amplitude=(0.2,), phase=(0.3,)),
+    )
+    first = limo.export(Simulation(str(arm), effects), "mjcf", tmp_path / "1").file
+    assert first.read_text().count("<dcmotor") == 2
+    second = limo.export(limo.nominal(arm), "mjcf", tmp_path / "2", into=first)
+    assert "<dcmotor" not in second.file.read_text()
+    assert limo.RobotModel(second.file).description.dynamics == (
+        limo.RobotModel(arm).description.dynamics
+    )
+    assert "which an earlier export wrote" in second.dropped[0]
+
+
+def test_a_urdf_has_its_own_numbers_back(tmp_path, two_links_urdf):
+    first = limo.export(rubbing(two_links_urdf, 1), "urdf", tmp_path / "1").file
+    second = limo.export(limo.nominal(two_links_urdf), "urdf", tmp_path / "2", into=first)
+    before, after = (limo.RobotModel(x).description.dynamics for x in (two_links_urdf, second.file))
+    assert after.get("a", JointDynamics()) == before.get("a", JointDynamics())
+    assert "limo wrote" not in second.file.read_text()
+
+
+@pytest.mark.parametrize("said", ["{}", '{"yaw": 3}', '{"yaw": {"friction": ["a", 1]}}', "{]}"])
+def test_a_comment_that_makes_no_sense_says_nothing(arm, tmp_path, said):
+    arm.write_text(ARM.replace("</worldbody>", f"</worldbody>\n<!-- limo wrote: {said} -->"))
+    written = limo.export(limo.nominal(arm), "mjcf", tmp_path / "out")
+    assert len(written.kept) == 2
+    assert written.dropped == ()
