@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numba
@@ -29,7 +30,7 @@ from limo_driver.machine_code import compilation, kept_code
 from limo_driver.machine_code.reached_sources import digest, reached
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
@@ -56,12 +57,26 @@ def compiled(
         dispatcher = numba.njit(**options)(function)
         if isinstance(dispatcher, Dispatcher):  # else numba is switched off
             dispatcher._cache = _MachineCode(dispatcher)
+            _release_after_compiling(dispatcher)
             if reads:
                 _take_read_only(dispatcher, reads)
             _functions.append(dispatcher)
         return dispatcher
 
     return wrap
+
+
+def _release_after_compiling(dispatcher: Dispatcher) -> None:
+    """Let other processes go on once a function was compiled, or could not be."""
+    compile_and_keep = dispatcher.compile
+
+    def compile_one(sig: Any) -> Any:  # noqa: ANN401
+        try:
+            return compile_and_keep(sig)
+        finally:
+            dispatcher._cache.release()
+
+    dispatcher.compile = compile_one
 
 
 def _take_read_only(dispatcher: Dispatcher, reads: tuple[str, ...]) -> None:
@@ -106,6 +121,7 @@ class _MachineCode:
     def __init__(self, dispatcher: Dispatcher) -> None:
         self._dispatcher = dispatcher
         self._place: kept_code.CodePlace | None = None
+        self._own = threading.local()  # `claims` of a thread
         self.cache_path = None  # numba's statistics ask for it
 
     def is_kept(self) -> bool:
@@ -113,16 +129,27 @@ class _MachineCode:
         return self.place().any()
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:  # noqa: ANN401
-        """Return the kept code of a signature, or None."""
+        """Return the kept code of a signature, or None: then this process is to compile it.
+
+        What another process compiles at this moment is waited for.
+        """
         target_context.refresh()
         self._place = None  # a constant may have another value than when it was asked for
-        kept = self.place().read(_key(sig, target_context.codegen()))
-        if kept is None:
-            return None
-        try:
-            return CompileResult._rebuild(target_context, *kept)
-        except Exception:  # noqa: BLE001  # whatever is wrong with it, it can be compiled
-            return None
+        place, key = self.place(), _key(sig, target_context.codegen())
+        found = _rebuilt(place.read(key), target_context)
+        if found is None:
+            with _watch.waiting(self._dispatcher) as tick:
+                claim = place.claim(key, tick)
+            if claim is not None:
+                self._own.claims = [*getattr(self._own, "claims", ()), claim]
+                found = _rebuilt(place.read(key), target_context)
+        return found
+
+    def release(self) -> None:
+        """Let the processes go on that wait for what this one was to compile."""
+        claims, self._own.claims = getattr(self._own, "claims", ()), []
+        for claim in claims:
+            claim.release()
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:  # noqa: ANN401
         """Keep the code of a signature, if that can be done."""
@@ -148,6 +175,13 @@ class _MachineCode:
     disable = enable
 
 
+def _rebuilt(kept: Any, target_context: Any) -> CompileResult | None:  # noqa: ANN401
+    try:
+        return None if kept is None else CompileResult._rebuild(target_context, *kept)
+    except Exception:  # noqa: BLE001  # whatever is wrong with it, it can be compiled
+        return None
+
+
 def _key(sig: Any, codegen: Any) -> str:  # noqa: ANN401
     """Return a key that differs for different signatures and processors."""
     return repr((sig, codegen.magic_tuple()))
@@ -162,18 +196,44 @@ class _Watch(event.Listener):
         self._before, self._begun = 0.0, 0.0  # [s]
 
     def on_start(self, event: event.Event) -> None:
-        if not self._under_way:
-            self._begun = time.monotonic()
-            self._most = max(self._most, self._done + _pending())
-        self._under_way.append(event.data["dispatcher"])
+        self._begin(event.data["dispatcher"])
         self._tell()
 
     def on_end(self, event: event.Event) -> None:
-        if self._under_way.pop() in _functions:
+        if self._end() in _functions:
             self._done += 1
+        self._tell(event.data["dispatcher"])
+
+    @contextmanager
+    def waiting(self, dispatcher: Dispatcher) -> Generator[Callable[[], None]]:
+        """Count the time inside as spent on a function, and tell it as often as it is called."""
+        told = False
+
+        def tick() -> None:
+            nonlocal told
+            if not told:
+                self._begin(dispatcher)
+            told = True
+            self._tell()
+
+        try:
+            yield tick
+        finally:
+            if told:
+                self._end()
+                self._tell(dispatcher)
+
+    def _begin(self, dispatcher: Dispatcher) -> None:
+        if not self._under_way:
+            self._begun = time.monotonic()
+            self._most = max(self._most, self._done + _pending())
+        self._under_way.append(dispatcher)
+
+    def _end(self) -> Dispatcher:
+        ended = self._under_way.pop()
         if not self._under_way:
             self._before += time.monotonic() - self._begun
-        self._tell(event.data["dispatcher"])
+        return ended
 
     def tick(self) -> None:
         """Tell the same once more, inside a function that takes long."""

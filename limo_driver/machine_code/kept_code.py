@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import logging
 import os
 import pickle
 import secrets
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,7 +20,11 @@ _HEAD: Final = b"limo machine code 1\n"
 _CHECK: Final = 32  # bytes of the digest behind it
 _KEPT: Final = 8  # files of a function in a folder: versions and signatures
 _LEFT_OVER: Final = 600.0  # [s] after which nobody is still writing a file
+_PATIENCE: Final = 120.0  # [s] with a process that compiles the same; it may have been stopped
+_LOOK: Final = 0.05  # [s] between two looks at whether it is done
 _SUFFIX: Final = ".code"
+_DRAFT: Final = ".tmp"
+_LOCK: Final = ".lock"
 
 _said = False
 _log = logging.getLogger("limo")
@@ -66,6 +72,26 @@ class CodePlace:
                 return
         _say_not_kept(reason)
 
+    def claim(self, key: str, wait: Callable[[], None]) -> Claim | None:
+        """Return once no other process is about to write under a key, so that one alone compiles.
+
+        Args:
+            key: What will be written.
+            wait: Called often while another process has it.
+
+        Returns:
+            What others wait for until it is released; None where nothing can be locked, and where
+            another process was waited for in vain.
+        """
+        for folder in self._folders:
+            path = folder / f"{self._file(key)}{_LOCK}"
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                return _claimed(path, wait)
+            except OSError:
+                continue  # a folder that cannot be written, or a file system without locks
+        return None
+
     def any(self) -> bool:
         """Say whether something is kept, under any key."""
         start = f"{self._name}-{self._digest}-"
@@ -84,7 +110,7 @@ class CodePlace:
             own = [p for p in folder.iterdir() if p.name.startswith(f"{self._name}-")]
             own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
             files = [path for path in own if path.suffix == _SUFFIX]
-            left = [path for path in own if path.suffix == ".tmp"]
+            left = [path for path in own if path.suffix in {_DRAFT, _LOCK}]
             old = time.time() - _LEFT_OVER
             for path in [*files[_KEPT:], *(p for p in left if p.stat().st_mtime < old)]:
                 path.unlink()
@@ -92,9 +118,57 @@ class CodePlace:
             pass  # another process tidies, too
 
 
+class Claim:
+    """A lock that ends with its process, whichever way that goes."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self._path, self._descriptor = path, descriptor
+
+    def release(self) -> None:
+        """Let others go on, and leave no file."""
+        with suppress(OSError):
+            self._path.unlink()
+        os.close(self._descriptor)
+
+
+def _claimed(path: Path, wait: Callable[[], None]) -> Claim | None:
+    ends = time.monotonic() + _PATIENCE
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            while not _locked(descriptor):
+                if time.monotonic() > ends:
+                    os.close(descriptor)
+                    return None
+                wait()
+                time.sleep(_LOOK)
+            if _is_there(path, descriptor):
+                return Claim(path, descriptor)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)  # who had it has removed it
+
+
+def _locked(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _is_there(path: Path, descriptor: int) -> bool:
+    """Say whether an open file still is the one that others find."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except OSError:
+        return False
+
+
 def _write(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.tmp")
+    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}{_DRAFT}")
     try:
         draft.write_bytes(content)
         draft.replace(path)

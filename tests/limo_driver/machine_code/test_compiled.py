@@ -310,6 +310,7 @@ def wait(state):
 with Stopping(130), compilation.told(wait):
     import outer
     print(outer.answer())
+    print(sum(outer.total.stats.cache_misses.values()))
 """
 
 
@@ -324,12 +325,16 @@ def compiling(folder: Path):
 
 
 @pytest.mark.slow("starts processes that compile")
-def test_two_processes_that_compile_at_once(folder):
+def test_of_two_processes_one_compiles_and_the_other_waits_for_it(folder):
     both = [compiling(folder) for _ in range(2)]  # neither goes on before the other has begun
     for each in both:
-        out, err = each.communicate("\n" * 1000)
-        assert (out.splitlines()[-1], err) == ("6.0", "")
+        out, err = each.communicate("\n" * 10_000)
+        *lines, answer, compiled_here = out.splitlines()
+        assert (answer, err) == ("6.0", "")
+        assert set(lines) <= {"compiling"}
+        assert compiled_here == str(int(each is both[0]))
     assert ask(folder) == (6.0, False)
+    assert not list(folder.rglob("*.lock"))
 
 
 @pytest.mark.slow("starts processes that compile")
