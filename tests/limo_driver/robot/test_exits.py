@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -120,11 +119,17 @@ class TestPrograms:
 
 
 class TestSignals:
+    @pytest.fixture(autouse=True)
+    def usual_handlers(self):
+        """Begin as a program does, whoever ran before in this process."""
+        before = {number: signal.signal(number, signal.SIG_DFL) for number in exits.ENDING}
+        before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
+        yield
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
     @pytest.mark.parametrize("number", [signal.SIGINT, *exits.ENDING])
-    def test_in_the_middle_of_a_cycle_wait_for_its_end(self, number, monkeypatch, request):
-        # whoever ran before in this process: a handler of somebody's own is left alone
-        usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
-        request.addfinalizer(partial(signal.signal, number, signal.signal(number, usual)))
+    def test_in_the_middle_of_a_cycle_wait_for_its_end(self, number, monkeypatch):
         with open_robot("virtual", robot="iiwa14") as robot:
             start = robot.receive().position
             for k in range(20):
