@@ -69,9 +69,19 @@ def command(
             min=0, max=65535, help="With --web: of the page; 0 for any. 8642 if not given."
         ),
     ] = None,
+    rerun: Annotated[
+        str | None,
+        typer.Option(
+            metavar="viewer|FILE.rrd|ADDRESS",
+            help="Log the arm, torques and events to Rerun: open its viewer, write a file, or "
+            "send to an address such as rerun+http://127.0.0.1:9876/proxy.",
+        ),
+    ] = None,
     robot: Annotated[
         str | None,
-        typer.Option(help="With --web: the robot drawn, built in, URDF or MJCF; else iiwa14."),
+        typer.Option(
+            help="With --web or --rerun: the robot drawn, built in, URDF or MJCF; else iiwa14."
+        ),
     ] = None,
 ) -> None:
     """Show rates, latency, external torque, models, contacts and losses of arms on the network.
@@ -83,25 +93,30 @@ def command(
         limo watch --arm iiwa14 --connect tcp/192.168.1.2:7447 --json
         limo watch --arm iiwa14 --until serving --timeout 60
         limo watch --arm iiwa14 --web
+        limo watch --arm iiwa14 --rerun monday.rrd --duration 60
     """
     from limo_driver.console.shortening import shortened
     from limo_driver.errors import ConfigError
     from limo_driver.network.streaming import Keys, follow_history, open_session
 
-    if not web and (port is not None or robot is not None):
-        given = "--port" if robot is None else "--robot"
-        raise ConfigError(f"{given} is of the page that --web serves")
+    drawn = "--web" if web else "" if rerun is None else "--rerun"
+    if not web and port is not None:
+        raise ConfigError("--port is of the page that --web serves")
+    if not drawn and robot is not None:
+        raise ConfigError("--robot is of what --web or --rerun draws")
+    if web and rerun is not None:
+        raise ConfigError("--web and --rerun are two programs' work: give one of them")
     if until is not None:
-        if web:
-            raise ConfigError("--web is for watching; --until only waits")
+        if drawn:
+            raise ConfigError(f"{drawn} is for watching; --until only waits")
         if duration is not None:
             raise ConfigError("--duration is for watching; --until ends after --timeout")
         _wait(arm, until, timeout, (connect or (), listen or (), config), as_json=as_json)
         return
     if timeout is not None:
         raise ConfigError("--timeout is for --until; watching ends after --duration")
-    if web and arm == "*":
-        raise ConfigError("--web shows one arm: name it with --arm")
+    if drawn and arm == "*":
+        raise ConfigError(f"{drawn} shows one arm: name it with --arm")
     watched = Watched(as_json=as_json)
     keys = Keys.of_any() if arm == "*" else Keys(arm)
     with open_session(connect or (), listen or (), config) as session:
@@ -114,6 +129,8 @@ def command(
             if web:
                 page = _PORT if port is None else port
                 _serve(watched, session, keys, robot, page, seconds)
+            elif rerun is not None:
+                _log(watched, session, keys, robot, rerun, seconds)
             else:
                 _show(watched, seconds)
         for subscriber in followed:
@@ -140,6 +157,39 @@ def _serve(
     ):
         typer.echo(f"open {server.address}")
         threading.Event().wait(duration)
+
+
+def _log(
+    watched: Watched,
+    session: zenoh.Session,
+    keys: Keys,
+    robot: str | None,
+    target: str,
+    duration: float | None,
+) -> None:
+    """Log an arm to Rerun until the time is over."""
+    from limo_driver.live.feed import ArmFeed
+    from limo_driver.live.rerun_log import RATE, RerunLog
+    from limo_driver.model import BUILT_IN, RobotModel
+    from limo_driver.network.streaming import follow_history
+
+    model = RobotModel.load(robot or BUILT_IN[0])
+    ends, pause = math.inf if duration is None else time.monotonic() + duration, threading.Event()
+    with (
+        RerunLog(keys.arm, model, target) as log,
+        ArmFeed(session, keys, model, lambda: watched.of(keys.arm)) as feed,
+    ):
+        followed = follow_history(session, keys.event, log.take_event)
+        problem = ""
+        try:
+            while time.monotonic() < ends:
+                log.take(shown := feed.snapshot())
+                if shown.get("problem", "") != problem:
+                    problem = shown.get("problem", "")
+                    typer.echo(problem or "the arm is drawn again", err=True)
+                pause.wait(min(1.0 / RATE, max(ends - time.monotonic(), 0.0)))
+        finally:
+            followed.undeclare()
 
 
 def _wait(
