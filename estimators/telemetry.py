@@ -39,6 +39,10 @@ _MOTOR_SIDE: Final = 0.03
 _LINK_SIDE: Final = 0.015
 _KNOWN: Final = 0.1  # relative deviation of a parameter that is known well enough
 _LONGEST: Final = 600.0  # [s], beyond which more of the same motion is no advice
+_LEGEND: Final = (
+    "m is the mass of that link, mx, my, mz mass times centre, Ixx to Izz its inertia, inertia that "
+    "of the drive"
+)
 _LOST: Final = 1e-3  # of the samples, that nobody needs to be told of
 _LISTED: Final = 10
 _MOVES: Final = 0.05  # [rad], range of a joint whose friction shows
@@ -257,7 +261,7 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
     if unknown:
         names = ", ".join(x.name for x in unknown[:_LISTED])
         more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""
-        told.append(f"this motion says nothing about {names}{more}")
+        told.append(f"this motion says nothing about {names}{more}; {_LEGEND}")
     known = (x.deviation / size[x.name] for x in estimates if x not in unknown)
     worst = max(known, default=0.0)
     if worst > _KNOWN:

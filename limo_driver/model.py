@@ -163,7 +163,7 @@ class RobotModel(Displayed):
         locked = (
             f"joint {x} neither turns nor slides, and is locked at 0" for x in self.locked_joints
         )
-        unstated = _unstated(self.pin_model, self.joint_names, assumed=assumed)
+        unstated = _unstated(self.pin_model, self.joint_names, self.sliding, assumed=assumed)
         slides = (
             f"joint {x} slides: its positions are in m, its torques are forces in N"
             for x, each in zip(self.joint_names, self.sliding, strict=True)
@@ -517,15 +517,14 @@ def _gravity(gravity: Sequence[float]) -> FloatArray:
     return array
 
 
-def _unstated(model: pin.Model, names: Sequence[str], *, assumed: bool) -> tuple[str, ...]:
+def _unstated(
+    model: pin.Model, names: Sequence[str], sliding: Sequence[bool], *, assumed: bool
+) -> tuple[str, ...]:
     """Say which limits the description leaves out, and what stands for them."""
     told: list[str] = []
+    slow = f"{SLOW:g} rad/s is taken" + (f", {SLOW_SLIDE:g} m/s of slides" if any(sliding) else "")
     for values, what, instead in (
-        (
-            model.upperVelocityLimit,
-            "velocity",
-            f"{SLOW:g} rad/s is taken, {SLOW_SLIDE:g} m/s of slides",
-        ),
+        (model.upperVelocityLimit, "velocity", slow),
         (model.upperEffortLimit, "effort", "none is kept"),
     ):
         lacking = [name for name, value in zip(names, np.array(values), strict=True) if value <= 0]

@@ -41,7 +41,10 @@ def command(
     ] = 0.0,
     export: Annotated[
         Path | None,
-        typer.Option(help="Write what was found into a copy of the robot's file, too."),
+        typer.Option(
+            help="Write what was found into a copy of the robot's file, too: .xml, .urdf, .usda, "
+            "or a folder."
+        ),
     ] = None,
     bandwidth: Annotated[
         float | None,
@@ -84,12 +87,14 @@ def command(
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_place
     from limo_driver.workflow.diagnosing import diagnose
+    from limo_driver.workflow.exporting import format_for
 
     notes = terminal(stderr=True, soft_wrap=True)
     given = [sim] if sim is not None else []
     require_place(out, "the diagnosis", FILES, [*given, *recordings])
     tolerances = inertia_tolerance, gain_tolerance
     simulation, measured = _start(recordings, sim, robot, tolerances, mapping, notes)
+    kind = "" if export is None else format_for(export, simulation.model.description.kind)
     with progress_bar(notes) as progress:
         found = diagnose(
             simulation,
@@ -114,7 +119,7 @@ def command(
                     notes.print(f"{recording.source}: {item}")
         _show(found, written)
     if export is not None:
-        _export(found, export, as_json=as_json)
+        _export(found, export, kind, as_json=as_json)
     for failure in found.failures:
         notes.print(f"limo: a stage of the diagnosis failed: {failure}")
     if found.failures:
@@ -155,12 +160,11 @@ def _start(
     return nominal(model, (), *tolerances), measured
 
 
-def _export(found: Diagnosis | DriveDiagnosis, to: Path, *, as_json: bool) -> None:
+def _export(found: Diagnosis | DriveDiagnosis, to: Path, kind: str, *, as_json: bool) -> None:
     """Write the improved simulation into a copy of the robot's own file."""
     from limo_driver.cli.export import show
     from limo_driver.workflow.exporting import export
 
-    kind = found.simulation.model.description.kind.lower()
     written = export(found.simulation, kind, to)
     if not as_json:
         show(written)

@@ -52,6 +52,7 @@ class JointDynamics:
     drag: float = 0.0  # [N m s²/rad²], in proportion to the square of the speed
     bristles: tuple[StatedBristles, ...] = ()
     ripples: tuple[StatedRipple, ...] = ()
+    gap: float = 0.0  # [rad], of a play
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class RobotDescription:
         gravity: In the frame of the base [m/s²].
         shifts: From the frame of each body of the file to that of the link here, by name [m].
         servos: Position servos, by the joint that they move.
+        plays: Joints that are the play of others, by those.
         hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
             box; by name of the link and number of the shape on it, `hand_0`.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
@@ -90,6 +92,7 @@ class RobotDescription:
     hulls: dict[str, FloatArray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     servos: dict[str, StatedServo] = field(default_factory=dict)
+    plays: dict[str, str] = field(default_factory=dict)
 
     @property
     def text(self) -> str:

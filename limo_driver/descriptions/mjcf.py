@@ -8,6 +8,7 @@ of them. The frame of a link is that of its body, moved to the joint's anchor.
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from xml.etree import ElementTree as ET
@@ -27,7 +28,7 @@ from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from limo_driver.types import FloatArray
 
@@ -35,6 +36,9 @@ HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE
 _TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
 _ROOM: Final = 1.0  # [m] to either side of a joint that slides, where no range is stated
 _FEWEST: Final = 2  # arms, of which one has to be chosen
+_PAIR: Final = 2  # joints of a body, of which one may be the play of the other
+_WIDEST_PLAY: Final = 0.2  # [rad], as the effect has it
+_ALIKE: Final = 1e-9  # of axes and their places [m]
 # By element: a mass that is no number, MuJoCo replaces by one of a density, and hands others on.
 _FINITE: Final = {
     "inertial": ("mass", "pos", "quat", "diaginertia", "fullinertia"),
@@ -65,6 +69,7 @@ def read_mjcf(path: Path) -> RobotDescription:
         writer.hulls,
         tuple(_left_aside(model, root) + writer.notes),
         _servos(model),
+        writer.plays,
     )
 
 
@@ -212,11 +217,15 @@ class _Writer:
         self.shifts: dict[str, FloatArray] = {}
         self.hulls: dict[str, FloatArray] = {}
         self.notes: list[str] = []
+        self.plays: dict[str, str] = {}  # joint → the hinge that is its play
         ET.SubElement(self.robot, "link", name="world")
 
     def write(self, body: int) -> None:
         """Write a body with its joint, its inertia and shapes, and all bodies that it carries."""
         name, joints = _body_name(self.model, body), self._joints(body)
+        play = play_of(self.model, joints)
+        if play is not None:
+            joints.remove(play)
         if len(joints) > 1:
             named = ", ".join(_joint_name(self.model, j) for j in joints)
             raise ConfigError(f"body {name} has {len(joints)} joints, {named}; expected one a body")
@@ -227,6 +236,8 @@ class _Writer:
         self._inertial(link, body, anchor)
         self._shapes(link, body, anchor)
         self._joint(name, body, joint, anchor)
+        if joint is not None and play is not None:
+            self._play(joint, play)
         for site in np.flatnonzero(self.model.site_bodyid == body).tolist():
             self._site(name, site, anchor)
         for child in np.flatnonzero(self.model.body_parentid == body).tolist():
@@ -274,6 +285,17 @@ class _Writer:
         effort = repr(_effort(model, joint))
         ET.SubElement(element, "limit", {**kept, "effort": effort, "velocity": "0"})
         self.dynamics[title] = _dynamics(model, joint)
+
+    def _play(self, joint: int, play: int) -> None:
+        """Take a second hinge of a body for the backlash of its joint."""
+        title, own = _joint_name(self.model, joint), _joint_name(self.model, play)
+        low, high = self.model.jnt_range[play].tolist()
+        self.plays[title] = own
+        self.dynamics[title] = replace(self.dynamics[title], gap=high - low)
+        self.notes.append(
+            f"joint {own} has no actuator and {high - low:.3g} rad of range: it is the play of "
+            f"{title}, about the middle of that range"
+        )
 
     def _fixed(self, title: str, parent: str, child: str, place: FloatArray, R: FloatArray) -> None:
         element = ET.SubElement(self.robot, "joint", name=title, type="fixed")
@@ -324,6 +346,39 @@ class _Writer:
             collision = ET.SubElement(link, "collision")
             _place(collision, place - anchor, R)
             ET.SubElement(collision, "geometry").append(shape)
+
+
+def play_of(model: Any, joints: Sequence[int]) -> int | None:  # noqa: ANN401
+    """Return which of the two joints of a body is nothing but the play of the other.
+
+    Both are hinges about the same axis; the play has no actuator, and a range that is narrow beside
+    that of the other.
+
+    Args:
+        model: MuJoCo's model.
+        joints: Of one body, by index.
+    """
+    if len(joints) != _PAIR or any(int(model.jnt_type[j]) != HINGE for j in joints):
+        return None
+    first, second = (np.array(model.jnt_axis[j]) for j in joints)
+    apart = np.ptp(np.array(model.jnt_pos[list(joints)]), axis=0).max()
+    if abs(float(first @ second)) < 1.0 - _ALIKE or apart > _ALIKE:
+        return None
+    moved = {
+        int(model.actuator_trnid[u][0])
+        for u in range(_actuators(model))
+        if int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+    }
+    wide = [_width(model, j) for j in joints]
+    narrow = int(np.argmin(wide))
+    play, other = joints[narrow], 1 - narrow
+    is_play = wide[narrow] <= min(_WIDEST_PLAY, wide[other] / _PAIR) and play not in moved
+    return play if is_play else None
+
+
+def _width(model: Any, joint: int) -> float:  # noqa: ANN401
+    low, high = model.jnt_range[joint].tolist()
+    return high - low if model.jnt_limited[joint] else np.inf
 
 
 def _shape(model: Any, geom: int) -> ET.Element | None:  # noqa: ANN401

@@ -13,6 +13,7 @@ from limo_driver.exports.formats import MJCF, WITH_ARMATURE, WITH_FRICTION
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,
+    Backlash,
     BodyEffect,
     CoulombFriction,
     Effect,
@@ -47,13 +48,17 @@ class EffectSplit:
     stand_ins: tuple[tuple[Effect, Effect], ...]  # an effect, and what is expressed instead
 
 
-def split(simulation: Simulation, target: str) -> EffectSplit:
+def split(simulation: Simulation, target: str, *, with_play: bool = False) -> EffectSplit:
     """Split the effects of a simulation into what a target expresses and what it does not.
 
     Args:
         simulation: What was found.
         target: One of `KINDS`.
+        with_play: Whether play may be written, as a hinge between drive and link: of joints whose
+            drive has an inertia.
     """
+    driven = {x.joint for x in simulation.effects if isinstance(x, Armature) and x.inertia > 0}
+    with_play = with_play and target == MJCF
     joints = [JointDynamics()] * simulation.model.n
     expressed, left, payloads = list[Effect](), list[Effect](), list[Payload]()
     stand_ins: list[tuple[Effect, Effect]] = []
@@ -68,6 +73,12 @@ def split(simulation: Simulation, target: str) -> EffectSplit:
         elif isinstance(effect, BodyEffect) or not effect.joints:
             left.append(effect)
             continue
+        elif isinstance(effect, Backlash):
+            j = effect.joint - 1
+            if not (with_play and effect.joint in driven and not simulation.model.sliding[j]):
+                left.append(effect)
+                continue
+            joints[j] = replace(joints[j], gap=joints[j].gap + effect.gap)
         else:
             j = effect.joints[0] - 1
             shown = stand_in(effect, target) or effect

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from limo_driver.physics import (
     Armature,
+    Backlash,
     CoulombFriction,
     Effect,
     PreslidingHysteresis,
@@ -96,5 +97,7 @@ def _said(effect: Effect) -> str:
             return f"damping {slope:g} N m s/rad"
         case Armature():
             return f"armature {effect.inertia:g} kg m²"
+        case Backlash():
+            return f"play {effect.gap:g} rad"
         case _:
             return spoken(effect.name)

@@ -15,6 +15,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.exports.mjcf_servos import write_servos
 from limo_driver.exports.motors import append_motors, write_motors
 from limo_driver.exports.origin import alike, write_origin
+from limo_driver.exports.play import write_play
 from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
 
 if TYPE_CHECKING:
@@ -78,6 +79,8 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
             text.remove(element, *gone)
             for attribute in values.keys() - gone:
                 text.set(element, attribute, values[attribute])
+        plays = target.model.description.plays
+        write_play(texts, name, stated, target.split.joints[j], plays, spec, into)
         motors += write_motors(texts, name, stated, target.split.joints[j], into)
     append_motors(texts[0], motors)
     names = target.model.joint_names

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from limo_driver.exports.xml_edits import XmlText
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from limo_driver.descriptions.description import RobotDescription
     from limo_driver.physics import Simulation
@@ -54,13 +56,45 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
     positions = np.array([model.joint(name).qposadr[0] for name in joints])
     velocities = np.array([model.joint(name).dofadr[0] for name in joints])
     torque = np.zeros_like(motion.position)
+    plays = _plays(model)
     for k in range(len(torque)):
         data.qpos[positions] = motion.position[k]
         data.qvel[velocities] = motion.velocity[k]
         data.qacc[velocities] = motion.acceleration[k]
+        data.qpos[plays.position] = plays.low + plays.width / 2
         mujoco.mj_inverse(model, data)
+        if plays.position.size:  # once more, with the teeth where the load presses them
+            pressed = data.qfrc_inverse[plays.velocity] > 0
+            data.qpos[plays.position] = plays.low + np.where(pressed, 0.0, plays.width)
+            mujoco.mj_inverse(model, data)
         torque[k] = data.qfrc_inverse[velocities]
     return torque + _torque_of_motors(model, data, positions, velocities, motion)
+
+
+class _Plays(NamedTuple):
+    """Hinges that are the play of other joints."""
+
+    position: NDArray[np.int64]  # (P,), where each stands in qpos
+    velocity: NDArray[np.int64]  # (P,)
+    low: FloatArray  # (P,) [rad]
+    width: FloatArray  # (P,) [rad]
+
+
+def _plays(model: Any) -> _Plays:  # noqa: ANN401
+    from limo_driver.descriptions.mjcf import play_of
+
+    by_body = (
+        list(range(first, first + many))
+        for first, many in zip(model.body_jntadr, model.body_jntnum, strict=True)
+    )
+    found = [play for joints in by_body if (play := play_of(model, joints)) is not None]
+    ranges = np.array(model.jnt_range[found]).reshape(-1, 2)
+    return _Plays(
+        np.array(model.jnt_qposadr[found], dtype=np.int64),
+        np.array(model.jnt_dofadr[found], dtype=np.int64),
+        ranges[:, 0],
+        np.ptp(ranges, axis=1),
+    )
 
 
 def _torque_of_motors(  # noqa: ANN202

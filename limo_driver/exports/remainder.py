@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.physics import PreslidingHysteresis, SensorEffect, spoken
+from limo_driver.physics import Backlash, PreslidingHysteresis, SensorEffect, spoken
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ def _instead(effect: Effect, instead: Effect | None) -> str:
         return "is written as LuGre friction"
     if instead is not None:
         return f"is written as {spoken(instead.name)}"
+    if isinstance(effect, Backlash):
+        return "is not expressible (MJCF has play of joints with an armature, without keyframes)"
     if isinstance(effect, SensorEffect):
         return "is of the sensor, not of the robot"
     return "is not expressible"

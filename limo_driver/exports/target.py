@@ -9,11 +9,12 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.bodies import shared
-from limo_driver.exports.formats import USD, edited_format
+from limo_driver.exports.formats import MJCF, USD, edited_format
 from limo_driver.exports.joints import EffectSplit, split
 from limo_driver.exports.kept import dropped_lines, kept_effects, kept_lines
 from limo_driver.exports.origin import Origin
 from limo_driver.exports.parts import parts_of
+from limo_driver.exports.play import can_have_play
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model import RobotModel
 from limo_driver.physics.described import described_effects
@@ -75,8 +76,10 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     dropped = dropped_lines(simulation, described_effects(model), described_effects(model, users))
     whole = replace(simulation, effects=(*simulation.effects, *kept))
     lines = kept_lines(kept, model.joint_names)
+    with_play = kind == MJCF and (can_have_play(into) or bool(model.description.plays))
+    parts_split = split(whole, kind, with_play=with_play)
     return Target(
-        model, whole, split(whole, kind), changes, list(parts)[-1], lines, users, origin, dropped
+        model, whole, parts_split, changes, list(parts)[-1], lines, users, origin, dropped
     )
 
 

@@ -135,6 +135,13 @@ class XmlText:
         else:
             self._edits.append((element.stop, element.stop, f"{indent}  {text}".encode()))
 
+    def insert_after(self, element: Element, text: str) -> None:
+        """Insert a line behind an element, indented as it is."""
+        at = element.stop
+        if not element.is_empty:
+            at = self.data.index(b">", element.end) + 1
+        self.cut(at, at, f"{self._indent(element)}{text}")
+
     def append(self, element: Element, text: str) -> None:
         """Insert a line as the last content of an element that is not empty."""
         indent = self._indent(element)

@@ -26,7 +26,7 @@ _SAYS: Final = {
     POSITION: "q qpos pos position positions angle angles theta jpos",
     VELOCITY: "dq qd qdot qvel vel velocity velocities speed speeds omega jvel dtheta",
     ACCELERATION: "ddq qdd qddot qacc acc accel acceleration accelerations",
-    TORQUE: "tau torque torques effort efforts trq moment moments mom tq",
+    TORQUE: "tau torque torques effort efforts trq moment moments mom tq qfrc",
     CURRENT: "current currents cur curr i iq",
     TEMPERATURE: "temp temperature temperatures",
 }
@@ -36,7 +36,7 @@ _RANKS: Final = {
     COMMANDED: "cmd command commanded commands target des desired d ref reference setpoint goal "
     "action ipo sp",
     DERIVED: "ext external est estimated estimate model gravity coriolis error err hat residual "
-    "predicted pred noise std sim output",
+    "predicted pred noise std sim output bias passive constraint gravcomp smooth",
 }
 _RANK: Final = {word: rank for rank, words in _RANKS.items() for word in words.split()}
 # of what is no joint: a name that holds one of these is left alone
@@ -50,7 +50,7 @@ _NO_ROBOT: Final = (
     "joint joints jnt axis axes ax motor motors drive link arm manipulator robot left right side "
     "state states data value values list array vector log channel signal topic msg raw filtered "
     "filt filter lowpass encoder sensor input in per rot rotation load abs total num idx "
-    "controller control"
+    "controller control actuator"
 )
 _USUAL: Final = frozenset(_NO_ROBOT.split())
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
+_MUJOCO = "qpos"
 _LOOKED_AT = 200_000  # rows that tell names, units and rates apart; the rest is like them
 
 
@@ -237,6 +238,8 @@ def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None
     why = found.why
     if found.fits_both and draft.table.is_si:
         why = "messages of ROS are in SI units, and the values fit"
+    elif found.fits_both and all(_MUJOCO in name.family for name in family.names):
+        why = "MuJoCo has positions in rad, and the values fit"
     elif found.question:
         draft.questions.append(found.question)
     unit = found.units if len(set(found.units)) > 1 else found.units[:1]

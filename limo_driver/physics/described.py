@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from limo_driver.physics.environment import SpringLoad
 from limo_driver.physics.friction import CoulombFriction, QuadraticDrag, ViscousFriction
 from limo_driver.physics.hysteresis import PreslidingHysteresis
-from limo_driver.physics.transmission import Armature, TorqueRipple
+from limo_driver.physics.transmission import Armature, Backlash, TorqueRipple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -24,7 +24,7 @@ SIGN_WIDTH: Final = 0.005  # [rad/s]
 def described_effects(
     model: RobotModel, dynamics: Mapping[str, JointDynamics] | None = None
 ) -> tuple[Effect, ...]:
-    """Return friction, damping, armature, springs and cogging that the robot's description states.
+    """Return friction, damping, armature, springs, play and cogging that a description states.
 
     Args:
         model: The robot.
@@ -50,6 +50,8 @@ def described_effects(
                     joint=joint, stiffness=stated.stiffness, rest=stated.rest, cubic=stated.cubic
                 )
             )
+        if stated.gap:
+            found.append(Backlash(joint=joint, gap=stated.gap))
         found += _bristles(joint, stated.bristles)
         if stated.ripples:
             amplitude, cycles, phase = zip(*stated.ripples, strict=True)

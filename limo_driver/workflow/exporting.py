@@ -15,7 +15,30 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
-_FILES: Final = (".xml", ".urdf", ".usda")
+_FILES: Final = {".xml": "mjcf", ".urdf": "urdf", ".usda": "usd"}  # by ending
+
+
+def format_for(out: Path | str, own: str) -> str:
+    """Return the target that the name of a file to be written means: one of `mjcf`, `urdf`, `usd`.
+
+    Args:
+        out: A file, or a folder, into which a copy of the robot's own file goes.
+        own: Kind of the robot's description, in capitals.
+
+    Raises:
+        ConfigError: Its ending is that of no format, or of one that only lies over a file.
+    """
+    path = Path(out)
+    found = _FILES.get(path.suffix, own.lower())
+    if path.suffix and path.suffix not in _FILES and not path.is_dir():
+        raise ConfigError(
+            f"cannot be written: its ending is {path.suffix}, expected {', '.join(_FILES)} or a "
+            "folder",
+            path=path,
+        )
+    if found == "usd" != own.lower():
+        raise ConfigError(f"an export to USD is a layer over a USD file; the robot is {own}")
+    return found
 
 
 def export(
@@ -64,6 +87,11 @@ def export(
     motion = None if recorded is None else recorded.motion(bandwidth_for([recorded]))
     folder, name = Path(out), ""
     if folder.suffix in _FILES:
+        if _FILES[folder.suffix] != edited_format(to):
+            raise ConfigError(
+                f"ends in {folder.suffix}, but an export to {to} is {edited_format(to).upper()}",
+                path=folder,
+            )
         folder, name = folder.parent, folder.name
     own = found.model.description
     if into is None and own.kind.lower() == edited_format(to):

@@ -47,7 +47,7 @@ def test_a_joint_that_rests_is_named_and_its_parameters_are_unknown(arm):
     unknown = next(line for line in said if "says nothing about" in line)
     assert "tau_c_7" in unknown or "_7" in unknown
     known, rank = map(int, re.match(r"(\d+) of (\d+) base parameters are known", said[0]).groups())
-    listed = unknown.removeprefix("this motion says nothing about ").split(", ")
+    listed = unknown.partition(";")[0].removeprefix("this motion says nothing about ").split(", ")
     *first, last = listed
     more = int(last.partition(" and ")[2].removesuffix(" more") or 0)
     assert rank - known == len(first) + 1 + more

@@ -140,6 +140,14 @@ def test_commands_are_in_the_unit_in_which_positions_follow_them(scale, unit):
     assert proposed(**target, tau=TORQUE).mapping.command.unit == (unit,)
 
 
+def test_arrays_of_mujoco_are_known_by_their_names():
+    arrays = {"qpos": 0.01 * POSITION, "qvel": 0.01 * VELOCITY, "qfrc_actuator": TORQUE}
+    mapping = proposed(**arrays, qfrc_bias=2 * TORQUE, qacc=VELOCITY).mapping
+    assert mapping.undecided == ()
+    assert mapping.position.unit == ("rad",)
+    assert mapping.torque.columns[0] == "qfrc_actuator[0]"
+
+
 def test_commands_make_up_for_torques():
     found = inspect({"t": TIME, "actual_q_rad": POSITION, "target_q_rad": POSITION + 0.01}, arm())
     assert found.questions == ()
