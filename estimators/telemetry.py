@@ -40,8 +40,8 @@ _LINK_SIDE: Final = 0.015
 _KNOWN: Final = 0.1  # relative deviation of a parameter that is known well enough
 _LONGEST: Final = 600.0  # [s], beyond which more of the same motion is no advice
 _LEGEND: Final = (
-    "m is the mass of that link, mx, my, mz mass times centre, Ixx to Izz its inertia, inertia that "
-    "of the drive"
+    "m is the mass of that link, mx, my, mz mass times centre, Ixx to Izz its inertia, inertia the "
+    "drive's"
 )
 _LOST: Final = 1e-3  # of the samples, that nobody needs to be told of
 _LISTED: Final = 10

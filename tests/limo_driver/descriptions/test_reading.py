@@ -179,7 +179,10 @@ def test_joints_that_follow_others_are_locked_where_those_put_them(file):
 
 def test_limits_that_are_not_stated_are_named(file):
     model = RobotModel.load(file(arm_of(1)))
-    assert "state no velocity limit; 1 rad/s is taken, 0.25 m/s of slides" in model.notes[-1]
+    assert model.notes[-1].endswith("state no velocity limit; 1 rad/s is taken")
+    slide = URDF.replace('velocity="', 'velocity="0" was="')
+    with_slide = RobotModel.load(f"{file(slide, 'slide.urdf')}#*")
+    assert any("without one, the arm cannot be planned" in note for note in with_slide.notes)
     assert model.limits.torque.tolist() == [80.0] * 4
 
 
