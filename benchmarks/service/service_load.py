@@ -9,8 +9,8 @@
 `training` measures round trips at 1 kHz alone and then while a niced process fits joint-physics to
 a recording, over and over, as retraining does. `memory` measures the resident memory of `limo
 serve` and gives its slope with an interval; --hours are of simulated time, as fast as the service
-answers. `arms` serves more and more arms from one process, each
-at 1 kHz, until the 99th percentile doubles; their drivers share one process, which is burdened as
+answers. `arms` serves more and more arms, each by a process of its own under one supervisor, at
+--rate, until the 99th percentile doubles; their drivers share one process, which is burdened as
 well, so the service alone would bear more.
 """
 
@@ -64,7 +64,9 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="recording to train on")
     parser.add_argument("--minutes", type=float, default=2.0, help="of each measurement")
     parser.add_argument("--hours", type=float, help="of simulated time, for memory")
-    parser.add_argument("--rate", type=float, default=RATE, help="of the states in those [Hz]")
+    parser.add_argument(
+        "--rate", type=float, default=RATE, help="of the states of memory and arms [Hz]"
+    )
     parser.add_argument("--arms", default="1,2,4", help="how many, one after the other")
     given = parser.parse_args()
     if given.burden in {"training", "fit"} and given.data is None:
@@ -77,7 +79,9 @@ def main() -> None:
         served = Served(given.model, rate=given.rate, hurry=given.hours is not None)
         over_time(served, given.minutes if given.hours is None else 60.0 * given.hours)
     else:
-        with_more_arms(given.model, [int(count) for count in given.arms.split(",")], given.minutes)
+        with_more_arms(
+            given.model, [int(count) for count in given.arms.split(",")], given.minutes, given.rate
+        )
     print(describe_machine())
 
 
@@ -242,16 +246,18 @@ def trend(values: np.ndarray) -> tuple[float, float]:
     return slope, student.ppf(0.5 + LEVEL / 2, BLOCKS - 2) * np.sqrt(variance)
 
 
-def with_more_arms(model: Path, counts: list[int], minutes: float) -> None:
-    """Serve more and more arms from one process."""
-    print(f"round trip [ms]             p50      p99      max   ({minutes:g} min each)")
+def with_more_arms(model: Path, counts: list[int], minutes: float, rate: float) -> None:
+    """Serve more and more arms, each by a process under one supervisor."""
+    print(
+        f"round trip [ms]             p50      p99      max   ({minutes:g} min each, {rate:g} Hz)"
+    )
     single = np.nan
     for count in counts:
-        with Served(model, count) as served:
+        with Served(model, count, rate=rate) as served:
             p99 = show(f"{count} arms", served.measure(minutes))
-            rate = sum(len(driver.sent) for driver in served.drivers)
+            sent = sum(len(driver.sent) for driver in served.drivers)
         single = p99 if np.isnan(single) else single
-        print(f"  p99 to that of the first: {p99 / single:.2f}   ({rate} states sent in all)")
+        print(f"  p99 to that of the first: {p99 / single:.2f}   ({sent} states sent in all)")
         if p99 > ARMS_BAR * single:
             print(f"p99 has more than doubled at {count} arms")
             return

@@ -20,6 +20,7 @@ import os
 import resource
 import sys
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.closing import Closing
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 PRIORITY: Final = 40  # of SCHED_FIFO: above all that is not real time, below the kernel's 50
 YOUNG_LIMIT: Final = 5000  # containers that may wait for the collector while it is off
 _NANO: Final = 1_000_000_000
+_ON_LINUX: Final = sys.platform.startswith("linux")
 _CLOCK_MONOTONIC, _ABSOLUTE = 1, 1  # of Linux
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
@@ -107,7 +109,7 @@ class Realtime(Closing):
         if fifo:
             self._fifo(priority)
         if fifo if lock_memory is None else lock_memory:
-            self._lock_memory()
+            self._undo += _lock_memory(self.refused)
 
     def tidy(self) -> None:
         """Collect young garbage if there is much of it; call it where a cycle has time left."""
@@ -136,7 +138,7 @@ class Realtime(Closing):
         self._undo += [gc.enable, gc.unfreeze]
 
     def _fine_timers(self) -> None:
-        if not sys.platform.startswith("linux"):
+        if not _ON_LINUX:
             return
         libc = _libc()
         before = libc.prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
@@ -144,35 +146,71 @@ class Realtime(Closing):
             self._undo.append(lambda: libc.prctl(_PR_SET_TIMERSLACK, max(before, 0), 0, 0, 0))
 
     def _fifo(self, priority: int) -> None:
-        if not hasattr(os, "sched_setscheduler"):
-            self.refused.append("this system has no SCHED_FIFO")
-            return
-        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        except OSError as error:
-            self.refused.append(
-                f"SCHED_FIFO {priority} was not permitted ({error.strerror}): run as root, or give "
-                "the user `rtprio` in /etc/security/limits.conf; scheduled as any other process"
-            )
-            return
-        self._undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
+        self._undo += _prefer(0, priority, self.refused)
 
-    def _lock_memory(self) -> None:
-        if not sys.platform.startswith("linux"):
-            self.refused.append("memory is locked on Linux only")
-            return
-        libc = _libc()
-        endless = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
-        # With a limit, memory asked for later would be refused when the limit is reached.
-        flags = _MCL_CURRENT | (_MCL_FUTURE if endless or os.geteuid() == 0 else 0)
-        if libc.mlockall(flags):
-            self.refused.append(
-                f"memory was not locked ({os.strerror(ctypes.get_errno())}): give the user "
-                "`memlock unlimited` in /etc/security/limits.conf; pages may be swapped out"
-            )
-            return
-        self._undo.append(libc.munlockall)
+
+class RealtimeThreads(Closing):
+    """Puts all threads that a process has by now under SCHED_FIFO, and locks its memory.
+
+    Threads of one interpreter wait for each other's lock, so one that is left out would hold the
+    others up. What these threads start, such as a training, is scheduled as any other process.
+
+    Args:
+        priority: Of SCHED_FIFO.
+    """
+
+    def __init__(self, priority: int = PRIORITY) -> None:
+        self.refused: list[str] = []
+        self._undo: list[Callable[[], None]] = []
+        for thread in map(int, os.listdir("/proc/self/task")) if _ON_LINUX else (0,):
+            self._undo += _prefer(thread, priority, self.refused)
+            if self.refused:
+                return
+        self._undo += _lock_memory(self.refused)
+
+    def close(self) -> None:
+        """Put everything back as it was."""
+        while self._undo:
+            with suppress(ProcessLookupError):  # a thread that has ended
+                self._undo.pop()()
+
+
+def _prefer(thread: int, priority: int, refused: list[str]) -> list[Callable[[], None]]:
+    """Put a thread, 0 for the calling one, under SCHED_FIFO; return what takes it back."""
+    if not hasattr(os, "sched_setscheduler"):
+        refused.append("this system has no SCHED_FIFO")
+        return []
+    try:
+        policy, parameters = os.sched_getscheduler(thread), os.sched_getparam(thread)
+        own = os.SCHED_FIFO | (os.SCHED_RESET_ON_FORK if thread else 0)
+        os.sched_setscheduler(thread, own, os.sched_param(priority))
+    except ProcessLookupError:  # it has ended
+        return []
+    except OSError as error:
+        refused.append(
+            f"SCHED_FIFO {priority} was not permitted ({error.strerror}): run as root, or give "
+            "the user `rtprio` in /etc/security/limits.conf; scheduled as any other process"
+        )
+        return []
+    return [lambda: os.sched_setscheduler(thread, policy, parameters)]
+
+
+def _lock_memory(refused: list[str]) -> list[Callable[[], None]]:
+    """Keep all pages in memory; return what takes it back."""
+    if not _ON_LINUX:
+        refused.append("memory is locked on Linux only")
+        return []
+    libc = _libc()
+    endless = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    # With a limit, memory asked for later would be refused when the limit is reached.
+    flags = _MCL_CURRENT | (_MCL_FUTURE if endless or os.geteuid() == 0 else 0)
+    if libc.mlockall(flags):
+        refused.append(
+            f"memory was not locked ({os.strerror(ctypes.get_errno())}): give the user "
+            "`memlock unlimited` in /etc/security/limits.conf; pages may be swapped out"
+        )
+        return []
+    return [libc.munlockall]
 
 
 def sleeper() -> Callable[[int], None]:
@@ -181,7 +219,7 @@ def sleeper() -> Callable[[int], None]:
     An absolute time is kept also if the process is set aside on its way to sleep. Signals are
     handled meanwhile, and what their handlers raise goes through.
     """
-    if not sys.platform.startswith("linux"):
+    if not _ON_LINUX:
         return _sleep_relative
     until = (ctypes.c_long * 2)()  # struct timespec: seconds, nanoseconds
     nanosleep, address = _libc().clock_nanosleep, ctypes.addressof(until)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from limo_driver.network.readiness import ServicePhase
     from limo_driver.network.ros import RosTopic
     from limo_driver.physics import Simulation
+    from limo_driver.robot.realtime import RealtimeThreads
 
 COMPILING = "compiling what the first estimate needs, or reading it from the cache"
 
@@ -46,6 +47,7 @@ def serve(
     connect: Sequence[str] | str = (),
     listen: Sequence[str] | str = (),
     config: Path | str | None = None,
+    fifo: bool = False,
     told: Callable[[str, Event], None] | None = None,
     show: Callable[[dict[str, Any]], None] | None = None,
 ) -> Generator[Service]:
@@ -66,6 +68,7 @@ def serve(
         connect: Endpoint or endpoints to reach, for example `tcp/192.168.1.2:7447`.
         listen: Endpoint or endpoints to be reached at.
         config: Zenoh's own configuration file (JSON5).
+        fifo: Ask for SCHED_FIFO and locked memory; an event `fifo` says what is not permitted.
         told: Told the arm and the event of all that happens; a new phase is one, with `phase`
             among its facts. From any thread.
         show: Told the status of each arm once a second, and when its phase changes.
@@ -88,11 +91,8 @@ def serve(
 
     trusted = tuple(map(Path, [trust] if isinstance(trust, (Path, str)) else trust))
     key = None if sign is None else Path(sign)
-    stores = _stores(arms, store, model, simulation)
+    stores = checked_stores(arms, store, model, simulation, log, retraining, ros, config)
     _check_signing(trusted, key, model)
-    _check_ros(ros, config, len(stores))
-    if retraining is not None:
-        _check_retraining(stores, log, retraining)
     bulletins = Bulletins(list(stores), told or (lambda _arm, _event: None))
     bulletins.enter(ServicePhase.LOADING, "loading models and physics")
     with ExitStack() as open_:
@@ -138,6 +138,8 @@ def serve(
             service = open_.enter_context(Service(servers, show or (lambda _status: None), logs))
         if collecting:
             gc.enable()
+        if fifo:
+            open_.enter_context(_in_real_time(bulletins))
         yield service
 
 
@@ -169,6 +171,12 @@ class Bulletins:
         for bulletin in self.of.values():
             bulletin.enter(phase, text, state=state)
 
+    def warn(self, kind: str, text: str) -> None:
+        """Tell what is of all arms, once."""
+        from limo_driver.network.messages import Level
+
+        next(iter(self.of.values())).event(kind, text, Level.WARN)
+
     def tell_compiled(self, how_far: Compilation) -> None:
         """Let the status say how much is compiled."""
         from limo_driver.network.readiness import ServicePhase
@@ -176,6 +184,38 @@ class Bulletins:
         state = f"compiling, {how_far.done} of at most {how_far.most} functions done"
         if state != self._state:
             self.enter(ServicePhase.COMPILING, COMPILING, state)
+
+
+def _in_real_time(bulletins: Bulletins) -> RealtimeThreads:
+    """Put all threads of this process under SCHED_FIFO, or say why not."""
+    from limo_driver.robot.realtime import RealtimeThreads
+
+    threads = RealtimeThreads()
+    for refused in threads.refused:
+        bulletins.warn("fifo", refused)
+    return threads
+
+
+def checked_stores(
+    arms: Mapping[str, Path | str | None] | Sequence[str] | str,
+    store: Path | str | None = None,
+    model: object = None,
+    simulation: object = None,
+    log: Path | str | None = None,
+    retraining: RetrainingSettings | None = None,
+    ros: RosTopic | None = None,
+    config: Path | str | None = None,
+) -> dict[str, Path | None]:
+    """Return the store of each arm by name, None where one model serves instead; see `serve`.
+
+    Raises:
+        ConfigError: The options contradict each other, or the network lets nothing of ROS 2 pass.
+    """
+    stores = _stores(arms, store, model, simulation)
+    _check_ros(ros, config, len(stores))
+    if retraining is not None:
+        _check_retraining(stores, log, retraining)
+    return stores
 
 
 def _stores(

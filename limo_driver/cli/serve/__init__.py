@@ -115,6 +115,10 @@ def command(
         Path | None,
         typer.Option(help="Private key (PEM), with which challengers are signed that are trained."),
     ] = None,
+    fifo: Annotated[
+        bool,
+        typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory."),
+    ] = False,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
     ] = None,
@@ -132,8 +136,8 @@ def command(
     Estimates are of `delay` before the state that they answer, with a standard deviation and the
     version of the model. Where a model fails, the physics alone serves. Ctrl-C stops.
 
-    Arms share one Python process and one core: serve each from a process of its own unless they
-    are slow.
+    Each of several arms has a process of its own, which is begun anew where it dies. Only with
+    --listen, which one process alone can do, they share one, and its core.
 
     How far it is comes on standard output and on the network: loading, compiling (once on a
     machine), waiting for joint states, preparing, serving. `limo watch --until serving` waits
@@ -148,11 +152,13 @@ def command(
     """
     from limo_driver.network.ros import RosTopic
     from limo_driver.workflow.serving import serve
+    from limo_driver.workflow.supervising import listens, serve_apart
 
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
-    with serve(
+    apart = len(stores) > 1 and not listens(listen or (), config)
+    with (serve_apart if apart else serve)(
         stores,
         model=model,
         simulation=sim,
@@ -166,12 +172,12 @@ def command(
         connect=connect or (),
         listen=listen or (),
         config=config,
+        fifo=fifo,
         told=teller(several=len(stores) > 1, as_json=as_json),
         show=status_printer(as_json=as_json),
     ) as service:
         if config is None:
             typer.echo(OPEN, err=True)
         service.wait(duration)
-    for kept in service.logs.values():
-        if kept.failure is not None:
-            typer.echo(f"log: ends before the service did: {kept.failure}", err=True)
+    for why in service.lost_logs.values():
+        typer.echo(f"log: ends before the service did: {why}", err=True)

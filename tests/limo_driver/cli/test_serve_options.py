@@ -64,7 +64,7 @@ def test_a_duration_is_a_number(limo, command):
 def test_an_open_network_is_said_at_the_start(monkeypatch, capsys, tmp_path, closed):
     @contextmanager
     def opened(*_, **__):
-        yield SimpleNamespace(wait=lambda _: None, logs={})
+        yield SimpleNamespace(wait=lambda _: None, lost_logs={})
 
     monkeypatch.setattr(serving, "serve", opened)
     (tmp_path / "zenoh.json5").write_text("{}")

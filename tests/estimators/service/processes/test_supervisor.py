@@ -1,0 +1,85 @@
+"""Two arms, a process each: a killed one comes back, the other does not notice."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from processes import PATIENCE, Answers, Network, driven, served, wait_for
+
+from limo_driver.network.streaming import open_session
+from limo_driver.workflow.supervising import listens
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from estimators.service.store.store import ModelStore
+
+LEFT, RIGHT = "left", "right"
+AGAIN = 3.0  # [s] in which a dead worker has to be back
+LOST = 0.05  # of the other arm's states, on a machine that tests share
+
+
+def alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.slow("starts five processes: twenty seconds")
+def test_a_killed_worker_is_back_and_the_other_arm_does_not_notice(
+    store: ModelStore, network: Network, tmp_path: Path
+) -> None:
+    heard = tmp_path / "heard.jsonl"
+    arms = [f"--arm={arm}={store.root}" for arm in (LEFT, RIGHT)]
+    with (
+        open_session(config=network.here) as session,
+        driven(session, LEFT),
+        driven(session, RIGHT),
+        heard.open("w") as output,
+    ):
+        left, right = Answers(session, LEFT), Answers(session, RIGHT)
+        with served(network, *arms, "--json", "--fifo", stdout=output) as service:
+            wait_for(lambda: bool(left.models and right.models))
+            left.later(50)
+            right.later(50)
+            began = {event["arm"]: event for event in told(heard, "working")}
+            victim = began[LEFT]["process"]
+            killed, before = time.monotonic(), len(right.sequences)
+            os.kill(victim, signal.SIGKILL)
+            count = len(left.sequences)
+            wait_for(lambda: bool(told(heard, "worker")), AGAIN)
+            wait_for(lambda: len(told(heard, "working")) == 3, AGAIN)
+            assert time.monotonic() - killed < AGAIN
+            wait_for(lambda: len(left.sequences) > count + 20)
+            during = np.diff(right.sequences[before:])
+            assert (during - 1).sum() <= LOST * during.size
+            (death,) = told(heard, "worker")
+            assert (death["arm"], death["process"]) == (LEFT, victim)
+            assert "SIGKILL" in death["text"]
+            workers = {event["process"] for event in told(heard, "working")} - {victim}
+            assert all(map(alive, workers))
+            service.kill()  # and nobody tells the workers to end
+            service.wait(PATIENCE)
+        wait_for(lambda: not any(map(alive, workers)))
+
+
+def told(file: Path, kind: str) -> list[dict[str, object]]:
+    """Return what was told of a kind; the last line may be half written."""
+    lines = file.read_text().split("\n")[:-1]
+    return [line for line in map(json.loads, lines) if line.get("event") == kind]
+
+
+def test_what_listens_at_a_port_of_its_own_is_one_process(tmp_path: Path) -> None:
+    network = Network(tmp_path)
+    assert listens("tcp/0.0.0.0:7447", None)
+    assert listens((), network.here)
+    assert not listens((), network.there)
+    assert not listens((), None)
