@@ -46,7 +46,7 @@ if TYPE_CHECKING:
         WrenchCommand,
     )
     from limo_driver.workflow.diagnosing import diagnose
-    from limo_driver.workflow.embedding import export_c
+    from limo_driver.workflow.embedding import export_c, export_onnx
     from limo_driver.workflow.exporting import export
     from limo_driver.workflow.fleets import diagnose_fleet
     from limo_driver.workflow.inspecting import inspect
@@ -102,6 +102,7 @@ _HOME = {
     "excite": "limo_driver.workflow.planning",
     "export": "limo_driver.workflow.exporting",
     "export_c": "limo_driver.workflow.embedding",
+    "export_onnx": "limo_driver.workflow.embedding",
     "identify": "limo_driver.workflow.learning",
     "inspect": "limo_driver.workflow.inspecting",
     "load_model": "limo_driver.workflow.learning",
@@ -151,6 +152,7 @@ __all__ = [
     "excite",
     "export",
     "export_c",
+    "export_onnx",
     "identify",
     "inspect",
     "load_model",

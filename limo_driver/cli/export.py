@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,10 +13,20 @@ if TYPE_CHECKING:
 
 
 def command(
-    sim: Annotated[Path, typer.Argument(help="The simulation, a sim.yaml; for C also a model/.")],
-    to: Annotated[str, typer.Option(help="Format: mjcf, urdf, drake, isaaclab or usd; or c.")],
+    sim: Annotated[
+        Path,
+        typer.Argument(
+            help="The simulation, a sim.yaml; for C also a model/, for ONNX a model/ only."
+        ),
+    ],
+    to: Annotated[
+        str, typer.Option(help="Format: mjcf, urdf, drake, isaaclab or usd; or c, onnx.")
+    ],
     out: Annotated[
-        Path, typer.Option(help="Folder for the copy, or the copy (.xml, .urdf); for C a folder.")
+        Path,
+        typer.Option(
+            help="Folder for the copy, or the copy (.xml, .urdf); for C and ONNX a folder."
+        ),
     ],
     into: Annotated[
         Path | None,
@@ -35,7 +46,7 @@ def command(
         typer.Option(help="C: recording of motion that nothing touched; several times."),
     ] = None,
     name: Annotated[
-        str, typer.Option(help="C: of the files, and with which all names in them begin.")
+        str, typer.Option(help="C, ONNX: of the files; in C all names in them begin with it.")
     ] = "limo",
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
@@ -50,13 +61,19 @@ def command(
     of motion is compared with the prediction.
 
     With `--to c`, the estimator of a model or simulation is written as a C11 file and its header,
-    for a control loop of your own.
+    for a control loop of your own; with `--to onnx`, the network of a model by itself.
 
     Examples:
         limo export sim.yaml --to mjcf --into model.xml --out improved/
         limo export diagnosis/sim.yaml --to urdf --out improved/
         limo export model/ --to c --free calm.parquet --out firmware/
     """
+    if to == "onnx":
+        from limo_driver.workflow.embedding import export_onnx
+
+        file = export_onnx(sim, out, name)
+        typer.echo(json.dumps({"files": [str(file)]}) if as_json else str(file))
+        return
     if to == "c":
         _write_c(sim, out, rate, delay, false_alarms, name, free or [], as_json=as_json)
         return
@@ -80,8 +97,6 @@ def _write_c(
     *,
     as_json: bool,
 ) -> None:
-    import json
-
     from limo_driver.console.terminal import terminal
     from limo_driver.workflow.embedding import export_c
 
@@ -102,8 +117,6 @@ def _write_c(
 
 
 def _print_json(found: Export) -> None:
-    import json
-
     from limo_driver.console.terminal import terminal
 
     values = {

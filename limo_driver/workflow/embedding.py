@@ -1,4 +1,4 @@
-"""A model in somebody else's control loop: the estimator as C."""
+"""A model in somebody else's control loop: the estimator as C, its network as ONNX."""
 
 from __future__ import annotations
 
@@ -60,3 +60,33 @@ def export_c(
     estimator: Any = model
     recordings = [recording_of(item) for item in free]
     return written(estimator, out, rate, delay, false_alarms, name, recordings)
+
+
+def export_onnx(
+    model: ResidualModel[Any] | Path | str, out: Path | str, name: str = "limo"
+) -> Path:
+    """Write the network of a model as ONNX: its features in, what it adds to the simulation out.
+
+    What makes features of motion, and the simulation, are not in it: `export_c` has all.
+
+    Args:
+        model: A fitted model with a network, or its folder.
+        out: Folder for `<name>.onnx`.
+        name: Of the file.
+
+    Returns:
+        The file.
+
+    Raises:
+        ConfigError: The model has no network or one without a form in ONNX, the extra `limo[onnx]`
+            is not installed, or the file cannot be written.
+        ModelStoreError: The folder is incomplete.
+
+    Example:
+        >>> limo.export_onnx("model/", "network/")
+    """
+    from estimators.embedded.onnx_graph import write_onnx
+
+    path = Path(out) / f"{name}.onnx"
+    write_onnx(trained_of(model) if isinstance(model, (Path, str)) else model, path)
+    return path

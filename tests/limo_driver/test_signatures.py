@@ -50,6 +50,7 @@ LONG = (
     "excite",
     "serve",
     "evaluate",
+    "export_onnx",
     "load_model",
 )
 
