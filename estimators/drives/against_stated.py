@@ -42,6 +42,17 @@ class StatedArm:
     suspects: tuple[Suspect, ...]
 
     @property
+    def doubtful(self) -> Suspect | None:
+        """A body or zero whose interval holds none: what it explains may be another thing."""
+        for one in self.suspects:
+            name = "mass" if one.effect == "payload" else next(iter(one.names), "")
+            if one.shared and name in self.shared:
+                value, reach = self.change.value(name), NORMAL * self.shared[name]
+                if abs(value) < reach:
+                    return one
+        return None
+
+    @property
     def turned(self) -> tuple[int, ...]:
         """Joints that count against the description, 0-based."""
         return tuple(j for j, sign in enumerate(self.change.sign) if sign < 0)

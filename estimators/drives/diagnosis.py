@@ -41,7 +41,7 @@ from estimators.drives.identification import SURE, identify_drives, with_servos
 from estimators.drives.one_joint import loaded_joints
 from estimators.drives.plant import rows_of
 from estimators.drives.result import DriveDiagnosis
-from estimators.drives.suspects import search
+from estimators.drives.suspects import OFFSET, leaving_out, search
 from estimators.drives.wording import sags, undecided
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
@@ -237,8 +237,11 @@ def _beside_stated(
         )
         return replace(evidence, turned=tuple(j + 1 for j in arm.turned), counted=counted)
     progress("proving on held-out motion", 0.6)
-    proof = proven(given, seen, searched, tick)
     final = with_intervals(given, searched)
+    while (doubtful := final.doubtful) is not None:
+        searched = leaving_out(searched, doubtful, tick)
+        final = with_intervals(given, searched)
+    proof = proven(given, seen, searched, tick)
     return _Evidence(
         proof.identified, final.identified, tuple(recordings), tuple(unseen), shared=(proof, final)
     )
@@ -400,7 +403,7 @@ def _is_wrong(
             return True
         deviation = fit.deviation[name]
         if name == "offset":
-            if abs(value - believed) > _FOUND * deviation:
+            if abs(value - believed) > _FOUND * float(np.hypot(deviation, OFFSET)):
                 return True
         else:
             apart = abs(np.log(max(value, _LEAST) / max(believed, 1e-3 * value, _LEAST)))

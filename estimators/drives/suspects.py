@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from estimators.drives.arm_loads import ArmLoads
     from limo_driver.types import FloatArray
 
-_OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
+OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
@@ -147,7 +147,7 @@ def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedVal
     return [
         {
             **{name: _belief(value_in(row, name), tolerance) for name in own},
-            "offset": BelievedValue(value_in(row, "offset"), _OFFSET),
+            "offset": BelievedValue(value_in(row, "offset"), OFFSET),
         }
         for row in rows
     ]
@@ -176,9 +176,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
         **{f"com_{axis}": BelievedValue(0.0, _COM) for axis in "xyz"},
         **{f"zero_{j + 1}": BelievedValue(0.0, _ZERO) for j in range(loads.n)},
     }
-    weights = Weights.of(
-        ArmProblem(loads, Weights(np.ones(loads.n), np.ones(loads.n)), ()).errors(guess), tick
-    )
+    weights = _weights(loads, guess, tick)
     problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared)
     fit = fit_arm(problem, guess, _FIRST)
     problem, fit = reweighted(problem, fit, tick)
@@ -187,8 +185,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
     while len(chosen) < _MOST:
         glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
         worth = [_worth(problem, fit, one, new) for one, new in zip(waiting, glances, strict=True)]
-        likely = np.argsort(worth)[::-1][:_LIKELY].tolist()
-        likely = [k for k in likely if worth[k] > 0.0]
+        likely = [k for k in np.argsort(worth)[::-1][:_LIKELY].tolist() if np.isfinite(worth[k])]
         looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
@@ -199,6 +196,33 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
             break  # all else is better looked for where joints count as described
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
     return Searched(problem, fit, tuple(kept))
+
+
+def leaving_out(found: Searched, one: Suspect, tick: float) -> Searched:
+    """Return what was found, fitted again without one suspect.
+
+    Args:
+        found: With it.
+        one: The suspect.
+        tick: Step of the encoders [rad].
+    """
+    less = fit_arm(found.problem, one.removed(found.fit.guess), _THEN)
+    problem, fit = reweighted(found.problem, less, tick)
+    return Searched(problem, fit, tuple(other for other in found.suspects if other != one))
+
+
+def _weights(loads: ArmLoads, guess: ArmGuess, tick: float) -> Weights:
+    """Return how much rows say, by the errors of a fit whose stated values may be anything.
+
+    A joint that a wrong value keeps far away errs slowly: its rows, few independent ones among
+    them, would not outweigh what is believed of that value.
+    """
+    free = frozenset((j, name) for j, names in enumerate(guess.names) for name in names)
+    even = Weights(np.ones(loads.n), np.ones(loads.n))
+    start = ArmProblem(loads, even, [{} for _ in range(loads.n)])
+    problem = replace(start, weights=Weights.of(start.errors(guess), tick))
+    fit = fit_arm(problem, replace(guess, free=free), _FIRST)
+    return Weights.of(fit.errors, tick)
 
 
 def _still_worth(

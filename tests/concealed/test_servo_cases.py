@@ -8,11 +8,17 @@ import limo_driver as limo
 
 @pytest.mark.slow("ten seconds a case; benchmarks/diagnosis/concealed_servos.py runs many")
 @pytest.mark.parametrize(
-    ("seed", "hidden", "name", "within"),
-    [(0, "payload", "mass", 0.1), (7, "dead_band", "dead_band", 0.1), (12, "", "", 0.0)],
+    ("seed", "hidden", "rate", "name", "within"),
+    [
+        (0, "payload", 200.0, "mass", 0.1),
+        (7, "dead_band", 200.0, "dead_band", 0.1),
+        (2016, "position_servo", 50.0, "kp", 0.1),  # half of the gain that is stated
+        (12, "", 200.0, "", 0.0),
+        (1027, "", 200.0, "", 0.0),  # in which a body of 0.01 kg explains a little
+    ],
 )
-def test_what_is_hidden_is_named(seed, hidden, name, within, tmp_path):
-    case = servo_cases.make(seed, hidden)
+def test_what_is_hidden_is_named(seed, hidden, rate, name, within, tmp_path):
+    case = servo_cases.make(seed, hidden, rate)
     sim, recordings = case.write(tmp_path)
 
     findings = limo.diagnose(sim, recordings).verdict.findings

@@ -9,6 +9,10 @@ import pytest
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run
+from estimators.drives.against_stated import StatedArm
+from estimators.drives.arm_loads import ArmChange
+from estimators.drives.identification import DriveIdentification
+from estimators.drives.suspects import Suspect
 from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
 from limo_driver.physics.simulation_file import Tolerances
 
@@ -100,3 +104,14 @@ def test_the_stated_arm_is_what_was_simulated(stated):
     assert kinds[CoulombFriction].tau_c == FRICTION
     assert kinds[ViscousFriction].f_v == DAMPING
     assert kinds[Armature].inertia == ARMATURE
+
+
+@pytest.mark.parametrize(("mass", "doubtful"), [(0.05, True), (0.07, False)])
+def test_a_body_whose_interval_holds_none_is_doubtful(mass, doubtful):
+    payload = Suspect("payload", None, (("mass", 0.1),), shared=True)
+    change = replace(ArmChange.none(2), mass=mass)
+    none = DriveIdentification(Simulation("iiwa14"), (), (), ())
+
+    arm = StatedArm(none, change, {"mass": 0.03}, (payload,))
+
+    assert (arm.doubtful is payload) == doubtful
