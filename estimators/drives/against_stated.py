@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
+FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
 _LOADED: Final = 0.2  # of the arm's largest load, from which on a joint's gain is looked at
 _LEAST: Final = 1e-6  # [N m/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
@@ -43,14 +44,23 @@ class StatedArm:
 
     @property
     def doubtful(self) -> Suspect | None:
-        """A body or zero whose interval holds none: what it explains may be another thing."""
+        """A body or zero whose interval holds none, or a body within the tolerance of the masses.
+
+        What it explains may be another thing.
+        """
         for one in self.suspects:
             name = "mass" if one.effect == "payload" else next(iter(one.names), "")
             if one.shared and name in self.shared:
-                value, reach = self.change.value(name), NORMAL * self.shared[name]
-                if abs(value) < reach:
+                value, reach = abs(self.change.value(name)), NORMAL * self.shared[name]
+                if value < reach or (name == "mass" and value < self._mass_tolerance()):
                     return one
         return None
+
+    def _mass_tolerance(self) -> float:
+        """Return the least mass that no tolerance of the stated ones explains [kg]."""
+        simulation = self.identified.simulation
+        mass = sum(own.mass for own in simulation.model.inertials.values())
+        return FOUND * simulation.tolerances.inertia * mass
 
     @property
     def turned(self) -> tuple[int, ...]:

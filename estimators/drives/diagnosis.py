@@ -25,6 +25,7 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from estimators.drives.against_stated import (
+    FOUND,
     StatedArm,
     is_stated,
     proven,
@@ -57,7 +58,6 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
 _SEEN: Final = 0.1  # of a joint's squared held-out error, that a finding has to remove at least
 _CONFIDENT: Final = 0.95  # share of resampled held-out motion in which it has to
 _BLOCKS, _DRAWN = 20, 1000  # of held-out motion, and resamples of them
@@ -403,11 +403,11 @@ def _is_wrong(
             return True
         deviation = fit.deviation[name]
         if name == "offset":
-            if abs(value - believed) > _FOUND * float(np.hypot(deviation, OFFSET)):
+            if abs(value - believed) > FOUND * float(np.hypot(deviation, OFFSET)):
                 return True
         else:
             apart = abs(np.log(max(value, _LEAST) / max(believed, 1e-3 * value, _LEAST)))
-            if apart > _FOUND * float(np.hypot(deviation, tolerance)):
+            if apart > FOUND * float(np.hypot(deviation, tolerance)):
                 return True
     return False
 

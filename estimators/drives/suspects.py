@@ -33,7 +33,7 @@ _EACH: Final = 2.0  # [nat], for each of its constants
 _MOST: Final = 4
 NEUTRAL: Final = {"speed": np.inf, "v_s": 1.0}  # constants that are not 0 where there is nothing
 _FIRST, _GLANCE, _TRY, _THEN = 12, 2, 4, 8  # steps of fits
-_LIKELY: Final = 3  # suspects that are looked at longer
+_LIKELY: Final = 2  # suspects that are looked at longer, of either kind
 
 
 _EFFECTS: Final = {
@@ -184,8 +184,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
     waiting = list(suspects_of(loads))
     while len(chosen) < _MOST:
         glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
-        worth = [_worth(problem, fit, one, new) for one, new in zip(waiting, glances, strict=True)]
-        likely = [k for k in np.argsort(worth)[::-1][:_LIKELY].tolist() if np.isfinite(worth[k])]
+        likely = _likely(problem, fit, waiting, glances)
         looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
@@ -196,6 +195,25 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
             break  # all else is better looked for where joints count as described
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
     return Searched(problem, fit, tuple(kept))
+
+
+def _likely(
+    problem: ArmProblem, fit: ArmFit, waiting: Sequence[Suspect], glances: Sequence[ArmFit]
+) -> list[int]:
+    """Return which suspects to look at: that explain most, or most of a joint's own errors.
+
+    A joint that is far away errs slowly and its few independent rows say little, so that a small
+    error of another joint outweighs it in nats.
+    """
+    worth = [_worth(problem, fit, one, new) for one, new in zip(waiting, glances, strict=True)]
+    every = range(problem.loads.n)
+    before = [problem.cost(fit.guess, fit.errors, one.affects or every) for one in waiting]
+    part = [
+        (old - new.cost) / max(old, 1.0) if np.isfinite(own) else -np.inf
+        for own, old, new in zip(worth, before, glances, strict=True)
+    ]
+    ranked = [np.argsort(score)[::-1][:_LIKELY].tolist() for score in (worth, part)]
+    return [k for k in dict.fromkeys(ranked[0] + ranked[1]) if np.isfinite(worth[k])]
 
 
 def leaving_out(found: Searched, one: Suspect, tick: float) -> Searched:

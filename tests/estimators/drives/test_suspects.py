@@ -106,12 +106,16 @@ def test_the_stated_arm_is_what_was_simulated(stated):
     assert kinds[Armature].inertia == ARMATURE
 
 
-@pytest.mark.parametrize(("mass", "doubtful"), [(0.05, True), (0.07, False)])
-def test_a_body_whose_interval_holds_none_is_doubtful(mass, doubtful):
+@pytest.mark.parametrize(
+    ("mass", "deviation", "doubtful"),
+    [(0.05, 0.03, True), (0.07, 0.03, False), (0.02, 0.003, True)],
+    ids=["its interval holds none", "neither", "within the tolerance of the masses"],
+)
+def test_a_body_is_doubtful(stated, mass, deviation, doubtful):
     payload = Suspect("payload", None, (("mass", 0.1),), shared=True)
     change = replace(ArmChange.none(2), mass=mass)
-    none = DriveIdentification(Simulation("iiwa14"), (), (), ())
+    none = DriveIdentification(stated, (), (), ())
 
-    arm = StatedArm(none, change, {"mass": 0.03}, (payload,))
+    arm = StatedArm(none, change, {"mass": deviation}, (payload,))
 
     assert (arm.doubtful is payload) == doubtful

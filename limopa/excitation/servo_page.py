@@ -1,0 +1,92 @@
+"""The page of commands for position servos: the arm on its way, and what to do with them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.pages import Charts, Page
+from limo_driver.pages.markup import columns, header, next_steps, section
+from limo_driver.pages.motion import planned_motion
+from limopa.page import not_checked, span
+
+if TYPE_CHECKING:
+    from limo_driver.model import RobotModel
+    from limopa.excitation.servo import ServoExcitation
+
+_SHOWN = {
+    "ramp": "slow ramps: gain by sag, dry friction",
+    "steps": "steps: delay, damping, inertia, torque limit",
+    "quick": "quick ramps: limits of speed",
+    "creep": "creeping reversals: play, dead band, stiction",
+    "hold": "holds: sag of all joints",
+    "together": "all joints together: loads of each other",
+    "way": "on the way",
+}
+
+
+def servo_page(found: ServoExcitation, model: RobotModel, file: str, robot: str) -> Page:
+    """Return the page of commands for position servos.
+
+    Args:
+        found: The commands.
+        model: The robot they are for.
+        file: Name of the file that has them, for the commands that go on from it.
+        robot: The robot, as commands know it.
+    """
+    charts = Charts()
+    view, motion = planned_motion(model, found.trajectory, charts)
+    title = (
+        f"{span(found.duration)} of commands at {found.request.rate:g} Hz, from which positions "
+        "alone identify position servos."
+    )
+    source = (
+        f"Seed {found.seed}; {len(found.repetitions)} repetitions in other poses, each of which "
+        "can be predicted from the others. Lead the arm slowly to the first pose before the first "
+        "command is sent."
+    )
+    body = (
+        header(f"Commands for the servos of {model.name}", title, source)
+        + motion
+        + section("What shows what", columns(_spent(found)), "parts")
+        + section("What each joint does", columns(_joints(found)), "joints")
+        + not_checked(found.unchecked_pairs)
+        + _next(file, robot)
+    )
+    return Page(title, body, charts, view)
+
+
+def _spent(found: ServoExcitation) -> dict[str, list[object]]:
+    rows = dict.fromkeys(_SHOWN, 0)
+    for part in found.segments:
+        rows[part.kind.split()[0]] += part.stop - part.start
+    return {
+        "motion": list(_SHOWN.values()),
+        "time [s]": [f"{many / found.request.rate:.0f}" for many in rows.values()],
+    }
+
+
+def _joints(found: ServoExcitation) -> dict[str, list[object]]:
+    degrees = np.degrees([found.command[0], found.command.min(axis=0), found.command.max(axis=0)])
+    names = ("first [°]", "from [°]", "to [°]")
+    said: dict[str, list[object]] = {"joint": list(found.joint_names)}
+    for name, own in zip(names, degrees, strict=True):
+        said[name] = [f"{x:.0f}" for x in own]
+    return said
+
+
+def _next(file: str, robot: str) -> str:
+    return next_steps(
+        [
+            (
+                f"Send the rows of {file} at their times, and write beside each what the encoders "
+                "read: time, command_1, ..., position_1, ... [s, rad].",
+                f"python examples/play_servos.py {file} --out moves.csv",
+            ),
+            (
+                "Find drives, friction, play and payload from that recording.",
+                f"limo diagnose moves.csv --robot {robot} --out diagnosis",
+            ),
+        ]
+    )
