@@ -18,6 +18,7 @@ from limo_driver.foreign.table import LogTable
 if TYPE_CHECKING:
     from pathlib import Path
 
+KIND = "LeRobotDataset"
 _INFO = "meta/info.json"
 _BETWEEN = 1.0  # [s] from the end of one episode to the start of the next: a gap, as it was
 _KNOWN = ("v2.0", "v2.1", "v3.0")
@@ -99,7 +100,7 @@ def _read_info(folder: Path) -> dict[str, Any]:
 
 
 def _kind(info: dict[str, Any]) -> str:
-    return f"LeRobotDataset {info['codebase_version']}"
+    return f"{KIND} {info['codebase_version']}"
 
 
 def _names(info: dict[str, Any]) -> dict[str, list[str]]:

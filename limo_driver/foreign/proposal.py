@@ -13,6 +13,7 @@ import numpy as np
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.families import ColumnFamily, families_of
+from limo_driver.foreign.lerobot import KIND as LEROBOT
 from limo_driver.foreign.mapping import Channels, LogMapping
 from limo_driver.foreign.motion_units import (
     other_unit_from,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 
 _MUJOCO = "qpos"
+_NORMALISED = 100.0
 _LOOKED_AT = 200_000  # rows that tell names, units and rates apart; the rest is like them
 
 
@@ -243,7 +245,21 @@ def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None
     elif found.question:
         draft.questions.append(found.question)
     unit = found.units if len(set(found.units)) > 1 else found.units[:1]
+    if "deg" in unit and _may_be_normalised(draft, family):
+        draft.questions.append(
+            f"position: {family} stay within ±{_NORMALISED:g}: are they degrees (LeRobot's "
+            "`use_degrees`), or normalised to the calibrated range of each joint (its default)? "
+            "Those need, as `factor:`, the degrees of one hundredth of half of that range, and as "
+            "`zero:` what the column says where the description has 0"
+        )
     return draft.take(POSITION, family, unit, why)
+
+
+def _may_be_normalised(draft: _Draft, family: ColumnFamily) -> bool:
+    """Say whether LeRobot may have stretched the range of each joint to -100 to 100."""
+    values = draft.values(family)
+    largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    return draft.table.kind.startswith(LEROBOT) and bool(largest <= _NORMALISED)
 
 
 def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> Channels | None:
@@ -290,6 +306,8 @@ def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Cha
         if family.rank == COMMANDED and family.columns != position.columns
     ]
     found = [family for family in found if not family.by_order] or found
+    if not found and torque is None:
+        _require_all_joints(draft)
     if len(found) != 1:
         return None
     (family,) = found
@@ -299,6 +317,18 @@ def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Cha
         return None
     unit = (family.unit,) if family.unit else _unit_beside(draft, values, position)
     return draft.take(COMMAND, family, unit, "the names say so" if family.unit else "as positions")
+
+
+def _require_all_joints(draft: _Draft) -> None:
+    """Refuse set-points of some joints, where no torque stands in for the others'."""
+    told = [f for f in draft.families if f.quantity == POSITION and f.rank == COMMANDED]
+    for family in told:
+        if family.missing:
+            raise RecordingError(
+                f"has neither a measured torque nor the set-points of all joints: {family} lacks "
+                f"{', '.join(family.missing)}",
+                path=draft.table.source or None,
+            )
 
 
 def _unit_beside(draft: _Draft, values: FloatArray, position: Channels) -> tuple[str, ...]:

@@ -221,8 +221,7 @@ class Recording(Displayed):
         columns = replace(columns, torque=np.zeros_like(columns.position))
         recording = cls._of(columns, inspect(columns), source)
         none = np.ones(recording.position.shape, dtype=bool)
-        told = tuple(text for text in recording.warnings if not text.startswith("torque_"))
-        return replace(recording, unmeasured=none, warnings=told)
+        return replace(recording, unmeasured=none)
 
     @classmethod
     def _of(cls, columns: Columns, findings: UsableRows, source: str) -> Recording:

@@ -285,9 +285,12 @@ class _Judged:
 def _doubts(columns: Columns, model: RobotModel) -> tuple[str, ...]:
     """Return what makes one doubt rows that are written all the same: they may be mended later."""
     from estimators.diagnosis.residuals.plausibility import doubts_about
+    from estimators.drives.checks import check_commands
 
     try:
         recording = Recording.from_columns(columns)
+        if not recording.has_torque:
+            return check_commands([recording])
         return doubts_about(model, [recording], bandwidth_for([recording]))
     except LimoError as error:
         return (f"identification and diagnosis will refuse it: {error}",)

@@ -81,11 +81,13 @@ def _asking(proposal: Proposal, refused: str) -> Proposal:
 def _judged(recording: Recording, model: RobotModel) -> tuple[tuple[str, ...], str]:
     """Return what a recording is worth, and why identification and diagnosis would refuse it."""
     from estimators.diagnosis.residuals.plausibility import doubts_about
+    from estimators.drives.checks import check_commands
     from estimators.telemetry import telemetry_of
 
-    if not recording.has_torque:  # by which signs and order of the columns are checked
-        return telemetry_of(recording, model).lines(), ""
     try:
+        if not recording.has_torque:  # by which signs and order of the columns are checked
+            told = check_commands([recording])
+            return (*telemetry_of(recording, model).lines(), *told), ""
         doubts = doubts_about(model, [recording], bandwidth_for([recording]))
     except LimoError as error:
         return (), str(error).removeprefix(f"{recording.source}: ")
