@@ -10,9 +10,9 @@ found.save("diagnosis/")
 ```
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
-and commands. What to do with them: inspect, read, plan, excite, run, identify, predict,
-predict_forward, train, evaluate, diagnose, diagnose_fleet, export, serve. Requests and settings
-say how: PlanRequest, Rows, ...
+and commands. What to do with them: inspect, read, plan, excite, excite_servos, run, identify,
+predict, predict_forward, train, evaluate, diagnose, diagnose_fleet, export, serve. Requests and
+settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -59,12 +59,20 @@ if TYPE_CHECKING:
         predict_forward,
         train,
     )
-    from limo_driver.workflow.planning import excite, plan
+    from limo_driver.workflow.planning import excite, excite_servos, plan
     from limo_driver.workflow.reading import read
     from limo_driver.workflow.running import Streaming, run
     from limo_driver.workflow.serving import serve
     from limo_driver.workflow.simulating import simulate
-    from limopa import ExcitationRequest, Exploring, PlanRequest, Reaching, Surroundings, Workspace
+    from limopa import (
+        ExcitationRequest,
+        Exploring,
+        PlanRequest,
+        Reaching,
+        ServoRequest,
+        Surroundings,
+        Workspace,
+    )
 
     __version__: str
 
@@ -88,6 +96,7 @@ _HOME = {
     "RosTopic": "limo_driver.network.ros",
     "Rows": "estimators.rigid_body",
     "ServiceSettings": "estimators.service.settings",
+    "ServoRequest": "limopa",
     "Simulation": "limo_driver.physics",
     "Streaming": "limo_driver.workflow.running",
     "Surroundings": "limopa",
@@ -100,6 +109,7 @@ _HOME = {
     "diagnose_fleet": "limo_driver.workflow.fleets",
     "evaluate": "limo_driver.workflow.learning",
     "excite": "limo_driver.workflow.planning",
+    "excite_servos": "limo_driver.workflow.planning",
     "export": "limo_driver.workflow.exporting",
     "export_c": "limo_driver.workflow.embedding",
     "export_onnx": "limo_driver.workflow.embedding",
@@ -138,6 +148,7 @@ __all__ = [
     "RosTopic",
     "Rows",
     "ServiceSettings",
+    "ServoRequest",
     "Simulation",
     "Streaming",
     "Surroundings",
@@ -150,6 +161,7 @@ __all__ = [
     "diagnose_fleet",
     "evaluate",
     "excite",
+    "excite_servos",
     "export",
     "export_c",
     "export_onnx",

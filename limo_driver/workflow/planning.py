@@ -13,7 +13,14 @@ if TYPE_CHECKING:
 
     from estimators.rigid_body.conditioning import Conditioning
     from limo_driver.model import RobotModel
-    from limopa import Excitation, ExcitationRequest, Plan, PlanRequest
+    from limopa import (
+        Excitation,
+        ExcitationRequest,
+        Plan,
+        PlanRequest,
+        ServoExcitation,
+        ServoRequest,
+    )
 
 
 def plan(
@@ -90,3 +97,30 @@ def excite(
     with threadpool_limits(limits=1, user_api="blas"):  # its matrices are small; more only wait
         criterion = conditioning or Conditioning(model)
         return limopa.excite(model, criterion, wanted, seed, progress)
+
+
+def excite_servos(
+    robot: RobotModel | Path | str, request: ServoRequest | None = None, *, seed: int = 0
+) -> ServoExcitation:
+    """Plan commands from which positions alone identify an arm behind position servos.
+
+    Args:
+        robot: The arm, or its built-in name, URDF or MJCF.
+        request: Duration [s], rate [Hz], speed [rad/s], surroundings.
+        seed: Of every random draw; the same request and seed give the same commands.
+
+    Returns:
+        The commands, which can be saved as CSV and as a LeRobotDataset.
+
+    Raises:
+        InfeasiblePathError: No pose lets a joint move, or no way leads from pose to pose.
+        ConfigError: There is no such robot, or its collision shapes cannot be read.
+
+    Example:
+        >>> found = limo.excite_servos("iiwa14", limo.ServoRequest(rate=50.0), seed=1)
+        >>> found.save("moves.csv")
+    """
+    import limopa
+
+    wanted = expected("request", request or limopa.ServoRequest(), limopa.ServoRequest)
+    return limopa.excite_servos(model_of(robot), wanted, seed_of(seed))

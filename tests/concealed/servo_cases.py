@@ -56,7 +56,13 @@ class Case:
         return folder / "sim.yaml", paths
 
 
-def make(seed: int, hidden: str, rate: float = 200.0, bits: int = 12) -> Case:
+def make(
+    seed: int,
+    hidden: str,
+    rate: float = 200.0,
+    bits: int = 12,
+    commanded: tuple[float, np.ndarray] | None = None,
+) -> Case:
     """Draw a case.
 
     Args:
@@ -64,6 +70,8 @@ def make(seed: int, hidden: str, rate: float = 200.0, bits: int = 12) -> Case:
         hidden: One of `SINGLES`, or empty for none.
         rate: Of the recordings [Hz].
         bits: Of the encoders.
+        commanded: Seconds between two commands, and commands (K, n) [rad], of one recording that
+            stands in for the usual three.
     """
     random = np.random.default_rng([seed, 7])
     arm = plant.hobby_arm()
@@ -73,7 +81,6 @@ def make(seed: int, hidden: str, rate: float = 200.0, bits: int = 12) -> Case:
         servos[name] *= np.exp(TOLERANCE * np.clip(random.normal(size=N), -2, 2))
     joint, size = 0, 0.0
     true, sign, zero = arm, np.ones(N), np.zeros(N)
-    np.array([plant.HAND + 0.02, 0, 0])
     if hidden == "payload":
         size = float(random.uniform(0.08, 0.25))
         true = arm_.add_body(
@@ -87,9 +94,9 @@ def make(seed: int, hidden: str, rate: float = 200.0, bits: int = 12) -> Case:
         zero[joint] = size if hidden == "encoder_offset" else 0.0
     tick = servos["tick"][0]
     recordings = []
-    for kind in ("waves", "ramps", "steps"):
-        every = max(1 / rate, 0.005)
-        command = _command(kind, every, random)
+    every = max(1 / rate, 0.005)
+    motions = [(every, _command(kind, every, random)) for kind in ("waves", "ramps", "steps")]
+    for every, command in [commanded] if commanded else motions:
         own = plant.play(true, servos, command, every, rate)
         position = tick * np.round((own.position * sign + zero) / tick)
         recordings.append(Played(own.time, own.command * sign + zero, position))

@@ -52,6 +52,7 @@ NOT_RUN = {
     "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
     "start.md": ["installs limo, and runs what runs this"],
     "streaming.md": ["needs two other machines"],
+    "without_torque.md": ["needs a real arm"],
     "workflow.md": ["needs a real arm"],
 }
 # A machine with one network, on which an address of the documents is this machine's.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,7 +14,6 @@ from limo_driver.cli.plan import (
     JointMargin,
     Out,
     Picture,
-    Rate,
     Robot,
     Seed,
     SelfCollision,
@@ -28,6 +29,13 @@ if TYPE_CHECKING:
     from limopa.excitation.search import Excitation, ExcitationRequest
 
 PAPER = 68  # condition number that Çallar and Böttger 2022 state for their iiwa
+
+
+class Drives(StrEnum):
+    """What moves the joints, and so what a recording tells."""
+
+    TORQUE = "torque"
+    POSITION_SERVO = "position-servo"
 
 
 @dataclass(frozen=True)
@@ -46,8 +54,17 @@ class JointFigures:
 def command(
     out: Out,
     robot: Robot = "iiwa14",
+    drives: Annotated[
+        Drives,
+        typer.Option(
+            "--for", help="What the joints tell: torque, or positions alone behind servos."
+        ),
+    ] = Drives.TORQUE,
     duration: Annotated[
-        float, typer.Option(help="Of the motion, one period of the base frequency, s.")
+        float,
+        typer.Option(
+            help="Of the motion, one period of the base frequency, s; for servos at least."
+        ),
     ] = 60.0,
     harmonics: Annotated[
         int, typer.Option(help="Of each joint; no two joints share any of them.")
@@ -59,7 +76,10 @@ def command(
     iterations: Annotated[
         int, typer.Option(help="Of each of the last two refinements; 0 leaves a random motion.")
     ] = 250,
-    rate: Rate = 250.0,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Samples per second in the file, Hz; 250, for servos 50."),
+    ] = None,
     workspace_radius: Annotated[
         float | None, typer.Option(help="Keep the flange this near to the base, m.")
     ] = None,
@@ -67,6 +87,14 @@ def command(
     clearance: Clearance = 0.02,
     table_height: TableHeight = 0.0,
     self_collision: SelfCollision = True,
+    lerobot: Annotated[
+        Path | None,
+        typer.Option(help="For servos: folder for a LeRobotDataset of the same commands."),
+    ] = None,
+    motors: Annotated[
+        str | None,
+        typer.Option(help="Their names there, with commas between; those of the joints."),
+    ] = None,
     picture: Picture = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
@@ -77,32 +105,48 @@ def command(
     included, within the limits of the joints. The motion is one period; it starts and ends in one
     pose, at rest.
 
+    For position servos, --out is a CSV of commands: ramps, steps, creeping reversals and holds of
+    each joint in poses of its own, and of all together, from which positions alone identify drives.
+
     Examples:
         limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet \
             --picture excite.png
         limo excite --robot arm.urdf --duration 30 --harmonics 4 \
             --out excite.traj.parquet --json
+        limo excite --for position-servo --robot so101.xml --out moves.csv \
+            --lerobot moves --motors shoulder_pan,shoulder_lift,elbow_flex
     """
     from math import inf, radians
 
     from estimators.rigid_body.conditioning import Conditioning
+    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limopa.excitation.page import excitation_page
     from limopa.excitation.picture import draw
     from limopa.excitation.search import ExcitationRequest
     from limopa.request import Surroundings, Workspace
 
+    surroundings = Surroundings(
+        joint_margin=radians(joint_margin),
+        clearance=clearance,
+        table_height=table_height,
+        self_collision=self_collision,
+    )
+    if drives is Drives.POSITION_SERVO:
+        from limo_driver.cli.excite.servos import excite_for_servos
+        from limopa.excitation.servo import ServoRequest
+
+        if picture is not None:
+            raise ConfigError("is not drawn for servos; the page beside --out is", path=picture)
+        wanted = ServoRequest(duration=duration, rate=rate or 50.0, surroundings=surroundings)
+        excite_for_servos(out, robot, wanted, seed, lerobot, motors, as_json=as_json)
+        return
     page = require_writable(out, picture, robot)
     request = ExcitationRequest(
         duration=duration,
         harmonics=harmonics,
-        rate=rate,
-        surroundings=Surroundings(
-            joint_margin=radians(joint_margin),
-            clearance=clearance,
-            table_height=table_height,
-            self_collision=self_collision,
-        ),
+        rate=rate or 250.0,
+        surroundings=surroundings,
         workspace=Workspace(
             radius=inf if workspace_radius is None else workspace_radius, lower=(-inf, -inf, -inf)
         ),
