@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,8 @@ from estimators.fleet.series import series_of
 from estimators.fleet.standing import drifts_of, spreads_of, standings_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from estimators.fleet.row import FleetRow
     from estimators.fleet.series import Series
     from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
@@ -21,6 +23,7 @@ class FleetDiagnosis:
 
     robot: str
     rows: tuple[FleetRow, ...]
+    set_aside: Mapping[str, int] = field(default_factory=dict[str, int])  # rows by other versions
 
     @cached_property
     def series(self) -> tuple[Series, ...]:
@@ -61,6 +64,8 @@ class FleetDiagnosis:
         arms = len({row.arm for row in self.rows if row.diagnosed})
         done = len(self.rows) - len(self.failed)
         lines = [f"{done} of {len(self.rows)} recordings diagnosed, of {arms} arms."]
+        for other, count in self.set_aside.items():
+            lines.append(f"set aside: {count} diagnoses by limo {other}, not of this version")
         seen: set[str] = set()
         for item in self.standings:
             if item.odd and item.arm not in seen:

@@ -7,6 +7,8 @@ survives the end of any process.
 from __future__ import annotations
 
 import json
+from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
@@ -22,6 +24,8 @@ from limo_driver.errors import ConfigError
 from limo_driver.outputs import sync, whole
 
 if TYPE_CHECKING:
+    from collections.abc import Container
+
     from estimators.fleet.row import FleetRow
     from limo_driver.physics import Simulation
 
@@ -57,8 +61,20 @@ class FleetStore:
         except OSError as failure:
             raise ConfigError(f"cannot be written to: {failure.strerror}", path=place) from None
         with whole(place / ROW) as draft:
-            draft.write_text(json.dumps({"seconds": seconds, "error": error}), encoding="utf-8")
+            kept = {"seconds": seconds, "error": error, "limo": version("limo")}
+            draft.write_text(json.dumps(kept), encoding="utf-8")
         sync(place)
+
+    def of_other_versions(self, keys: Container[str]) -> dict[str, int]:
+        """Count rows by the versions of limo that are not this one, but for those of some keys."""
+        places = [p for p in self.folder.glob(f"{DIAGNOSES}/*/{ROW}") if p.parent.name not in keys]
+        found: Counter[str] = Counter()
+        for place in places:
+            with suppress(OSError, ValueError, TypeError, AttributeError):  # no row, then
+                kept = json.loads(place.read_text(encoding="utf-8"))
+                found[str(kept.get("limo", "of an unknown version"))] += 1
+        del found[version("limo")]
+        return dict(sorted(found.items()))
 
     def finished(self, row: FleetRow) -> FleetRow | None:
         """Return a row with how it ended; None while it has not, or where its files are damaged."""

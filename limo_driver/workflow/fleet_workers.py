@@ -46,7 +46,8 @@ def run_fleet(
         workers: How many run side by side.
 
     Returns:
-        Rows, and an error of those that the store does not have: their worker died.
+        Rows, and an error of those that the store does not have: their worker died, or the machine
+        failed them, so that the next call has to try again.
 
     Raises:
         ConfigError: A worker cannot write.
@@ -63,7 +64,7 @@ def run_fleet(
                 worker = busy[ready]  # type: ignore[index]  # only connections were waited for
                 row, tries = worker.task
                 try:
-                    halted = worker.connection.recv()
+                    halted, failed = worker.connection.recv()
                 except (EOFError, OSError):
                     del busy[worker.connection]
                     status = worker.stop()
@@ -74,7 +75,7 @@ def run_fleet(
                     continue
                 if halted:
                     raise ConfigError(halted)
-                yield row, ""
+                yield row, failed
                 if waiting:
                     worker.start(waiting.popleft())
                 else:
@@ -93,19 +94,20 @@ def _work(main: Connection[Any, Any], job: FleetJob) -> None:
         while True:
             row, _ = main.recv()
             try:
-                diagnose_row(job, row)
+                main.send(("", diagnose_row(job, row)))
             except LimoError as error:
-                main.send(str(error))
-            else:
-                main.send("")
+                main.send((str(error), ""))
 
 
-def diagnose_row(job: FleetJob, row: FleetRow) -> None:
-    """Diagnose one recording of a fleet, and keep its row.
+def diagnose_row(job: FleetJob, row: FleetRow) -> str:
+    """Diagnose one recording of a fleet, and keep its row, unless it is the machine that failed.
 
     Args:
         job: What all share.
         row: Whose recording is read.
+
+    Returns:
+        Why no row was kept; empty if it was.
 
     Raises:
         ConfigError: It cannot be written.
@@ -119,7 +121,24 @@ def diagnose_row(job: FleetJob, row: FleetRow) -> None:
         found = diagnose(job.simulation, recording, bandwidth=job.bandwidth)
     except LimoError as error:
         line = " ".join(str(error).split()).removeprefix(f"{row.recording}: ")
+        if _is_of_the_machine(error):
+            return line
         job.store.keep(row.key, perf_counter() - start, line)
-        return
+        return ""
+    except MemoryError:
+        return "the machine had too little memory for it: give fewer --workers"
     found.save(job.store.place(row.key))
     job.store.keep(row.key, perf_counter() - start)
+    return ""
+
+
+def _is_of_the_machine(error: BaseException | None) -> bool:
+    """Say whether an error came from one of the operating system, or from a want of memory.
+
+    Arrow tells damaged files as errors of the operating system, too, but those have no number.
+    """
+    while error is not None:
+        if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

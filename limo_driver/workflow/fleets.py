@@ -87,7 +87,9 @@ def diagnose_fleet(
             ended[row.recording] = done
             if progress is not None:
                 progress(done, len(ended), len(rows))
-        fleet = FleetDiagnosis(known.model.name, tuple(ended[row.recording] for row in rows))
+        others = store.of_other_versions({row.key for row in rows})
+        all_rows = tuple(ended[row.recording] for row in rows)
+        fleet = FleetDiagnosis(known.model.name, all_rows, others)
         save_fleet(fleet, folder)
     if len(fleet.failed) == len(rows):
         place = str(simulation) if isinstance(simulation, (Path, str)) else "the simulation"

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,9 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import limo_driver as limo
+from estimators.fleet.result import FleetDiagnosis
 from estimators.fleet.row import FleetRow
 from estimators.fleet.store import FleetStore, digest_of, key_of
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.workflow.fleet_workers import FleetJob, diagnose_row
 from limo_driver.workflow.fleets import matched
 
@@ -112,6 +114,44 @@ def test_a_full_disk_leaves_no_row_and_is_said(fleet, tmp_path, monkeypatch):
     done = store.finished(row)
     assert done is not None
     assert "Parquet" in done.error
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [OSError(errno.EIO, os.strerror(errno.EIO)), MemoryError()],
+    ids=["disk", "memory"],
+)
+def test_what_the_machine_failed_is_no_finished_row(fleet, tmp_path, monkeypatch, failure):
+    store = FleetStore(tmp_path)
+    job, row = row_of(store, fleet, "b/2026-03-02.parquet")
+
+    def read(path, _model):
+        try:
+            raise failure
+        except OSError as error:  # as the readers of recordings do
+            raise RecordingError(f"cannot be read: {error.strerror}", path=path) from None
+
+    with monkeypatch.context() as patch:
+        patch.setattr("limo_driver.workflow.reading.read", read)
+        assert re.search("Input/output error|too little memory", diagnose_row(job, row))
+    assert store.finished(row) is None
+    assert diagnose_row(job, row) == ""  # the file itself is at fault now
+    assert store.finished(row) is not None
+
+
+def test_rows_of_other_versions_are_set_aside_and_told(tmp_path, monkeypatch):
+    store = FleetStore(tmp_path)
+    monkeypatch.setattr("estimators.fleet.store.version", lambda _: "0.0.9")
+    store.keep("of-before", 1.0)
+    monkeypatch.undo()
+    store.keep("of-now", 1.0)
+    store.keep("counted", 1.0)
+    (tmp_path / "diagnoses" / "cut-off").mkdir()
+    (tmp_path / "diagnoses" / "cut-off" / "row.json").write_text("{")
+    aside = store.of_other_versions({"counted"})
+    assert aside == {"0.0.9": 1}
+    said = str(FleetDiagnosis("two_links", (), aside))
+    assert "set aside: 1 diagnoses by limo 0.0.9" in said
 
 
 def test_the_key_changes_with_bytes_simulation_and_bandwidth(fleet):
