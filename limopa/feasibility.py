@@ -286,6 +286,6 @@ def _require_velocity(model: RobotModel) -> None:
     if unknown.size:
         raise ConfigError(
             f"joint {unknown[0] + 1} ({model.joint_names[unknown[0]]}) has no limit of velocity, "
-            "so no motion of it can be planned: give it one in the URDF",
+            "so no motion of it can be planned: give it one in its description",
             path=model.urdf,
         )

@@ -19,6 +19,7 @@ import numpy as np
 
 from limo_driver.descriptions.description import JointDynamics, RobotDescription, StatedServo
 from limo_driver.descriptions.geometry import numbers, rpy_of
+from limo_driver.descriptions.usd_shapes import write_shapes
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -154,19 +155,23 @@ def read_usd(path: Path) -> RobotDescription:
     shifts = {name: _frame(tree[name], 1).place if name in tree else np.zeros(3) for name in bodies}
     dynamics: dict[str, JointDynamics] = {}
     servos: dict[str, StatedServo] = {}
+    hulls: dict[str, FloatArray] = {}
     for name, prim in bodies.items():
-        _write_link(root, name, prim, shifts[name], path, is_base=name not in tree)
+        link = _write_link(root, name, prim, shifts[name], path, is_base=name not in tree)
+        hulls |= write_shapes(link, prim, bodies, shifts[name])
     _write_base(root, stage, joints, bodies, tree, path)
     for name, joint in tree.items():
         _write_joint(root, stage, joint, name, shifts)
         dynamics[joint.GetName()] = _dynamics(joint)
         if (servo := _servo(joint)) is not None:
             servos[joint.GetName()] = servo
-    notes = ["shapes are not read of USD: distances are those of a skeleton"]
+    notes = list[str]()
+    if not any(link.find("collision") is not None for link in root.findall("link")):
+        notes.append("has no collision shapes: motion is planned without, or not at all")
     if any(_value(joint, "physxJoint:jointFriction") for joint in joints):
         notes.append("not represented: physxJoint:jointFriction, which goes with the load")
     return RobotDescription(
-        root, path, "USD", dynamics, _gravity(stage), shifts, notes=tuple(notes), servos=servos
+        root, path, "USD", dynamics, _gravity(stage), shifts, hulls, tuple(notes), servos
     )
 
 
@@ -225,7 +230,7 @@ def _write_link(
     path: Path,
     *,
     is_base: bool,
-) -> None:
+) -> ET.Element:
     from pxr import UsdPhysics
 
     link = ET.SubElement(root, "link", name=name)
@@ -235,7 +240,7 @@ def _write_link(
     whole = mass > 0 and np.isfinite(com).all() and np.min(moments) > 0
     if not whole:
         if is_base:
-            return
+            return link
         raise ConfigError(
             f"body {name} states no mass, centerOfMass and diagonalInertia of its own; limo does "
             "not take them from shapes",
@@ -250,6 +255,7 @@ def _write_link(
     ET.SubElement(element, "mass", value=repr(mass))
     keys, entries = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), tensor[np.triu_indices(3)].tolist()
     ET.SubElement(element, "inertia", dict(zip(keys, map(repr, entries), strict=True)))
+    return link
 
 
 def _write_base(

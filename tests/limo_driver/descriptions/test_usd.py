@@ -25,6 +25,50 @@ def test_an_arm_needs_the_torque_that_it_needs_as_urdf(tmp_path, seed, ending):
     np.testing.assert_allclose(usd.limits.torque, urdf.limits.torque)
 
 
+def test_shapes_are_those_of_the_urdf(tmp_path):
+    arm = RobotModel.load("iiwa14")
+    read = RobotModel(usd_of(arm, tmp_path / "arm.usda"))
+    q = np.linspace(-0.8, 0.9, 7)
+    found, expected = _ends(read, q), _ends(arm, q)
+    assert len(expected) > 3
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+def _ends(model, q):
+    """Ends of the capsules that move in the base frame, in order, with their radii."""
+    poses = model.joint_poses(q)
+    found = []
+    for c in model.capsules():
+        if c.joint >= 0:
+            R, p = poses[c.joint][:3, :3], poses[c.joint][:3, 3]
+            ends = sorted([tuple((R @ c.start + p).round(5)), tuple((R @ c.end + p).round(5))])
+            found.append([*ends[0], *ends[1], c.radius])
+    return sorted(found)
+
+
+def test_meshes_are_planned_with_by_their_corners(tmp_path):
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    path = usd_of(RobotModel.load("iiwa14"), tmp_path / "arm.usda")
+    stage = Usd.Stage.Open(str(path))
+    group = UsdGeom.Xform.Define(stage, "/robot/link4/collisions")
+    group.AddTranslateOp().Set((0.0, 0.0, 0.1))
+    UsdPhysics.CollisionAPI.Apply(group.GetPrim())
+    mesh = UsdGeom.Mesh.Define(stage, "/robot/link4/collisions/mesh")
+    points = [(0, 0, 0), (0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.3)]
+    mesh.CreatePointsAttr().Set(points)
+    mesh.AddScaleOp().Set((1.0, 0.5, 1.0))
+    stage.GetRootLayer().Save()
+    description = RobotModel(path).description
+    (corners,) = description.hulls.values()
+    np.testing.assert_allclose(np.ptp(corners, axis=0), [0.1, 0.1, 0.3], atol=1e-6)
+    (name,) = description.hulls
+    link, _, number = name.rpartition("_")
+    assert link == "link4"
+    box = description.root.find("link[@name='link4']").findall("collision")[int(number)]
+    assert box.find("geometry/box") is not None
+
+
 def test_a_y_up_stage_has_its_gravity_along_y(tmp_path):
     usd = RobotModel(usd_of(RobotModel.load("iiwa14"), tmp_path / "arm.usda", up="Y"))
     np.testing.assert_allclose(usd.gravity, (0, -9.81, 0))

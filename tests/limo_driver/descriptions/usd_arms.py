@@ -23,6 +23,8 @@ def usd_of(model, path, seed=0, held=True, up="Z"):
     links = {link.get("name"): link for link in urdf.findall("link")}
     for name in names:
         _write_body(stage, name, links[name].find("inertial"))
+        for number, shape in enumerate(links[name].findall("collision")):
+            _write_shape(stage, f"/robot/{name}/shape_{number}", shape)
     moved = {_link(joint, "child") for joint in joints}
     if held:
         mount = UsdPhysics.FixedJoint.Define(stage, "/robot/root_joint")
@@ -53,6 +55,24 @@ def _write_body(stage, name, stated):
     mass.CreatePrincipalAxesAttr().Set(_quaternion(axes))
 
 
+def _write_shape(stage, path, stated):
+    """A cylinder of a URDF, at half its size with a scale of 2, and turned to lie along x."""
+    from pxr import Gf, UsdGeom, UsdPhysics
+
+    cylinder, origin = stated.find("geometry/cylinder"), stated.find("origin")
+    if cylinder is None:
+        return
+    made = UsdGeom.Cylinder.Define(stage, path)
+    made.CreateAxisAttr().Set("X")
+    made.CreateRadiusAttr().Set(0.5 * float(cylinder.get("radius")))
+    made.CreateHeightAttr().Set(0.5 * float(cylinder.get("length")))
+    to_z = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # x to z
+    made.AddTranslateOp().Set(Gf.Vec3d(*_vector(origin, "xyz").tolist()))
+    made.AddOrientOp().Set(_quaternion(rotation_of(_vector(origin, "rpy")) @ to_z))
+    made.AddScaleOp().Set(Gf.Vec3f(2.0))
+    UsdPhysics.CollisionAPI.Apply(made.GetPrim())
+
+
 def _write_joint(stage, joint, random):
     from pxr import Gf, Sdf, UsdPhysics
 
@@ -79,6 +99,8 @@ def _write_joint(stage, joint, random):
     made.CreateUpperLimitAttr().Set(float(limit.get("upper")) * scale)
     drive = UsdPhysics.DriveAPI.Apply(made.GetPrim(), "linear" if slides else "angular")
     drive.CreateMaxForceAttr().Set(float(limit.get("effort")))
+    speed = made.GetPrim().CreateAttribute("physxJoint:maxJointVelocity", Sdf.ValueTypeNames.Float)
+    speed.Set(float(limit.get("velocity")) * scale)
     made.GetPrim().CreateAttribute("custom:serial", Sdf.ValueTypeNames.String).Set("kept")
 
 

@@ -471,6 +471,53 @@ def test_topics_that_could_both_be_meant_are_named(tmp_path):
     assert read_table(path, topic="/left/joint_states", joints=NAMES).rows == TIME.size
 
 
+def test_two_arms_in_one_message_are_a_question(tmp_path):
+    names = [f"{side}_{name}" for side in ("left", "right") for name in NAMES]
+    path = bag(tmp_path / "bag", [("/joint_states", names, [*range(7), *ORDER])])
+    questions = propose(read_table(path, joints=NAMES), arm()).mapping.undecided
+    assert "position.left_joint1 … position.left_joint7 or position.right_joint1" in questions[0]
+
+
+class Trap:
+    """Runs code where it is read back from a pickle."""
+
+    def __reduce__(self):
+        return (pytest.fail, ("a pickle was opened",))
+
+
+def words(folder):
+    names = [f"q{j}" for j in range(7)]
+    pq.write_table(pa.table({"t": TIME} | {n: ["a"] * TIME.size for n in names}), folder / "l.pq")
+    return folder / "l.pq"
+
+
+def pickled(folder):
+    trap = np.empty(TIME.size, dtype=object)
+    trap[:] = Trap()
+    np.savez(folder / "l.npz", t=TIME, q=trap)
+    return folder / "l.npz"
+
+
+def text_for_numbers(folder):
+    path = written(log(), folder / "l.csv")
+    path.write_text(path.read_text().replace("\n0", "\nzero", 1))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (words, "has no positions of the 7 joints"),
+        (pickled, "has no positions of the 7 joints|cannot be read as .npz"),
+        (text_for_numbers, "column t holds text in 1 of 500"),
+    ],
+)
+def test_wrong_types_are_refused_in_one_line(tmp_path, make, said):
+    with pytest.raises(RecordingError, match=said) as refused:
+        propose(read_table(make(tmp_path)), arm())
+    assert "\n" not in str(refused.value)
+
+
 def test_a_bag_of_something_else_says_what_it_holds(tmp_path):
     with sqlite3.connect(tmp_path / "other.db3") as other:
         other.execute("CREATE TABLE topics (id, name, type, serialization_format)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import files
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from mjcf_arms import arm_of
 from tables import rows_of
+from usd_arms import usd_of
 
 import limo_driver as limo
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
@@ -18,6 +20,8 @@ from limo_driver.types import Motion
 ROBOTS = (
     "iiwa14",
     "model.xml",
+    "play.xml",
+    "arm.usda",
     "panda.urdf",
     "ur5_robot.urdf",
     "ur5_gripper.urdf",
@@ -40,6 +44,18 @@ def place_of(robot, folder):
     if robot == "model.xml":
         (folder / robot).write_text(arm_of(11, 5, dynamics=False), encoding="utf-8")
         return str(folder / robot)
+    if robot == "play.xml":
+        hinge = '<joint name="slack" axis="0 1 0" range="-.001 .001" limited="true"/>'
+        text = arm_of(12, 4, dynamics=False)
+        joint = next(line for line in text.splitlines() if 'name="hinge1"' in line)
+        axis, pos = (re.search(rf'{key}="([^"]*)"', joint)[1] for key in ("axis", "pos"))
+        slack = hinge.replace("0 1 0", axis).replace("/>", f' pos="{pos}"/>')
+        driven = joint.replace("<joint", '<joint armature="0.1"', 1)
+        text = text.replace(joint, f"{driven}{slack}")
+        (folder / robot).write_text(text, encoding="utf-8")
+        return str(folder / robot)
+    if robot == "arm.usda":
+        return str(usd_of(limo.RobotModel.load("iiwa14"), folder / robot))
     name, mark, joints = robot.partition("#")
     found = next(x for x in files("example-robot-data") if x.name == name)
     return f"{Path(str(found.locate())).resolve()}{mark}{joints}"
