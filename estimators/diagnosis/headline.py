@@ -99,10 +99,16 @@ def quantity(known: Interval) -> str:
     unit = _unit(known.unit)
     if known.ci95 is None or None in known.ci95:
         return f"{value:.3g}{unit}"
-    low, high = map(float, known.ci95)
+    said, low, high = to_interval(value, *map(float, known.ci95))
+    return f"{said}{unit} [{low}, {high}]"
+
+
+def to_interval(value: float, low: float, high: float) -> tuple[str, str, str]:
+    """Return a value and the ends of its interval, to two digits of half that interval."""
     half = max((high - low) / 2, _SMALLEST)
     decimals = min(max(0, 1 - math.floor(math.log10(half))), 9)
-    return f"{value:.{decimals}f}{unit} [{low:.{decimals}f}, {high:.{decimals}f}]"
+    said = [f"{each:.{decimals}f}" for each in (value, low, high)]
+    return said[0], said[1], said[2]
 
 
 def _value(known: Interval) -> str:

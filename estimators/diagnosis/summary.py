@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from estimators.diagnosis.headline import headline, place_of, values_of
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.diagnosis.wording import rounded
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def _table(verdict: Verdict) -> list[str]:
     worse = verdict.fit.worse_within_tolerances
     cells = [["", "joint", *joints]]
     for heading, values in columns_of(verdict).items():
-        texts = [f"{100 * v:.0f} %" if heading == "rows judged" else f"{v:.4f}" for v in values]
+        texts = [f"{100 * v:.0f} %" if heading == "rows judged" else rounded(v) for v in values]
         if worse and heading == "within tolerances":
             texts = [text + " *"[j in worse] for j, text in enumerate(texts, start=1)]
         first, _, second = heading.rpartition(" ")

@@ -65,6 +65,12 @@ def likelier(lead: float) -> str:
     return f"{round(odds, -digits):,.0f} times likelier".replace(",", "\N{NO-BREAK SPACE}")
 
 
+def rounded(error: float, digits: int = 4) -> str:
+    """Return an error to a few digits, whatever the arm's scale: 2022, 65.21, 0.003392."""
+    decimals = digits - 1 - math.floor(math.log10(error)) if error > 0 else digits - 1
+    return f"{error:.{max(0, decimals)}f}"
+
+
 def of_several(joints: Sequence[int], n: int) -> str:
     """Return joints (1-based) of an arm of n in few words: "joints 1 to 4", "all joints"."""
     known = sorted({*joints})

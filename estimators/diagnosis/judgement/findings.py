@@ -42,6 +42,7 @@ from estimators.diagnosis.wording import (
     likelier,
     listed,
     of_joints,
+    rounded,
     signature_of,
 )
 from limo_driver.physics import Payload, spoken
@@ -131,7 +132,8 @@ def _sentence(
         said = f"At joint {joint + 1} {signature}"
     return (
         f"{said}; on held-out motion it reduces the "
-        f"RMSE there from {before:.3f} to {after:.3f} N m (noise floor {floor:.3f} N m), and "
+        f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} N m "
+        f"(noise floor {rounded(floor, 3)} N m), and "
         + (
             f"makes the recordings {likelier(lead)} than the next explanation does."
             if lead > 0
@@ -221,8 +223,8 @@ def _together(places: Sequence[Where]) -> Where:
 def _unknown_sentence(remaining: RemainingResidual, joints: Sequence[int]) -> str:
     """Say what a black box predicts at each joint (0-based)."""
     figures = [
-        f"{remaining.predictable[j]:.3f} N m RMS at joint {j + 1} "
-        f"(noise floor {remaining.floor[j]:.3f} N m)"
+        f"{rounded(remaining.predictable[j], 3)} N m RMS at joint {j + 1} "
+        f"(noise floor {rounded(remaining.floor[j], 3)} N m)"
         for j in joints
     ]
     return (

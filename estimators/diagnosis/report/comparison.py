@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import headline, place_of, quantity
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.diagnosis.wording import rounded
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.arm import Pin, arm_view
@@ -166,7 +167,7 @@ def _errors(names: Sequence[str], verdicts: Sequence[Verdict]) -> str:
         columns += [fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor]
         headings += [f"{name}: given", "improved", "noise floor"]
     rows = [
-        [str(j), *(f"{value:.4f}" for value in row)]
+        [str(j), *(rounded(value) for value in row)]
         for j, row in enumerate(zip(*columns, strict=True), start=1)
     ]
     return table(headings, rows, numeric=1)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline, place_of
+from estimators.diagnosis.headline import headline, place_of, to_interval
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.summary import WORSE, columns_of, coverage
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN
-from estimators.diagnosis.wording import is_of_bodies, names_of
+from estimators.diagnosis.wording import is_of_bodies, names_of, rounded
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -208,7 +208,7 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
 
 
 def _rmse(value: float) -> str:
-    return f"{value:.4f}" if np.isfinite(value) else UNSAID
+    return rounded(value) if np.isfinite(value) else UNSAID
 
 
 def _card(order: int, item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
@@ -278,11 +278,32 @@ def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
 
 def _parameters(item: Finding) -> str:
     rows = [
-        [escape(name), _value(known.value), _unit(known.unit), _interval(known)]
+        [escape(name), *_value_and_interval(known, _unit(known.unit))]
         for name, known in item.parameters.items()
         if known.value != ()
     ]
     return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
+
+
+def _value_and_interval(known: Interval, unit: str) -> tuple[str, str, str]:
+    """Return value, unit and interval, to the digits that the interval leaves."""
+    values = list(_numbers(known.value))
+    pairs = list(_pairs(known.ci95)) if known.ci95 else []
+    ends = [(low, high) for low, high in pairs if low is not None and high is not None]
+    if len(values) != len(ends):
+        return _value(known.value), unit, _interval(known)
+    said = [to_interval(value, *pair) for value, pair in zip(values, ends, strict=True)]
+    ranges = [f"{low} to {high}" for _, low, high in said]
+    return _listed([value for value, _, _ in said]), unit, _listed(ranges)
+
+
+def _numbers(value: Value) -> Iterator[float]:
+    """Yield the numbers of a value, of a list, or of a list of rows; none of a text."""
+    if isinstance(value, (int, float)):
+        yield float(value)
+    elif not isinstance(value, str):
+        for inner in value:
+            yield from _numbers(inner)
 
 
 def _unit(unit: str) -> str:

@@ -15,7 +15,7 @@ from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import coverage, identified_columns
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
-from estimators.diagnosis.wording import likelier, names_of, of_joints
+from estimators.diagnosis.wording import likelier, names_of, of_joints, rounded
 from limo_driver.pages.figures import joint_motion
 from limo_driver.pages.markup import (
     UNSAID,
@@ -150,8 +150,8 @@ def _anchored(j: int, body: str) -> str:
 def _title(diagnosis: Diagnosis, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     return (
-        f"Joint {j + 1}: held-out RMSE {fit.heldout_rmse_before[j]:.4f} → "
-        f"{fit.heldout_rmse_after[j]:.4f} N m, noise floor {fit.noise_floor[j]:.4f} N m"
+        f"Joint {j + 1}: held-out RMSE {rounded(fit.heldout_rmse_before[j])} → "
+        f"{rounded(fit.heldout_rmse_after[j])} N m, noise floor {rounded(fit.noise_floor[j])} N m"
         + (f", on {percent(judged[j])} of the rows held out" if judged else "")
     )
 
@@ -347,7 +347,7 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     )
     floor = diagnosis.verdict.fit.noise_floor
     rows = [
-        [str(j + 1), *(f"{error[j]:.4f}" if moves else UNSAID for error in (before, after, floor)),
+        [str(j + 1), *(rounded(error[j]) if moves else UNSAID for error in (before, after, floor)),
          f"{1e3 * float(item.tracking[j]):.2f}", percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip

@@ -17,7 +17,7 @@ from scipy.signal import correlate, correlation_lags
 
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.settings.residuals import REPEATS, ROWS
-from estimators.diagnosis.wording import names_of
+from estimators.diagnosis.wording import names_of, rounded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,7 +54,7 @@ def notes(observed: Observations, left: FloatArray) -> Iterator[str]:
     names = names_of(observed.recordings)
     for item in repeats(observed, left):
         first, second = (names[k] for k in item.recordings)
-        apart = ", ".join("-" if np.isnan(x) else f"{x:.3f}" for x in item.apart)
+        apart = ", ".join("-" if np.isnan(x) else rounded(x) for x in item.apart)
         yield (
             f"{first} and {second} repeat one motion. Beside what the motion explains, one torque "
             f"is {apart} N m RMS off (joint by joint): noise, and what changed in between."

@@ -19,7 +19,7 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from estimators.diagnosis.wording import likelier, of_several
+from estimators.diagnosis.wording import likelier, of_several, rounded
 
 N = 7
 FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, 0.9, (0.8, 0.95))
@@ -110,6 +110,15 @@ def test_odds_are_words_beyond_a_million():
     assert likelier(11.0).replace("\N{NO-BREAK SPACE}", " ") == "60 000 times likelier"
     assert likelier(14.0) == "beyond doubt likelier"
     assert "10^" not in likelier(900.0)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(2021.9018, "2022"), (65.2065, "65.21"), (4.3, "4.300"), (0.00339218, "0.003392"),
+     (3.2e-7, "0.0000003200"), (123_456.0, "123456"), (0.0, "0.000")],
+)  # fmt: skip
+def test_an_error_has_four_digits_on_any_arm(error, said):
+    assert rounded(error) == said
 
 
 def test_joints_are_said_in_few_words():

@@ -44,7 +44,7 @@ def test_it_has_findings_equivalents_table_and_notes():
     assert table[2].split() == [
         "joint", "given", "tolerances", "improved", "floor", "judged", "given", "improved"
     ]  # fmt: skip
-    assert " ".join(table[4].split()) == "2 3.7000 3.0000 0.0078 0.0096 81 % 3.9000 0.2000"
+    assert " ".join(table[4].split()) == "2 3.700 3.000 0.007800 0.009600 81 % 3.900 0.2000"
     assert max(map(len, table[:5])) <= 80
 
 

@@ -34,8 +34,8 @@ def test_every_unknown_joint_has_its_own_figures_and_place(observed):
     assert found.joints == (1, 2)
     assert found.evidence == (
         "No effect of the catalogue explains a part of the remaining residual that a black box "
-        "predicts from the motion: 0.045 N m RMS at joint 2 (noise floor 0.010 N m) and 0.123 N m "
-        "RMS at joint 1 (noise floor 0.050 N m)."
+        "predicts from the motion: 0.0450 N m RMS at joint 2 (noise floor 0.0100 N m) and "
+        "0.123 N m RMS at joint 1 (noise floor 0.0500 N m)."
     )
     assert "joint 1" in found.where.region
     assert "joint 2" in found.where.region

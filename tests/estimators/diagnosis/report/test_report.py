@@ -346,7 +346,7 @@ def test_tolerances_that_do_worse_are_marked_and_explained(diagnosis, parsed):
     fit = diagnosis.verdict.fit
     fit = replace(fit, heldout_rmse_tolerances=(9.87654, fit.heldout_rmse_tolerances[1]))
     page = render(replace(diagnosis, verdict=replace(diagnosis.verdict, fit=fit)))
-    assert page.count("9.8765 *") == 1
+    assert page.count("9.877 *") == 1
     assert page.count("Worse than as given") == 1
 
 
