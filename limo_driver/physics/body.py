@@ -123,6 +123,15 @@ class GravityDirection(BodyEffect):
         """Return the arm under the true gravity."""
         return model.with_gravity(self.gravity)
 
+    def fitted_from(self, start: Effect) -> Effect:
+        """Return it as strong as it was: the base can be turned, and masses err instead."""
+        if not isinstance(start, GravityDirection):
+            return self
+        size, was = np.linalg.norm(self.gravity), np.linalg.norm(start.gravity)
+        if not size:
+            return start
+        return GravityDirection(gravity=tuple((np.array(self.gravity) * was / size).tolist()))
+
     def with_more(self, more: Effect) -> Effect | None:
         """Return the newer one: there is but one gravity."""
         return more if isinstance(more, GravityDirection) else None

@@ -141,6 +141,10 @@ class Effect(Declared, ABC):
         """
         return ()
 
+    def fitted_from(self, start: Effect) -> Effect:  # noqa: ARG002
+        """Return this effect, fitted from `start`, with what no fit may change as it was there."""
+        return self
+
     def with_more(self, more: Effect) -> Effect | None:
         """Return one effect for this and another one; None where they stay two."""
         if type(more) is not type(self) or more.joints != self.joints:

@@ -43,7 +43,7 @@ def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:
         else:
             values.setdefault(entry.name, list(getattr(effect, entry.name)))[entry.at] = value
     whole = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
-    return replace(effect, **whole)
+    return replace(effect, **whole).fitted_from(effect)
 
 
 def entries_of(effect: Effect) -> tuple[Entry, ...]:

@@ -175,7 +175,13 @@ def mistakes(n: int) -> Iterator[Mistake]:
     )
     for axis in range(3):
         for sign in (1.0, -1.0):
-            yield Mistake("", _gravity(sign * np.eye(3)[axis]), is_of_data=False)
+            down = f"{'+' if sign > 0 else '-'}{'xyz'[axis]}"
+            yield Mistake(
+                f"gravity acts along {down} of the base, so the arm is mounted otherwise than its "
+                "description says",
+                _gravity(sign * np.eye(3)[axis]),
+                is_of_data=False,
+            )
 
 
 def _of_joint(j: int, n: int) -> Iterator[Mistake]:

@@ -45,7 +45,8 @@ def check_plausible(observed: Observations) -> None:
     """
     _check_measured(observed)
     _check_motion(observed)
-    if strange := _check_log(observed):
+    _, strange = _check_log(observed)  # how an arm is mounted is physics, and found
+    if strange:
         raise _refused(observed, strange)
 
 
@@ -74,8 +75,7 @@ def doubts_about(
         _check_motion(observed)
     except RecordingError as error:  # too little to judge by may be enough to learn from
         return (f"signs, units and order of the columns cannot be checked: {error}",)
-    strange = _check_log(observed)
-    return (*((strange,) if strange else ()), *_stuck_in(observed))
+    return (*filter(None, _check_log(observed)), *_stuck_in(observed))
 
 
 def _simulation_of(model: RobotModel) -> Simulation:
@@ -87,8 +87,8 @@ def _simulation_of(model: RobotModel) -> Simulation:
     return replace(bare, effects=(GravityDirection(gravity=(x, y, z)),))
 
 
-def _check_log(observed: Observations) -> str:
-    """Refuse mistakes of logs; say what else is strange about the torques, or nothing."""
+def _check_log(observed: Observations) -> tuple[str, str]:
+    """Refuse mistakes of logs; say how else the arm is mounted, and what else is strange."""
     _check_scale(observed)
     if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
         for k in range(len(observed.recordings)):
@@ -96,13 +96,13 @@ def _check_log(observed: Observations) -> str:
             if len(part.kept) >= ROWS.least and len(still(part)) < observed.n:
                 _check_columns(part, RowSample.of(part))
     sample = RowSample.of(observed)
-    if _check_columns(observed, sample):
-        return ""
-    return _strange_load(observed, sample)  # of all: a light joint may show little in one
+    if mounted := _check_columns(observed, sample):
+        return f"{mounted}: turn its base there, or let a diagnosis find by how much", ""
+    return "", _strange_load(observed, sample)  # of all: a light joint may show little in one
 
 
-def _check_columns(observed: Observations, sample: RowSample) -> bool:
-    """Refuse mistakes of columns; say whether something else, as a mounting, was found."""
+def _check_columns(observed: Observations, sample: RowSample) -> str:
+    """Refuse mistakes of columns; say how else the arm is mounted, or nothing."""
     found = found_in(sample)
     wrong = [mistake.said for mistake in found if mistake.is_of_data]
     if wrong:
@@ -114,7 +114,7 @@ def _check_columns(observed: Observations, sample: RowSample) -> bool:
         raise _refused(
             observed, f"{'; '.join(wrong[: PLAUSIBILITY.said])}{more} (undone, torque fits motion)"
         )
-    return bool(found)
+    return "; ".join(mistake.said for mistake in found)
 
 
 def still(observed: Observations) -> tuple[int, ...]:

@@ -84,6 +84,14 @@ def test_a_robot_on_the_wall_is_judged_as_it_hangs():
         )
 
 
+def test_a_mounting_that_the_description_does_not_have_is_said_first():
+    from limo_driver.physics import GravityDirection
+
+    hung = GravityDirection(gravity=(9.81, 0.0, 0.0))
+    found = identified(measured(replace(TRUE, effects=(*TRUE.effects, hung))))
+    assert found.warnings[0].startswith("gravity acts along +x of the base, so the arm is mounted")
+
+
 def test_too_little_to_judge_by_is_said(recording):
     found = identified(recording[:100])
     assert found.warnings[0].startswith("signs, units and order of the columns cannot be checked:")

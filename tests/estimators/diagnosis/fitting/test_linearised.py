@@ -18,6 +18,7 @@ from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Where
 from limo_driver.physics import (
     CoulombFriction,
+    GravityDirection,
     JointElasticity,
     Payload,
     PreslidingHysteresis,
@@ -192,3 +193,10 @@ def test_a_finding_without_an_effect_in_the_simulation_stays_as_it_is(given):
     observed = observe(given, given)
     some = [finding("external_contact", (1, 2)), finding("unknown", (2,))]
     assert with_parameters(some, observed) == tuple(some)
+
+
+def test_a_fit_turns_gravity_and_makes_it_no_stronger():
+    effect = GravityDirection(gravity=(0.0, 3.0, -9.0))
+    turned = moved(effect, entries_of(effect), (0.5, 0.0, -4.0))
+    assert np.linalg.norm(turned.gravity) == pytest.approx(np.hypot(3.0, 9.0))
+    assert turned.gravity[0] / turned.gravity[2] == pytest.approx(0.5 / -13.0)
