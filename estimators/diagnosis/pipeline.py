@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,14 @@ from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.lateness import made_late
 from estimators.diagnosis.fitting.linearised import polished
 from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
-from estimators.diagnosis.fitting.solving import curved, settled, settled_around, solve, suspects
+from estimators.diagnosis.fitting.solving import (
+    curved,
+    pruned,
+    settled,
+    settled_around,
+    solve,
+    suspects,
+)
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
@@ -35,7 +42,7 @@ from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
 from estimators.diagnosis.result import Diagnosis, Traces
 from estimators.diagnosis.settings.pushes import ROUNDS
-from estimators.diagnosis.stages import Attempts, Progress, forward, quiet
+from estimators.diagnosis.stages import Attempts, Budget, Progress, forward, quiet
 from estimators.diagnosis.verdict import Finding, Identified
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
@@ -102,6 +109,7 @@ def diagnose(
     recordings: Sequence[Recording],
     bandwidth: float = BANDWIDTH,
     progress: Progress = quiet,
+    budget: Budget | None = None,
 ) -> Diagnosis:
     """Find where a simulation and recordings differ, and which physics is missing.
 
@@ -110,6 +118,7 @@ def diagnose(
         recordings: One or more of that arm.
         bandwidth: Of the zero-phase filter on motion and torque [Hz].
         progress: Told the stage and the part that is done, which never goes back, and ends at 1.
+        budget: Time for it; without end if not given. It keeps what there was no time for.
 
     Returns:
         The verdict with its evidence. Where a stage fails without which there is still a verdict,
@@ -118,20 +127,30 @@ def diagnose(
     Raises:
         RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
     """
-    progress = forward(progress)
+    budget = budget or Budget()
+    progress = budget.watched(forward(progress))
     progress("reading motion", 0.0)
     problem = RegressionProblem.of(observe(simulation, recordings, bandwidth), progress)
-    judged, pushed = _without_pushes(problem, progress)
-    judged = _beyond_tolerances(judged, progress)
+    judged, pushed = _without_pushes(problem, progress, budget)
+    judged = budget.within(
+        "values beyond their tolerances",
+        lambda: _beyond_tolerances(judged, progress, budget),
+        judged,
+    )
     judged, harmful = judged.harmless()
     progress("fitting to all rows", 0.95)
-    found = _told(simulation, judged, pushed, harmful=harmful)
+    found = _told(simulation, judged, pushed, budget, harmful=harmful)
     progress("done", 1.0)
     return found
 
 
 def _told(
-    simulation: Simulation, judged: _Judged, pushed: tuple[Push, ...], *, harmful: bool
+    simulation: Simulation,
+    judged: _Judged,
+    pushed: tuple[Push, ...],
+    budget: Budget,
+    *,
+    harmful: bool,
 ) -> Diagnosis:
     """Fit a judged set to all rows, and return what is to be said of it.
 
@@ -139,6 +158,7 @@ def _told(
         simulation: The given one.
         judged: The set, its proof, and what it leaves.
         pushed: Stretches in which something pushed.
+        budget: Time for it.
         harmful: Whether nothing is left of the set, since all of it harms.
     """
     problem, solution, remaining = judged.problem, judged.solution, judged.remaining
@@ -147,7 +167,7 @@ def _told(
     if not harmful:
         improved = attempts.at(
             "fit to all rows, so the written simulation is the given one",
-            lambda: _to_the_end(judged),
+            lambda: budget.within("a fit to all rows", lambda: _to_the_end(judged), judged.beside),
             improved,
         )
     contact: tuple[Finding, ...] = ()
@@ -202,7 +222,7 @@ def _lasting(improved: Simulation, given: Simulation) -> Simulation:
 
 
 def _without_pushes(
-    problem: RegressionProblem, progress: Progress
+    problem: RegressionProblem, progress: Progress, budget: Budget
 ) -> tuple[_Judged, tuple[Push, ...]]:
     """Return the set that is found beside pushes, and those: nothing is fitted to events.
 
@@ -214,16 +234,31 @@ def _without_pushes(
     pushed = pushes(problem.observed, problem.left(solution.fitted))
     if pushed:
         problem, solution = _without(problem, pushed, progress)
-    problem, solution = settled(problem, solution, progress)
-    judged, seen = _round(problem, solution, progress)
+    found = budget.within(
+        "values that are not linear, and simpler laws",
+        lambda: settled(problem, solution, progress),
+        None,
+    )
+    problem, solution = found or (problem, pruned(problem, solution))
+    judged, seen = _round(problem, solution, progress, budget)
     for _ in range(ROUNDS.more):
         hidden = tuple(push for push in seen if not _among(push, pushed))
         if not hidden:
             break
-        pushed = (*pushed, *hidden)
-        problem, solution = settled(*_without(problem, pushed, progress), progress)
-        judged, seen = _round(problem, solution, progress)
+        again = partial(_once_more, problem, (*pushed, *hidden), progress, budget)
+        more = budget.within("pushes that larger errors hid", again, None)
+        if more is None:
+            break
+        pushed, (problem, judged, seen) = (*pushed, *hidden), more
     return judged, tuple(push for push in seen if _among(push, pushed))
+
+
+def _once_more(
+    problem: RegressionProblem, pushed: tuple[Push, ...], progress: Progress, budget: Budget
+) -> tuple[RegressionProblem, _Judged, tuple[Push, ...]]:
+    """Solve, settle and judge without the rows of pushes; return the problem with both results."""
+    problem, solution = settled(*_without(problem, pushed, progress), progress)
+    return problem, *_round(problem, solution, progress, budget)
 
 
 def _without(
@@ -234,16 +269,24 @@ def _without(
 
 
 def _round(
-    problem: RegressionProblem, solution: Solution, progress: Progress
+    problem: RegressionProblem, solution: Solution, progress: Progress, budget: Budget
 ) -> tuple[_Judged, tuple[Push, ...]]:
     """Judge a settled set; return it with the pushes that are seen in what it leaves."""
     progress("proving on held-out motion", 0.8)
-    judged = _in_time(_best(_Judged.of(problem, solution), progress), progress)
+    judged = _around(_Judged.of(problem, solution), progress, budget)
+    judged = budget.within("a delay of all of it", lambda: _in_time(judged, progress), judged)
     return judged, pushes(problem.observed, judged.proven)
 
 
 def _among(push: Push, others: Sequence[Push]) -> bool:
     return any(overlap(push, other) for other in others)
+
+
+def _around(judged: _Judged, progress: Progress, budget: Budget) -> _Judged:
+    """Return the best set around one, if there is time to look for it."""
+    return budget.within(
+        "other sets around the one that was found", lambda: _best(judged, progress), judged
+    )
 
 
 def _best(judged: _Judged, progress: Progress) -> _Judged:
@@ -274,7 +317,7 @@ def _in_time(judged: _Judged, progress: Progress) -> _Judged:
     return judged if worse(again.problem, again.proven, judged.proven, judged.remaining) else again
 
 
-def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
+def _beyond_tolerances(judged: _Judged, progress: Progress, budget: Budget) -> _Judged:
     """Return the findings with suspicious values held as stated, where that explains the unknown.
 
     While sets compete, thousands of rows outvote tolerances, and the effect of a wrong value is
@@ -287,7 +330,8 @@ def _beyond_tolerances(judged: _Judged, progress: Progress) -> _Judged:
     if not held or harms(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    again = _best(_Judged.of(*settled(*solve(problem, progress), progress)), progress)
+    found = _Judged.of(*settled(*solve(problem, progress), progress))
+    again = _around(found, progress, budget)
     known = judged.places(solution.members) | held
     explained = set(again.unknown) < set(judged.unknown) and again.places(again.named) <= known
     return again if explained else judged

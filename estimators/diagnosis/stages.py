@@ -1,7 +1,8 @@
-"""Stages of a diagnosis: how far it is, and which of the later ones failed."""
+"""Stages of a diagnosis: how far it is, which failed, and which there was no time for."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias, TypeVar
@@ -62,3 +63,59 @@ class Attempts:
         except Exception as error:  # noqa: BLE001  # whatever it is, the verdict so far is known
             self.failures.append(Failure(stage, error))
             return otherwise
+
+
+class OutOfTimeError(Exception):
+    """The time of a diagnosis is over; `Budget.within` takes it."""
+
+
+@dataclass
+class Budget:
+    """Time for a diagnosis, counted from now.
+
+    What a verdict cannot do without takes as long as it takes. Each stage that makes it better is
+    begun while there is time, and broken off where it next tells its progress.
+    """
+
+    seconds: float = float("inf")
+    skipped: list[str] = field(default_factory=list[str])  # stages without a result
+    _began: float = field(default_factory=time.monotonic)
+    _inside: int = 0  # such stages, one in the other
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is over."""
+        return time.monotonic() - self._began > self.seconds
+
+    def watched(self, progress: Progress) -> Progress:
+        """Return what tells progress, and breaks off a stage that can be done without."""
+
+        def tell(stage: str, done: float) -> None:
+            progress(stage, done)
+            if self._inside and self.over:
+                raise OutOfTimeError
+
+        return tell
+
+    def within(self, stage: str, work: Callable[[], _Result], otherwise: _Result) -> _Result:
+        """Return what a stage computes, or `otherwise` where the time is over."""
+        if not self.over:
+            self._inside += 1
+            try:
+                return work()
+            except OutOfTimeError:
+                pass
+            finally:
+                self._inside -= 1
+        if stage not in self.skipped:
+            self.skipped.append(stage)
+        return otherwise
+
+    def note(self) -> str:
+        """Say what there was no time for, in one sentence; empty if nothing."""
+        if not self.skipped:
+            return ""
+        return (
+            f"The budget of {self.seconds:g} s ended the search early, and what is said is what was"
+            f" proven until then. Not tried, or not to the end: {'; '.join(self.skipped)}."
+        )

@@ -53,6 +53,13 @@ def command(
             "recordings sampled below 25 Hz."
         ),
     ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="End the search after this time, with what is proven by then.",
+        ),
+    ] = None,
     mapping: MappingOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
 ) -> None:
@@ -100,6 +107,7 @@ def command(
             simulation,
             measured,
             bandwidth=bandwidth,
+            budget=budget,
             progress=lambda stage, part: progress(stage, _DIAGNOSED * part),
         )
         progress("writing", _DIAGNOSED)

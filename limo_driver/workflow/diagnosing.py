@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import reduce
+from functools import partial, reduce
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.errors import LimoError
+from limo_driver.errors import ConfigError, LimoError
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.stretches import STRETCH
 from limo_driver.workflow.inputs import recordings_of, simulation_of
@@ -34,6 +34,7 @@ def diagnose(
     recordings: Recording | Path | str | Iterable[Recording | Path | str],
     *,
     bandwidth: float | None = None,
+    budget: float | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Diagnosis | DriveDiagnosis:
     """Find where a simulation and recordings differ, which physics is missing, and add it.
@@ -46,6 +47,9 @@ def diagnose(
         recordings: Of that arm: one or several, or their files.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what
             the most slowly sampled recording can bear.
+        budget: Time for the search [s], after which it ends with what is proven by then, and the
+            verdict says what was not tried; what no verdict can do without takes as long as it
+            takes. Not for recordings without torque.
         progress: Told the stage and the part of the work that is done: never less than before,
             and 1 in the end.
 
@@ -57,6 +61,7 @@ def diagnose(
 
     Raises:
         RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
+        ConfigError: The budget is not above 0, or given where there is no torque.
 
     Example:
         >>> found = limo.diagnose("sim.yaml", ["run.parquet", "other.parquet"])
@@ -64,22 +69,35 @@ def diagnose(
     """
     from estimators.diagnosis import diagnose as diagnosed
     from estimators.diagnosis.result import Diagnosis
-    from estimators.diagnosis.stages import Attempts, forward, quiet
+    from estimators.diagnosis.stages import Attempts, Budget, forward, quiet
 
+    if budget is not None and not budget > 0:
+        raise ConfigError(f"budget is {budget:g} s, expected above 0")
+    time = Budget() if budget is None else Budget(budget)
     tell = forward(progress or quiet)
     known, measured = simulation_of(simulation), recordings_of(recordings)
     if measured and not any(recording.has_torque for recording in measured):
         from estimators.drives import diagnose_drives
 
+        if budget is not None:
+            raise ConfigError("`budget` is for recordings with torque, and these have none")
         return diagnose_drives(known, measured, tell)
     measured = _within_memory(measured)
     width = bandwidth_for(measured, bandwidth)
-    found = diagnosed(known, measured, width, forward(tell, _DIAGNOSED))
+    found = diagnosed(known, measured, width, forward(tell, _DIAGNOSED), time)
     attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
-    found = attempts.at("next motion", lambda: with_next_motion(found), _without_motion(found))
+    planned = partial(time.within, "the next motion", partial(with_next_motion, found))
+    found = attempts.at(
+        "next motion", lambda: planned(_without_motion(found)), _without_motion(found)
+    )
     tell("replaying on the simulated robot", _PLANNED)
-    found = attempts.at("replay on the simulated robot", lambda: with_replay(found), found)
+    played = partial(time.within, "a replay", partial(with_replay, found))
+    found = attempts.at("replay on the simulated robot", lambda: played(found), found)
+    if time.note():
+        found = replace(
+            found, verdict=replace(found.verdict, notes=(*found.verdict.notes, time.note()))
+        )
     tell("done", 1.0)
     return reduce(Diagnosis.failed, attempts.failures, found)
 

@@ -9,11 +9,12 @@ import pytest
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import limo_driver as limo
 from estimators.diagnosis import diagnose, pipeline
 from estimators.diagnosis.residuals.pushes import Push
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import UNKNOWN
-from limo_driver.errors import RecordingError
+from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import (
     CoulombFriction,
     Payload,
@@ -112,6 +113,21 @@ def test_a_simulation_that_is_right_is_consistent(given, seed):
     assert found.verdict.findings == ()
     assert closure(found)[1] < CLOSED
     assert error(found.after, given) < 0.01
+
+
+def test_a_spent_budget_leaves_what_is_proven_and_says_what_was_not_tried(given):
+    hidden = PreslidingHysteresis(joint=2, stiffness=(300.0,), width=(0.004,))
+    recording = record(plus(given, hidden), 0)
+    found = limo.diagnose(given, recording, budget=1e-6)
+    assert ("presliding_hysteresis", "missing", (2,)) in names(found)
+    assert closure(found)[1] < CLOSED
+    assert not found.failures
+    (note,) = (note for note in found.verdict.notes if "budget" in note)
+    assert "a fit to all rows" in note
+    assert "the next motion" in note
+    assert found.replay == ()
+    with pytest.raises(ConfigError, match="budget is 0 s"):
+        limo.diagnose(given, recording, budget=0.0)
 
 
 def test_a_lag_of_a_sensor_within_its_tolerance_is_neither_unknown_nor_noise(given):

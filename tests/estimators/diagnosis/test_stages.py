@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from estimators.diagnosis.stages import Attempts, Failure, forward
+from estimators.diagnosis.stages import Attempts, Budget, Failure, forward, quiet
 
 
 def test_progress_never_goes_back_and_tells_every_stage():
@@ -43,3 +43,21 @@ def test_ctrl_c_is_no_failure():
 
 def test_a_failure_without_words_is_said_by_its_name():
     assert str(Failure("report", ValueError())) == "report (ValueError)"
+
+
+def test_a_budget_breaks_off_what_can_be_done_without_and_nothing_else():
+    budget = Budget(3600.0)
+    tell = budget.watched(quiet)
+
+    def spend(then):
+        tell("before", 0.1)
+        budget.seconds = 0.0
+        tell("after", 0.2)
+        return then
+
+    assert budget.within("one", lambda: 1, 0) == 1
+    assert budget.note() == ""
+    assert budget.within("two", lambda: budget.within("three", lambda: spend(2), 0), 0) == 0
+    assert spend(3) == 3  # outside of such stages
+    assert budget.within("four", lambda: pytest.fail("was begun"), 0) == 0
+    assert "three; four" in budget.note()

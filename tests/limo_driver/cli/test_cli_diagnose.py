@@ -56,7 +56,7 @@ def found(monkeypatch):
     """Put a made-up search in the place of the real one; its verdict can be changed."""
     changes = {"equivalent": ("stribeck_friction",), "after": TRUE, "separates": ()}
 
-    def diagnose(simulation, recordings, bandwidth, progress):
+    def diagnose(simulation, recordings, bandwidth, progress, _budget):
         progress("comparing explanations", 0.5)
         return _made_up(simulation, recordings, bandwidth, **changes)
 
