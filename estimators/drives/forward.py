@@ -3,7 +3,8 @@
     M(q) ddq + c(q, dq) + friction + offset = torque of the drives(command, q, dq)
 
 Each step solves for the velocities of all joints by sweeps of Gauss and Seidel over them, each
-joint by `next_velocity`: the mass matrix is positive definite, so the sweeps converge.
+joint by `next_velocity`: the mass matrix is positive definite, so the sweeps converge. Where they
+have not after many, as of links whose inertia is far above that of their drives, that is refused.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from estimators.drives.joint_step import commanded, error_of, integrated, led, n
 from estimators.drives.plant import ServoArm
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
-from limo_driver.errors import RecordingError
+from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 LONGEST_STEP: Final = 0.005  # [s]
-_SWEEPS: Final = 20
+_SWEEPS: Final = 500
 _CONVERGED: Final = 1e-7  # [rad/s]
 ROUNDING: Final = 1e-9  # [s], of sums of steps
 
@@ -44,7 +45,8 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
         Positions as the encoders would read them, (T, n) [rad].
 
     Raises:
-        ConfigError: The simulation lacks a drive, or has an effect that cannot be run forward.
+        ConfigError: The simulation lacks a drive, has an effect that cannot be run forward, or a
+            step does not settle.
         RecordingError: The recording is of another robot, or has no commands.
     """
     recording.check_robot(simulation.model)
@@ -57,7 +59,7 @@ def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
     position = np.empty_like(recording.position)
     chain = arm.chain
     for rows in recording.segments:
-        position[rows] = _advance(
+        position[rows], unsettled = _advance(
             chain.rotation,
             chain.translation,
             chain.axis,
@@ -68,6 +70,12 @@ def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
             np.ascontiguousarray(command[rows]),
             np.array(recording.position[rows][0]),
         )
+        if unsettled:
+            raise ConfigError(
+                f"in {unsettled} steps the velocities of the joints did not agree within "
+                f"{_CONVERGED:g} rad/s after {_SWEEPS} sweeps; is the armature of a joint far "
+                "below the inertia that it moves?"
+            )
     return position
 
 
@@ -121,8 +129,8 @@ def _advance(
     time: FloatArray,
     command: FloatArray,
     start: FloatArray,
-) -> FloatArray:
-    """Return the positions (T, n) [rad] of one stretch without a gap."""
+) -> tuple[FloatArray, int]:
+    """Return the positions (T, n) [rad] of one stretch without a gap, and the steps not settled."""
     T, n = command.shape
     result = np.empty((T, n))
     zero = rows[:, ZERO]
@@ -133,6 +141,7 @@ def _advance(
     still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
     M, fresh = np.empty((n, n)), -math.inf
     ahead = np.zeros(n)  # drives, within their play
+    unsettled = 0
     inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
     for j in range(n):
         ahead[j] = slack(rows[j], bias[j])
@@ -159,6 +168,7 @@ def _advance(
                 target[j], pace[j] = led(rows[j], wanted, target[j], pace[j], h)
                 error[j] = error_of(rows[j], target[j], q[j] + zero[j])
                 integral[j] = integrated(rows[j], integral[j], error[j], h)
+            moved = math.inf
             for _ in range(_SWEEPS):
                 moved = 0.0
                 for j in range(n):
@@ -170,9 +180,10 @@ def _advance(
                     after[j] = new
                 if moved < _CONVERGED:
                     break
+            unsettled += moved >= _CONVERGED
             for j in range(n):
                 ahead[j] = slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
             v[:] = after
         result[i + 1] = q - ahead + zero
-    return result
+    return result, unsettled

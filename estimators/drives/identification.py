@@ -151,7 +151,7 @@ def identify_drives(
             kp = [found[j][0].value("kp") for j in first] or [_TYPICAL["kp"]]
             typical = float(np.exp(np.mean(np.log(kp))))
             for j in joints:
-                rows[j] = _rescaled(rows[j], typical)
+                rows[j] = _with_gain(rows[j], typical)
         priors = [_believed(rows[j], float(load[j]) if scaled[j] else None) for j in joints]
         names = BASE if joints == first else BASE[1:]  # all but the gain
         own = [parts[j] for j in joints]
@@ -264,8 +264,13 @@ def typical_start(row: FloatArray) -> FloatArray:
     return with_values(row, {**start, **_TYPICAL, "speed": np.inf})
 
 
-def _rescaled(row: FloatArray, kp: float) -> FloatArray:
-    """Return the constants of a joint whose gain is another, at the same ratios."""
+def _with_gain(row: FloatArray, kp: float) -> FloatArray:
+    """Return constants to start from with another gain, of a joint whose scale gravity hides.
+
+    Gain, damping, dry friction and inertia times one factor move a joint alike where nothing but
+    the drive acts on it: so all of them are scaled, and what is fitted beside the gain, which is
+    held, begins as near as before.
+    """
     factor = kp / value_in(row, "kp")
     scaled = {name: factor * value_in(row, name) for name in ("kp", DAMPING, COULOMB, "inertia")}
     return with_values(row, scaled)

@@ -125,7 +125,9 @@ def write(
         beside = places[0].with_suffix(".py")
         with whole(beside) as draft:
             names = simulation.model.joint_names
-            draft.write_text(actuators(places[0].name, names, target.split.joints), "utf-8")
+            drives = simulation.drives
+            text = actuators(places[0].name, names, target.split.joints, drives)
+            draft.write_text(text, "utf-8")
         copied = [beside, *copied]
     error, torque = errors(places[0], kind, expressed, on)
     firm = dict[int, str]()

@@ -1,7 +1,8 @@
-"""Actuators of Isaac Lab: armature and friction of each joint, as a file of Python beside a URDF.
+"""Actuators of Isaac Lab: drive, armature and friction of joints, in Python beside a URDF.
 
 Dry friction there is an effort that resists at rest (`friction`) and in motion
-(`dynamic_friction`), and `viscous_friction` goes with speed: in N m, from Isaac Sim 5 on.
+(`dynamic_friction`), and `viscous_friction` goes with speed: in N m, from Isaac Sim 5 on. A
+position servo is `stiffness`, `damping` and `effort_limit_sim`; comments say what else it has.
 """
 
 from __future__ import annotations
@@ -10,10 +11,13 @@ import ast
 import json
 from typing import TYPE_CHECKING, Final
 
+from limo_driver.physics import PositionServo
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from limo_driver.descriptions.description import JointDynamics
+    from limo_driver.physics import JointDrive
 
 _TABLES: Final = {
     "ARMATURE": ("armature", "inertia of the drive, as seen at the joint [kg m^2]"),
@@ -22,14 +26,38 @@ _TABLES: Final = {
 }
 
 
-def actuators(asset: str, names: Sequence[str], joints: Sequence[JointDynamics]) -> str:
+_SERVO: Final = {
+    "STIFFNESS": ("stiffness", "kp", "of the servo [N m/rad]"),
+    "SERVO_DAMPING": ("damping", "kd", "of the servo [N m s/rad]"),
+    "EFFORT": ("effort_limit_sim", "torque_limit", "most of the servo [N m]"),
+}
+_BEYOND: Final = {  # what no `ImplicitActuatorCfg` says, and why
+    "delay": "s; `DelayedPDActuatorCfg` has delays in steps of its simulation",
+    "dead_band": "rad",
+    "punch": "N m",
+    "play": "rad",
+    "ki": "N m/(rad s)",
+    "speed": "rad/s",
+    "acceleration": "rad/s^2",
+    "resolution": "rad",
+}
+
+
+def actuators(
+    asset: str,
+    names: Sequence[str],
+    joints: Sequence[JointDynamics],
+    drives: Sequence[JointDrive] = (),
+) -> str:
     """Return the text of a module with an `ImplicitActuatorCfg` of an arm.
 
     Args:
         asset: Name of the URDF beside it.
         names: Of the joints.
         joints: Physics of each.
+        drives: Their drives, of which position servos are written.
     """
+    servos = [drive for drive in drives if isinstance(drive, PositionServo)]
     lines = [
         f'"""Friction and armature of the joints of {asset}, whose inertias are in that file.',
         "",
@@ -44,12 +72,26 @@ def actuators(asset: str, names: Sequence[str], joints: Sequence[JointDynamics])
         pairs = zip(names, joints, strict=True)
         lines += [f"    {json.dumps(name)}: {getattr(joint, field):.10g}," for name, joint in pairs]
         lines += ["}"]
+    given = dict[str, str]()
+    for table, (argument, key, said) in _SERVO.items():
+        known = {names[servo.joint - 1]: getattr(servo, key) for servo in servos}
+        known = {name: value for name, value in known.items() if value is not None}
+        if known:
+            lines += [f"{table} = {{  # {said}"]
+            lines += [f"    {json.dumps(name)}: {value:.10g}," for name, value in known.items()]
+            lines += ["}"]
+            given[argument] = table
+    lines += _beyond(servos, names)
     lines += [
         "",
         "ARM = ImplicitActuatorCfg(",
         "    joint_names_expr=list(ARMATURE),",
-        "    stiffness=None,  # of the drive: the asset's own",
-        "    damping=None,",
+        *(
+            f"    {argument}={given.get(argument, 'None,  # of the drive: the asset has its own')}"
+            + ("," if argument in given else "")
+            for argument in ("stiffness", "damping")
+        ),
+        *(f"    {name}={given[name]}," for name in ("effort_limit_sim",) if name in given),
         "    armature=ARMATURE,",
         "    friction=FRICTION,",
         "    dynamic_friction=FRICTION,",
@@ -58,6 +100,15 @@ def actuators(asset: str, names: Sequence[str], joints: Sequence[JointDynamics])
         "",
     ]
     return "\n".join(lines)
+
+
+def _beyond(servos: Sequence[PositionServo], names: Sequence[str]) -> Iterator[str]:
+    """Yield comments on what of servos is not written."""
+    for key, unit in _BEYOND.items():
+        told = [(names[s.joint - 1], getattr(s, key)) for s in servos if getattr(s, key)]
+        if told:
+            values = ", ".join(f"{json.dumps(name)}: {value:.4g}" for name, value in told)
+            yield f"# not written: {key} [{unit}] of {values}"
 
 
 def tables_of(text: str) -> Mapping[str, Mapping[str, float]]:

@@ -128,3 +128,20 @@ def test_what_cannot_be_run_forward_is_refused_by_name(arm):
         free_run(replace(arm, drives=(PositionServo(joint=1, kp=1.0),)), recording)
     with pytest.raises(RecordingError, match="lacks command_1"):
         free_run(arm, type(recording).from_arrays(time, command, 0.1 + command))
+
+
+THIN = """<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>
+  <inertial pos="0.01 0 0" mass="1e-5" diaginertia="1e-9 1e-9 1e-9"/>
+  <body pos=".3 0 0"><joint name="b" axis="0 1 0"/>
+    <inertial pos="0.3 0 0" mass="1" diaginertia="1e-9 1e-9 1e-9"/></body></body></worldbody>
+  <actuator><position joint="a" kp="1"/><position joint="b" kp="1"/></actuator></mujoco>"""
+
+
+def test_velocities_that_do_not_agree_are_told(tmp_path):
+    """A point mass at the end of a stretched arm without armature: nearly no inertia one way."""
+    (tmp_path / "thin.xml").write_text(THIN)
+    time = np.arange(20) / 20.0
+    command = np.stack([0.3 * np.sin(9.0 * time), 0.3 * np.sin(7.0 * time)], axis=1)
+
+    with pytest.raises(ConfigError, match="did not agree within"):
+        free_run(Simulation.load(tmp_path / "thin.xml"), recorded(time, command, command))

@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 
 import limo_driver as limo
+from limo_driver.descriptions.description import JointDynamics
 from limo_driver.exports.drake import rotors_of
+from limo_driver.exports.isaac_lab import actuators
 from limo_driver.exports.xml_edits import XmlText
-from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
+from limo_driver.physics import (
+    Armature,
+    CoulombFriction,
+    Payload,
+    PositionServo,
+    Simulation,
+    ViscousFriction,
+)
 
 TRANSMISSION = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type>
   <joint name="lower"/><actuator name="a"><drake:gear_ratio value="10"/></actuator></transmission>
@@ -72,6 +81,24 @@ def test_isaac_lab_has_actuators_beside_the_urdf(arm, tmp_path, monkeypatch):
     np.testing.assert_allclose([said["ARM"].friction[name] for name in names], [0.7, 0.0])
     assert said["ARM"].dynamic_friction == said["ARM"].friction
     np.testing.assert_allclose([said["ARM"].viscous_friction[name] for name in names], [0.9, 0.4])
+
+
+def test_isaac_lab_has_the_gains_of_servos(monkeypatch):
+    module = ModuleType("isaaclab.actuators")
+    module.ImplicitActuatorCfg = SimpleNamespace
+    monkeypatch.setitem(sys.modules, "isaaclab", ModuleType("isaaclab"))
+    monkeypatch.setitem(sys.modules, "isaaclab.actuators", module)
+    servo = PositionServo(joint=2, kp=17.8, kd=0.6, torque_limit=3.35, delay=0.02, play=0.01)
+    said = {}
+
+    text = actuators("arm.urdf", ("lift", "bend"), [JointDynamics(), JointDynamics()], [servo])
+    exec(text, said)  # noqa: S102  # as Isaac Lab would
+
+    assert said["ARM"].stiffness == {"bend": 17.8}
+    assert said["ARM"].damping == {"bend": 0.6}
+    assert said["ARM"].effort_limit_sim == {"bend": 3.35}
+    assert '# not written: play [rad] of "bend": 0.01' in text
+    assert "not written: delay" in text
 
 
 @pytest.mark.parametrize("target", ["drake", "isaaclab", "urdf"])
