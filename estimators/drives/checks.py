@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -17,10 +18,12 @@ if TYPE_CHECKING:
 
 _MOVES: Final = 0.05  # [rad], range of a joint that can be judged
 _DEGREES: Final = (50.0, 66.0)  # range of commands over that of positions; 57.3 are degrees
+_TURNS: Final = 4 * np.pi  # [rad], range that no joint behind a position servo has
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
 _LATEST: Final = 0.5  # [s], by which command and position may be shifted
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
+_GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
 
 
@@ -31,16 +34,30 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
         recordings: With commands.
 
     Returns:
-        One sentence for each joint that stalled, or moved although its command rested.
+        One sentence for each joint that stalled, or moved although its command rested, and for
+        rows that are missing.
 
     Raises:
         RecordingError: Names what the commands seem to be.
     """
     for recording in recordings:
-        mistake = _mistake(recording)
+        mistake = _unit_mistake(recording) or _mistake(recording)
         if mistake:
             raise RecordingError(mistake, path=recording.source or None)
     return tuple(text for recording in recordings for text in _odd(recording))
+
+
+def _unit_mistake(recording: Recording) -> str:
+    """Say which unit commands and positions alike seem to have, if it is not rad."""
+    told, does = np.ptp(commands_of(recording), axis=0), np.ptp(recording.position, axis=0)
+    beyond = np.flatnonzero(np.minimum(told, does) > _TURNS)
+    if not beyond.size:
+        return ""
+    j = int(beyond[0])
+    return (
+        f"position_{j + 1} and command_{j + 1} span {does[j]:.3g} and {told[j]:.3g}; expected "
+        "rad; are both in degrees, or normalised, as -100 to 100?"
+    )
 
 
 def _mistake(recording: Recording) -> str:
@@ -106,6 +123,9 @@ def _odd(recording: Recording) -> Iterator[str]:
     command, position, time = commands_of(recording), recording.position, recording.time
     span, lasting = _STALLED
     rows = max(2, round(lasting * recording.rate))
+    for text in recording.warnings:
+        if _GAP.match(text):
+            yield f"rows are missing: {text} ({recording.source or 'recording'})"
     for j in range(recording.n):
         for start in range(0, time.size - rows, rows):
             part = slice(start, start + rows)

@@ -72,3 +72,21 @@ def test_a_servo_without_torque_is_told():
     (said,) = check_commands([recorded(TIME, command, position)])
 
     assert "joint 1 moves away from a command that rests; was its torque disabled?" in said
+
+
+def test_dropped_frames_are_told():
+    kept = np.ones(TIME.size, dtype=bool)
+    kept[300:320] = kept[700:730] = False
+
+    (said,) = check_commands([recorded(TIME[kept], COMMAND[kept], followed(COMMAND)[kept])])
+
+    assert said.startswith("rows are missing: 2 gaps; the longest, 0.62 s, after 13.98 s")
+
+
+@pytest.mark.parametrize("scale", [100.0, 57.3])
+def test_values_in_another_unit_throughout_are_refused(scale):
+    """Commands and positions alike, as LeRobot records them."""
+    told = scale * COMMAND / np.abs(COMMAND).max()
+
+    with pytest.raises(RecordingError, match="are both in degrees, or normalised"):
+        check_commands([recorded(TIME, told, followed(told))])
