@@ -1,4 +1,4 @@
-"""Origin: what of the joints of a file an earlier export wrote, and what stood there before.
+"""FileOrigin: what of the joints of a file an earlier export wrote, and what stood there before.
 
 A comment at the end of the file says it, so that a later export can tell limo's own numbers from
 the user's: `<!-- limo wrote: {"elbow": {"friction": [0.9, 0.5]}} -->` is a friction of 0.9 over the
@@ -28,7 +28,7 @@ _ADDED: Final = "added"  # attributes that the file's own elements did not have
 
 
 @dataclass(frozen=True)
-class Origin:
+class FileOrigin:
     """What an earlier export wrote of each joint, and over what."""
 
     wrote: Mapping[str, JointDynamics] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class Origin:
     added: Mapping[str, frozenset[str]] = field(default_factory=dict)  # attributes, by joint
 
     @classmethod
-    def of(cls, text: XmlText) -> Origin:
+    def of(cls, text: XmlText) -> FileOrigin:
         """Read the comment of a file; of none, or one that says nothing, limo wrote nothing.
 
         Args:

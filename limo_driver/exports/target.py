@@ -12,7 +12,7 @@ from limo_driver.exports.bodies import shared
 from limo_driver.exports.formats import MJCF, USD, edited_format
 from limo_driver.exports.joints import EffectSplit, split
 from limo_driver.exports.kept import dropped_lines, kept_effects, kept_lines
-from limo_driver.exports.origin import Origin
+from limo_driver.exports.origin import FileOrigin
 from limo_driver.exports.parts import parts_of
 from limo_driver.exports.play import can_have_play
 from limo_driver.exports.xml_edits import XmlText
@@ -42,7 +42,7 @@ class Target:
     last: str  # body that payloads are fixed to
     kept: tuple[str, ...]  # lines: what of the file's own joints stays, as nothing was said of it
     users: Mapping[str, JointDynamics]  # what the user's file states, without limo's own
-    origin: Origin  # what an earlier export wrote
+    origin: FileOrigin  # what an earlier export wrote
     dropped: tuple[str, ...] = ()  # lines: what of that goes
 
 
@@ -70,7 +70,7 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     for its_parts, wanted in zip(parts.values(), own.inertials.values(), strict=True):
         changes |= shared(its_parts, wanted)
     dynamics = model.description.dynamics
-    origin = Origin() if kind == USD else Origin.of(XmlText(into))
+    origin = FileOrigin() if kind == USD else FileOrigin.of(XmlText(into))
     users = {name: origin.users(name, own) for name, own in dynamics.items()}
     kept = kept_effects(simulation, model, users)
     dropped = dropped_lines(simulation, described_effects(model), described_effects(model, users))

@@ -48,7 +48,7 @@ _DEEPEST: Final = 8  # types within each other
 
 
 @dataclass(frozen=True)
-class Field:
+class MessageField:
     """One field of a message."""
 
     name: str
@@ -191,9 +191,9 @@ def _named(
     return {f"{place}[{k}]": value for k, value in enumerate(values)}
 
 
-def _types_of(root: str, definition: str) -> dict[str, tuple[Field, ...]]:
+def _types_of(root: str, definition: str) -> dict[str, tuple[MessageField, ...]]:
     """Return the fields of each type in a definition, by its name in two words."""
-    found: dict[str, tuple[Field, ...]] = {}
+    found: dict[str, tuple[MessageField, ...]] = {}
     for part in re.split(r"^=+\s*$", definition, flags=re.MULTILINE):
         head, _, rest = part.strip().partition("\n")
         if head.startswith("MSG:"):
@@ -206,8 +206,8 @@ def _types_of(root: str, definition: str) -> dict[str, tuple[Field, ...]]:
     return {name: tuple(_whole(item, found) for item in own) for name, own in found.items()}
 
 
-def _fields(text: str, package: str) -> list[Field]:
-    fields = list[Field]()
+def _fields(text: str, package: str) -> list[MessageField]:
+    fields = list[MessageField]()
     for line in text.splitlines():
         bare = line.split("#", 1)[0].strip()
         if not bare:
@@ -225,17 +225,17 @@ def _fields(text: str, package: str) -> list[Field]:
             kind = kind if "/" in kind else f"{package}/{kind}"
         size = match["size"] or ""
         many = None if match["array"] is None else int(size) if size.isdigit() else 0
-        fields.append(Field(match["name"], kind, many))
+        fields.append(MessageField(match["name"], kind, many))
     return fields
 
 
-def _whole(own: Field, known: Mapping[str, object]) -> Field:
+def _whole(own: MessageField, known: Mapping[str, object]) -> MessageField:
     """Return a field whose type is named as it is in the definition, whatever package says it."""
     if own.kind in known or own.kind in _CODES or own.kind == _STRING:
         return own
     last = own.kind.rpartition("/")[2]
     alike = [name for name in known if name.rpartition("/")[2] == last]
-    return Field(own.name, alike[0], own.many) if len(alike) == 1 else own
+    return MessageField(own.name, alike[0], own.many) if len(alike) == 1 else own
 
 
 def _short(name: str) -> str:
