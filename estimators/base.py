@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -63,8 +64,8 @@ class Estimate(Displayed):
     @classmethod
     def unsure(cls, simulation: FloatArray) -> Estimate:
         """Return torque to which nothing was learned, and whose errors nobody knows."""
-        shape = simulation.shape
-        return cls(simulation, np.zeros(shape), np.full(shape, np.nan), np.zeros(shape, np.bool_))
+        rows, n = simulation.shape
+        return cls(simulation, *(_nothing(rows, n) if rows > 1 else _nothing_once(n)))
 
     @classmethod
     def joined(cls, parts: Sequence[Estimate]) -> Estimate:
@@ -75,6 +76,20 @@ class Estimate(Displayed):
             np.concatenate([part.std for part in parts]),
             np.concatenate([part.outside for part in parts]),
         )
+
+
+def _nothing(rows: int, n: int) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return torque, deviation and flags of who learned nothing, (rows, n) each."""
+    return np.zeros((rows, n)), np.full((rows, n), np.nan), np.zeros((rows, n), np.bool_)
+
+
+@cache
+def _nothing_once(n: int) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return these of one row, as a stream needs them a thousand times a second."""
+    kept = _nothing(1, n)
+    for values in kept:
+        values.setflags(write=False)
+    return kept
 
 
 class LiveEstimator(Protocol):

@@ -1,4 +1,11 @@
-"""Torque of live joint positions, a stated delay behind."""
+"""Torque of live joint positions, a stated delay behind.
+
+What was learned, was learned of motion behind a filter, and is given such motion. Physics alone
+needs no such care: dry friction changes its sign faster than any torque that was filtered. So a
+simulation is given sharper motion early, by `EARLY` of the delay, in which joints that stand still
+have no velocity (`standstill`), and its torque is filtered for the rest of the delay, as is the
+measured one. Where the delay is too short for two filters, the motion has the torque's bandwidth.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +19,14 @@ from estimators.base import Estimate
 from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.physics import Simulation
-from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE, CausalDifferentiator
+from limo_driver.recordings.causal_differentiation import (
+    FEWEST_SAMPLES,
+    RATE_TOLERANCE,
+    CausalDifferentiator,
+    CausalFilter,
+)
+from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.standstill import RestingDifferentiator
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -24,6 +38,11 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
+EARLY: Final = (
+    0.3  # of the delay; sharper motion hears more noise, a later one leaves less to filter
+)
+SHARPER: Final = 2.0  # times the bandwidth of the torque; by less delay than that, it hears no more
+LEAST_DELAY: Final = 0.7  # [1/bandwidth] that two filters need to do better than one
 _WITH: Final = {True: "with", False: "without"}
 
 
@@ -56,6 +75,7 @@ class StreamState:
 
     signals: DelayLine  # positions; below them torques, if they are measured
     model: State
+    torques: DelayLine | None = None  # of the model, and measured ones, where they are filtered
 
 
 class Stream:
@@ -80,19 +100,30 @@ class Stream:
     def __init__(self, model: LiveEstimator | Simulation, rate: float, delay: float = 0.1) -> None:
         self.model = SimulationOnly(model) if isinstance(model, Simulation) else model
         self.rate, self.n = rate, self.model.n
-        self.differentiator = CausalDifferentiator(rate, self.model.bandwidth, delay)
+        self.differentiator, self.smoother = _filters(self.model, rate, delay)
         self.init()  # refuses a model that is not ready
 
     @property
     def delay(self) -> float:
         """Time by which a torque is late [s], a whole number of samples."""
-        return self.differentiator.delay
+        return self.samples / self.rate
+
+    @property
+    def samples(self) -> int:
+        """Samples by which a torque is late."""
+        return self.differentiator.samples + (self.smoother.samples if self.smoother else 0)
+
+    @property
+    def longest_step(self) -> float:
+        """Time between two positions that is no gap yet [s]."""
+        return self.differentiator.longest_step
 
     def remembers_like(self, other: Stream) -> bool:
         """Say whether another stream's memory is what this one's would be after the same states."""
         own, its = self.differentiator, other.differentiator
+        after, its_after = (one.smoother and one.smoother.samples for one in (self, other))
         return np.array_equal(own.taps, its.taps) and (
-            (self.rate, self.model.memory) == (other.rate, other.model.memory)
+            (self.rate, after, self.model.memory) == (other.rate, its_after, other.model.memory)
         )
 
     def init(self) -> StreamState:
@@ -152,7 +183,7 @@ class Stream:
         if time.ndim != 1 or not time.size:
             raise ShapeError("time", time.shape, "(T,) with T at least 1")
         signals = self._signals(time.shape, position, torque)
-        gaps = np.flatnonzero(np.abs(np.diff(time)) > self.differentiator.longest_step) + 1
+        gaps = np.flatnonzero(np.abs(np.diff(time)) > self.longest_step) + 1
         parts: list[LiveEstimate] = []
         for first, last in pairwise((0, *gaps, time.size)):
             part, state = self._advance_stretch(state, time[first:last], signals[first:last])
@@ -206,19 +237,50 @@ class Stream:
                 f"the position at {time[0]:.6g} s comes {now} torque, those before came {before}; "
                 "give it with all or with none"
             )
-        motion, line = self.differentiator.advance(line, time, signals)
-        measured = None
+        values, line = self.differentiator.filter(line, time, signals)
+        measured, moved = None, values
         if signals.shape[1] > n:
-            measured, moved = motion.position[:, n:], motion
-            motion = Motion.trusted(
-                moved.time,
-                np.ascontiguousarray(moved.position[:, :n]),
-                np.ascontiguousarray(moved.velocity[:, :n]),
-                np.ascontiguousarray(moved.acceleration[:, :n]),
-            )
+            measured, moved = values[0, :, n:], np.ascontiguousarray(values[:3, :, :n])
+        motion = Motion.trusted(time - self.differentiator.delay, moved[0], moved[1], moved[2])
         estimate, model = self.model.advance(state.model, motion)
-        late = LiveEstimate(**vars(estimate), time=motion.time, measured=measured)
-        return late, StreamState(line, model)
+        if self.smoother is None:
+            late = LiveEstimate(**vars(estimate), time=motion.time, measured=measured)
+            return late, StreamState(line, model)
+        both = estimate.simulation
+        if measured is not None:
+            both = np.concatenate((both, measured), axis=1)
+        smoother = self.smoother
+        torques, after = smoother.filter(
+            state.torques or smoother.init(both.shape[1]), motion.time, both
+        )
+        late = LiveEstimate(
+            torques[0, :, :n],
+            estimate.learned,
+            estimate.std,
+            estimate.outside,
+            motion.time - smoother.delay,
+            None if measured is None else torques[0, :, n:],
+        )
+        return late, StreamState(line, model, after)
+
+
+def _filters(
+    model: LiveEstimator, rate: float, delay: float
+) -> tuple[CausalDifferentiator, CausalFilter | None]:
+    """Return what motion goes through before a model, and what its torque goes through after."""
+    bandwidth = model.bandwidth
+    if not isinstance(model, SimulationOnly):
+        return CausalDifferentiator(rate, bandwidth, delay), None
+    whole = RestingDifferentiator(rate, bandwidth, delay)
+    early = max(round(EARLY * whole.samples), FEWEST_SAMPLES)
+    after = whole.samples - early
+    if after < FEWEST_SAMPLES or whole.delay * bandwidth < LEAST_DELAY:
+        return whole, None
+    sharp = max(min(SHARPER * bandwidth, SAFE_BANDWIDTH * rate), bandwidth)
+    return (
+        RestingDifferentiator(rate, sharp, early / rate),
+        CausalFilter.smoother(rate, bandwidth, after),
+    )
 
 
 def _joined(parts: list[LiveEstimate]) -> LiveEstimate:

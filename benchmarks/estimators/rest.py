@@ -12,8 +12,13 @@ Errors are RMS over the noise of the torque behind the same filter, of all joint
   of the simulated arm, after which its integrator takes friction. So the arm's cycle is short: at
   1 ms, a correct simulation with the exact motion errs 1.4 times the noise.
 - `live`: what a stream says 0.1 s late, and its torque behind the stream's own filter.
+- `live, one filter`: the same with motion behind the filter of the torque, as a stream of a learned
+  model has it; that was the live estimate of a bare simulation, too.
 
 Rows are split by the true speed: at rest, moving, and between, which is to start, stop or reverse.
+Beside live estimates stands how large external torque becomes on an arm that nothing touches, and
+that has rested for `AGO`: the least threshold at which a stream raises no false alarm at rest, and
+so the least push that it can tell there [N m], of the arm's joints the worst.
 
     python benchmarks/estimators/rest.py [--seed 0]
 """
@@ -25,12 +30,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 import limo_driver as limo
 from backends.mujoco_sim.robot import MujocoRobot
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.physics import CoulombFriction, Sensors, Simulation, ViscousFriction
+from limo_driver.recordings.causal_differentiation import CausalDifferentiator
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
 from limo_driver.recordings.recording import LIVELIER, SHARPER, Recording
 
@@ -50,6 +57,7 @@ ENCODERS = ((1e-5, 0.0), (1e-5, 3e-6), (0.0, 1e-5))  # [rad] step, and noise bef
 RATES = (1000, 250)  # [Hz] of the recording
 BANDWIDTHS = (10.0, 20.0)  # [Hz]
 STILL, MOVING = 1e-4, 1e-2  # [rad/s]
+AGO = 0.3  # [s] of rest before and behind
 BAR = 1.15
 
 
@@ -120,8 +128,11 @@ class Recorded:
     velocity: FloatArray  # (T, n) [rad/s], without error
     acceleration: FloatArray  # (T, n) [rad/s²], likewise
 
-    def errors(self, bandwidth: float) -> dict[str, FloatArray]:
-        """Return the errors of each way to predict, (T, n) each, over the noise; NaN at edges."""
+    def errors(self, bandwidth: float) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Return the errors of each way to predict, (T, n) each, over the noise, and that (n,).
+
+        They are NaN at edges.
+        """
         recording, simulation = self.recording, self.simulation
         filtered = recording.filtered_torque(bandwidth)
         inside = ~recording.edges(bandwidth)
@@ -139,20 +150,30 @@ class Recorded:
         for way, known in ways.items():
             result[way] = simulation.predict_stretches(known, recording.segments, bandwidth)
         result = {k: recording.filtered(v, bandwidth) - filtered for k, v in result.items()}
-        result["live"] = self._live(bandwidth)
-        return {k: np.where(inside[:, None], v / floor, np.nan) for k, v in result.items()}
+        stream = Stream(SimulationOnly(simulation, bandwidth), recording.rate, DELAY)
+        result["live"] = self._live(stream)
+        stream.smoother = None
+        stream.differentiator = CausalDifferentiator(recording.rate, bandwidth, DELAY)
+        result["live, one filter"] = self._live(stream)
+        return {k: np.where(inside[:, None], v / floor, np.nan) for k, v in result.items()}, floor
 
-    def _live(self, bandwidth: float) -> FloatArray:
+    def _live(self, stream: Stream) -> FloatArray:
         """Return what a stream errs at each instant, (T, n) [N m]; NaN where it says nothing."""
         recording = self.recording
-        stream = Stream(SimulationOnly(self.simulation, bandwidth), recording.rate, DELAY)
         said, _ = stream.advance(
             stream.init(), recording.time, recording.position, recording.torque
         )
         assert said.measured is not None  # torque was given
-        late, error = stream.differentiator.samples, np.full(recording.torque.shape, np.nan)
+        late, error = stream.samples, np.full(recording.torque.shape, np.nan)
         error[:-late] = (said.torque - said.measured)[late:]
         return error
+
+    @property
+    def rested(self) -> NDArray[np.bool_]:
+        """Rows at which a joint has rested for long enough, and will, (T, n)."""
+        still = np.abs(self.velocity) < STILL
+        length = 2 * round(AGO * self.recording.rate) + 1
+        return minimum_filter1d(still.astype(np.int8), length, axis=0, mode="constant") > 0
 
     def rows(self) -> dict[str, NDArray[np.bool_]]:
         """Return the rows of each kind, (T, n)."""
@@ -179,12 +200,16 @@ def main() -> None:
             rows = case.rows()
             for bandwidth in BANDWIDTHS:
                 print(f"{rate} Hz, encoder step {step:g} and noise {noise:g} rad, {bandwidth:g} Hz")
-                for way, error in case.errors(bandwidth).items():
+                errors, floor = case.errors(bandwidth)
+                for way, error in errors.items():
                     parts = [
                         f"{kind} {np.sqrt(np.nanmean(error[here] ** 2)):5.2f}"
                         for kind, here in rows.items()
                     ]
-                    print(f"    {way:15}", "   ".join(parts))
+                    if way.startswith("live"):
+                        highest = np.nanmax(np.where(case.rested, np.abs(error), 0.0), axis=0)
+                        parts.append(f"push {np.max(highest * floor):.3f} N m")
+                    print(f"    {way:17}", "   ".join(parts))
 
 
 if __name__ == "__main__":

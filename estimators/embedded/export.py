@@ -22,6 +22,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.outputs import require_folder, whole
 from limo_driver.physics import Simulation
 from limo_driver.physics.body import Payload
+from limo_driver.recordings.standstill import FAR, MEMORY, NOTHING, REACH, RestingDifferentiator
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 FALSE_ALARMS: Final = 1.0  # [1/h]
 NAME: Final = "limo"
+_TORQUES: Final = 5  # of the model that are filtered: its own, three parts of it, and measured
 _LANES: Final = 4  # doubles, of which rows of the filter are multiples
 _INCLUDES: Final = f"""#include "{NAME}.h"
 
@@ -170,6 +172,9 @@ class _Code:
             "LIMO_DELAY": float(stream.delay),
             "LIMO_LANES": -(-stream.n // _LANES) * _LANES,
             "LIMO_TAPS": filtering.taps.shape[1],
+            "LIMO_RESTS": MEMORY if isinstance(filtering, RestingDifferentiator) else 0,
+            "LIMO_TORQUE_TAPS": stream.smoother.taps.shape[1] if stream.smoother else 1,
+            "LIMO_TORQUES": _TORQUES,
             "LIMO_EFFECT_MEMORY": max(len(self.effects.memory), 1),
             "LIMO_JOINT_MEMORY": max(len(self.learned.joints), 1),
             "LIMO_NETWORK_MEMORY": max(self.learned.network, 1),
@@ -185,23 +190,33 @@ class _Code:
     def source(self) -> str:
         joint_physics = "joint_physics.c" in self.learned.sources
         payloads = [item for item in self.simulation.effects if isinstance(item, Payload)]
-        n = self.stream.n
-        constants = {
+        n, filtering, smoother = self.stream.n, self.stream.differentiator, self.stream.smoother
+        constants: dict[str, int | float] = {
             "N": n,
-            "TAPS": self.stream.differentiator.taps.shape[1],
+            "TAPS": filtering.taps.shape[1],
+            "FILTERS": filtering.taps.shape[0],
             "POSES": 2 + 2 * n if joint_physics else 2,
-            "LONGEST_STEP": float(self.stream.differentiator.longest_step),
+            "LONGEST_STEP": float(filtering.longest_step),
             "LEARNS_JOINT_PHYSICS": int(joint_physics),
             "LEARNS_BY_NETWORK": int("network.c" in self.learned.sources),
             "HAS_PAYLOAD": int(bool(payloads)),
             "DISPLACES": int(self.effects.displaces),
         }
+        if isinstance(filtering, RestingDifferentiator):
+            constants |= {
+                "NOTHING": NOTHING,
+                "BAND": REACH * filtering.to_noise,
+                "FAR_NOISE": FAR**2,
+                "NOISE_SAMPLES": float(filtering.remembered),
+                "SETTLED_SAMPLES": float(filtering.settled),
+            }
         return "\n".join(
             [
                 _INCLUDES,
                 defines(constants | self.learned.defines),
                 self._body(payloads),
-                table("taps", np.ascontiguousarray(self.stream.differentiator.taps.T)),
+                table("taps", np.ascontiguousarray(filtering.taps.T)),
+                table("torque_taps", smoother.taps[0]) if smoother else "",
                 table("contact_above", self.threshold),
                 table("effects_at_first", self.effects.memory or (0.0,)),
                 table("joints_at_first", self.learned.joints or (0.0,)),

@@ -91,7 +91,7 @@ def measured_threshold(
         if late.measured is None:
             continue
         usable = ~late.outside
-        usable[: 2 * stream.differentiator.samples] = False  # the filter fills
+        usable[: 2 * stream.samples] = False  # the filter fills
         size = np.where(usable, np.abs(late.measured - late.torque) / late.std, 0.0)
         known += usable.sum(axis=0) / stream.rate
         for j in range(stream.n):

@@ -51,12 +51,89 @@ class DelayLine:
     positions: FloatArray  # (n, 2 delay + 1) [rad], the last one at the end
 
 
-class CausalDifferentiator:
+class CausalFilter:
+    """Taps that pass over n signals as they come, `delay` behind them.
+
+    Samples are expected evenly, at `rate`: jitter is not corrected. Up to the step that the data
+    gate takes for a gap, lost samples are bridged linearly. Before the first sample, the signals
+    are taken to have been what they are then.
+
+    Args:
+        rate: Of the samples [Hz].
+        taps: Of K filters, (K, 2 delay + 1), oldest sample first.
+    """
+
+    def __init__(self, rate: float, taps: FloatArray) -> None:
+        self.rate, self.taps = rate, taps
+        self.samples = taps.shape[1] // 2  # by which it is late
+        self.longest_step = max(LONGEST_STEP, LONGEST_STEP_PERIODS / rate)  # [s]; longer is a gap
+
+    @classmethod
+    def smoother(cls, rate: float, bandwidth: float, samples: int) -> CausalFilter:
+        """Return the one filter that smooths as a `CausalDifferentiator` smooths positions."""
+        return cls(rate, _taps(rate, bandwidth, samples)[:1])
+
+    @property
+    def delay(self) -> float:
+        """Time by which what comes out is late [s]."""
+        return self.samples / self.rate
+
+    def init(self, n: int) -> DelayLine:
+        """Return the memory of n signals before their first samples."""
+        return DelayLine(np.nan, np.zeros((n, self.taps.shape[1])))
+
+    def gap(self, memory: DelayLine, time: float) -> bool:
+        """Say whether `time` [s] is so far from the last that memory has to start anew.
+
+        Also backwards: a clock was set back, or the last time was wrong, and no later one could
+        follow it any more. What is a little late is refused by `filter`.
+        """
+        return abs(time - memory.time) > self.longest_step  # not before the first: its time is NaN
+
+    def filter(
+        self, memory: DelayLine, time: FloatArray, signals: FloatArray
+    ) -> tuple[FloatArray, DelayLine]:
+        """Take T samples without a gap.
+
+        Args:
+            memory: Memory after the sample before; not changed.
+            time: (T,) [s], strictly increasing.
+            signals: (T, n), in any unit.
+
+        Returns:
+            What the K filters make of them at `time - delay`, (K, T, n), and the memory after the
+            last sample.
+
+        Raises:
+            ShapeError: The signals are not (T, n).
+            RecordingError: The time does not increase, or a value is not finite.
+        """
+        values, line = self._passed(memory, time, signals)
+        return values, DelayLine(float(time[-1]), line)
+
+    def _passed(
+        self, memory: DelayLine, time: FloatArray, signals: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what the filters make of samples, and the latest of these, (n, 2 delay + 1)."""
+        line = memory.positions.copy()
+        if signals.shape != (time.size, line.shape[0]):
+            raise ShapeError("position", signals.shape, f"({time.size}, {line.shape[0]})")
+        values = np.empty((self.taps.shape[0], *signals.shape))
+        bad = _scan(line, memory.time, self.rate, time, signals, self.taps, values)
+        if bad >= 0:
+            raise RecordingError(
+                f"the sample at {time[bad]:.6g} s cannot follow the one before: its time has to "
+                "increase, and time and values have to be finite",
+                rows=[bad],
+            )
+        return values, line
+
+
+class CausalDifferentiator(CausalFilter):
     """Motion of n joints, `delay` behind their positions.
 
-    Positions are expected evenly, at `rate`: jitter is not corrected. Up to the step that the data
-    gate takes for a gap, lost samples are bridged linearly. Before the first position, the arm is
-    taken to have rested there: until two delays have passed, a start in motion looks abrupt.
+    Before the first position, the arm is taken to have rested there: until two delays have passed,
+    a start in motion looks abrupt.
 
     Args:
         rate: Of the positions [Hz].
@@ -70,49 +147,8 @@ class CausalDifferentiator:
     """
 
     def __init__(self, rate: float, bandwidth: float, delay: float) -> None:
-        for name, value, unit in (
-            ("rate", rate, "Hz"),
-            ("bandwidth", bandwidth, "Hz"),
-            ("delay", delay, "s"),
-        ):
-            if not 0 < value < np.inf:
-                raise ConfigError(f"{name} = {value:g} {unit} has to be above 0 and finite")
-        if bandwidth > HIGHEST_BANDWIDTH * rate:
-            raise ConfigError(
-                f"a bandwidth of {bandwidth:g} Hz is too high for positions at {rate:g} Hz; "
-                f"at most {HIGHEST_BANDWIDTH * rate:.3g} Hz"
-            )
-        longest = min(LONGEST_DELAY, MOST_SAMPLES / rate)
-        if delay > longest:
-            raise ConfigError(
-                f"a delay of {delay:g} s is too long at {rate:g} Hz; at most {longest:.3g} s"
-            )
-        self.rate, self.bandwidth = rate, bandwidth
-        self.samples = round(delay * rate)  # by which the motion is late
-        if self.samples < FEWEST_SAMPLES:
-            raise ConfigError(
-                f"a delay of {delay:g} s is {self.samples} samples at {rate:g} Hz; "
-                f"at least {FEWEST_SAMPLES / rate:.3g} s, {FEWEST_SAMPLES} samples, are needed"
-            )
-        self.longest_step = max(LONGEST_STEP, LONGEST_STEP_PERIODS / rate)  # [s]; longer is a gap
-        self.taps = _taps(rate, bandwidth, self.samples)  # (3, 2 samples + 1)
-
-    @property
-    def delay(self) -> float:
-        """Time by which the motion is late [s]."""
-        return self.samples / self.rate
-
-    def init(self, n: int) -> DelayLine:
-        """Return the memory of n joints before their first positions."""
-        return DelayLine(np.nan, np.zeros((n, self.taps.shape[1])))
-
-    def gap(self, memory: DelayLine, time: float) -> bool:
-        """Say whether `time` [s] is so far from the last that memory has to start anew.
-
-        Also backwards: a clock was set back, or the last time was wrong, and no later one could
-        follow it any more. What is a little late is refused by `step`.
-        """
-        return abs(time - memory.time) > self.longest_step  # not before the first: its time is NaN
+        super().__init__(rate, _taps(rate, bandwidth, _samples(rate, bandwidth, delay)))
+        self.bandwidth = bandwidth
 
     def step(
         self, memory: DelayLine, time: float, position: FloatArray
@@ -151,19 +187,36 @@ class CausalDifferentiator:
             ShapeError: The positions are not (T, n).
             RecordingError: The time does not increase, or a value is not finite.
         """
-        line = memory.positions.copy()
-        if position.shape != (time.size, line.shape[0]):
-            raise ShapeError("position", position.shape, f"({time.size}, {line.shape[0]})")
-        values = np.empty((3, *position.shape))
-        bad = _scan(line, memory.time, self.rate, time, position, self.taps, values)
-        if bad >= 0:
-            raise RecordingError(
-                f"the sample at {time[bad]:.6g} s cannot follow the one before: its time has to "
-                "increase, and time and values have to be finite",
-                rows=[bad],
-            )
-        late = Motion.trusted(time - self.delay, values[0], values[1], values[2])
-        return late, DelayLine(float(time[-1]), line)
+        values, after = self.filter(memory, time, position)
+        return Motion.trusted(time - self.delay, values[0], values[1], values[2]), after
+
+
+def _samples(rate: float, bandwidth: float, delay: float) -> int:
+    """Return the delay in samples, of values that were found to be possible."""
+    for name, value, unit in (
+        ("rate", rate, "Hz"),
+        ("bandwidth", bandwidth, "Hz"),
+        ("delay", delay, "s"),
+    ):
+        if not 0 < value < np.inf:
+            raise ConfigError(f"{name} = {value:g} {unit} has to be above 0 and finite")
+    if bandwidth > HIGHEST_BANDWIDTH * rate:
+        raise ConfigError(
+            f"a bandwidth of {bandwidth:g} Hz is too high for positions at {rate:g} Hz; "
+            f"at most {HIGHEST_BANDWIDTH * rate:.3g} Hz"
+        )
+    longest = min(LONGEST_DELAY, MOST_SAMPLES / rate)
+    if delay > longest:
+        raise ConfigError(
+            f"a delay of {delay:g} s is too long at {rate:g} Hz; at most {longest:.3g} s"
+        )
+    samples = round(delay * rate)
+    if samples < FEWEST_SAMPLES:
+        raise ConfigError(
+            f"a delay of {delay:g} s is {samples} samples at {rate:g} Hz; "
+            f"at least {FEWEST_SAMPLES / rate:.3g} s, {FEWEST_SAMPLES} samples, are needed"
+        )
+    return samples
 
 
 def _taps(rate: float, bandwidth: float, samples: int) -> FloatArray:
@@ -200,7 +253,7 @@ def _scan(
     taps: FloatArray,
     values: FloatArray,
 ) -> int:
-    """Advance `line` (n, L) in place over T positions and fill values (3, T, n).
+    """Advance `line` (n, L) in place over T positions and fill values (K, T, n) by taps (K, L).
 
     Returns the first row that cannot follow the one before, or -1.
     """
@@ -227,10 +280,9 @@ def _scan(
                 own[i] = own[i + shift]
             for i in range(shift):
                 own[L - 1 - i] = q - i * rise
-            x, v, a = 0.0, 0.0, 0.0
-            for i in range(L):
-                x += taps[0, i] * own[i]
-                v += taps[1, i] * own[i]
-                a += taps[2, i] * own[i]
-            values[0, t, j], values[1, t, j], values[2, t, j] = x, v, a
+            for k in range(taps.shape[0]):
+                value = 0.0
+                for i in range(L):
+                    value += taps[k, i] * own[i]
+                values[k, t, j] = value
     return -1

@@ -19,6 +19,7 @@ from limo_driver.errors import (
 )
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, ViscousFriction
 from limo_driver.recordings.recording import Recording
+from limo_driver.types import Motion
 
 POSE = np.deg2rad([10, 40, -20, -70, 30, 50, -40])
 NOMINAL = Simulation(
@@ -139,6 +140,46 @@ def test_measured_torque_is_as_late_and_as_smooth_as_the_estimate() -> None:
     # 10 Hz of 250 Hz are left of the noise
     assert 0.02 < external.std() < 0.15
     assert abs(external.mean()) < 0.01
+
+
+def reversed_and_rested(rate: float) -> tuple[Recording, np.ndarray]:
+    """Return a recording that a simulation is right about, and what its velocities truly are."""
+    t = np.arange(int(9 * rate)) / rate
+    grown = np.clip((t[:, None] - 2.0) / 0.5, 0, 1) * np.clip((7.0 - t[:, None]) / 0.5, 0, 1)
+    position = POSE + 0.2 * (3 * grown**2 - 2 * grown**3) * np.sin(2 * np.pi * 0.5 * t[:, None])
+    velocity = np.gradient(position, t, axis=0)
+    torque = NOMINAL.predict(Motion(t, position, velocity, np.gradient(velocity, t, axis=0)))
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(position.shape)
+    return Recording.from_arrays(t, position + noise, torque), velocity
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.04])
+def test_friction_of_physics_alone_does_not_chatter_at_rest(delay: float) -> None:
+    recording, velocity = reversed_and_rested(500.0)
+    pushed = recording.torque.copy()
+    pushed[3900:, 1] += 0.5  # [N m], on an arm at rest
+    stream = Stream(NOMINAL, 500.0, delay)
+    late, _ = stream.advance(stream.init(), recording.time, recording.position, pushed)
+    assert late.measured is not None
+    external = (late.measured - late.torque)[stream.samples :]
+    rest = recording.time[: -stream.samples] < 1.8
+    rest[: 2 * stream.samples + 100] = False
+    assert np.abs(external[rest]).max() < 0.01  # of 1 N m of dry friction
+    after = recording.time[: -stream.samples] > 7.9
+    assert external[after, 1] == pytest.approx(0.5, abs=0.01)
+    moves = np.abs(velocity).max(axis=1)[: -stream.samples] > 0.01
+    assert np.sqrt(np.mean(external[moves] ** 2)) < {0.1: 0.06, 0.04: 0.3}[delay]
+
+
+def test_physics_alone_is_filtered_after_its_friction_where_there_is_time() -> None:
+    sharp, smooth = Stream(NOMINAL, 500.0, 0.1), Stream(NOMINAL, 500.0, 0.04)
+    assert (sharp.delay, smooth.delay) == (0.1, 0.04)
+    assert sharp.smoother is not None
+    assert sharp.differentiator.samples + sharp.smoother.samples == 50
+    assert smooth.smoother is None
+    assert Stream(NOMINAL, 30.0, 0.1).smoother is None  # of 3 samples
+    assert not sharp.remembers_like(smooth)
+    assert sharp.remembers_like(Stream(NOMINAL, 500.0, 0.1))
 
 
 def test_a_memory_needs_a_rate_that_it_can_reach(model: HybridModel) -> None:

@@ -117,51 +117,131 @@ limo_status limo_model_step(limo_memory *memory, double time, const double posit
 
 /* The motion behind the filter. */
 
-static void push(limo_state *state, const double row[2 * LIMO_LANES])
+static void push(double *line, size_t *oldest, size_t taps, size_t width, const double *row)
 {
-    memcpy(state->line[state->oldest], row, sizeof state->line[0]);
-    memcpy(state->line[state->oldest + TAPS], row, sizeof state->line[0]);
-    state->oldest = (state->oldest + 1) % TAPS;
+    memcpy(line + *oldest * width, row, width * sizeof *row);
+    memcpy(line + (*oldest + taps) * width, row, width * sizeof *row);
+    *oldest = (*oldest + 1) % taps;
+}
+
+/* Take a row, and before it those that were lost, on a line; the first is taken for all before. */
+static void receive(double *line, size_t *oldest, size_t taps, size_t width, bool first,
+                    double lost, const double *row)
+{
+    double rise[LIMO_TORQUES * LIMO_LANES], between[LIMO_TORQUES * LIMO_LANES];
+    for (size_t i = 0; first && i < taps; ++i) {
+        push(line, oldest, taps, width, row);
+    }
+    const double *before = line + (*oldest + taps - 1) * width;
+    for (size_t l = 0; l < width; ++l) {
+        rise[l] = (row[l] - before[l]) / (lost + 1.0);
+    }
+    for (double i = fmin(lost, (double)taps - 1.0); i >= 0.0; i -= 1.0) {
+        for (size_t l = 0; l < width; ++l) {
+            between[l] = row[l] - i * rise[l];
+        }
+        push(line, oldest, taps, width, between);
+    }
 }
 
 /* Rows are taken several at a time, since each sum waits for the one before. */
-static void smooth(const limo_state *state, double x[2 * LIMO_LANES], double v[LIMO_LANES],
-                   double a[LIMO_LANES])
+static void smooth(const limo_state *state, double x[2 * LIMO_LANES],
+                   double other[FILTERS - 1][LIMO_LANES])
 {
     enum { ROWS = 8 };
-    double q[LIMO_LANES] = {0.0}, dq[LIMO_LANES] = {0.0}, ddq[LIMO_LANES] = {0.0};
-    double torque[LIMO_LANES] = {0.0};
+    double sum[FILTERS + 1][LIMO_LANES] = {{0.0}}; /* the last of torques */
     size_t i = 0;
     for (; i + ROWS <= TAPS; i += ROWS) {
         const double(*row)[2 * LIMO_LANES] = state->line + state->oldest + i;
         for (int l = 0; l < LIMO_LANES; ++l) {
-            double part[4] = {0.0};
+            double part[FILTERS + 1] = {0.0};
             for (int k = 0; k < ROWS; ++k) {
-                part[0] += taps[i + k][0] * row[k][l];
-                part[1] += taps[i + k][1] * row[k][l];
-                part[2] += taps[i + k][2] * row[k][l];
-                part[3] += taps[i + k][0] * row[k][LIMO_LANES + l];
+                for (int f = 0; f < FILTERS; ++f) {
+                    part[f] += taps[i + k][f] * row[k][l];
+                }
+                part[FILTERS] += taps[i + k][0] * row[k][LIMO_LANES + l];
             }
-            q[l] += part[0];
-            dq[l] += part[1];
-            ddq[l] += part[2];
-            torque[l] += part[3];
+            for (int f = 0; f <= FILTERS; ++f) {
+                sum[f][l] += part[f];
+            }
         }
     }
     for (; i < TAPS; ++i) {
         const double *row = state->line[state->oldest + i];
         for (int l = 0; l < LIMO_LANES; ++l) {
-            q[l] += taps[i][0] * row[l];
-            dq[l] += taps[i][1] * row[l];
-            ddq[l] += taps[i][2] * row[l];
-            torque[l] += taps[i][0] * row[LIMO_LANES + l];
+            for (int f = 0; f < FILTERS; ++f) {
+                sum[f][l] += taps[i][f] * row[l];
+            }
+            sum[FILTERS][l] += taps[i][0] * row[LIMO_LANES + l];
         }
     }
-    memcpy(x, q, sizeof q);
-    memcpy(x + LIMO_LANES, torque, sizeof torque);
-    memcpy(v, dq, sizeof dq);
-    memcpy(a, ddq, sizeof ddq);
+    memcpy(x, sum[0], sizeof sum[0]);
+    memcpy(x + LIMO_LANES, sum[FILTERS], sizeof sum[0]);
+    memcpy(other, sum[1], (FILTERS - 1) * sizeof sum[0]);
 }
+
+#if LIMO_RESTS
+/* Take velocity and acceleration from joints whose newest positions are where they rest. */
+static void rest(limo_state *state, const double position[N],
+                 double motion[FILTERS - 1][LIMO_LANES])
+{
+    for (int j = 0; j < N; ++j) {
+        double *own = state->anchors[j]; /* position, of how many, held for; noise², of how many */
+        const double newest = motion[2][j], square = motion[3][j] * motion[3][j];
+        if (own[4] < 0.0) { /* made up */
+            own[4] += 1.0;
+        } else if (square > NOTHING * NOTHING || fabs(newest - position[j]) > NOTHING) {
+            if (own[4] == 0.0) {
+                own[3] = square;
+            }
+            own[4] = fmin(own[4] + 1.0, NOISE_SAMPLES);
+            own[3] += (fmin(square, FAR_NOISE * own[3] + NOTHING * NOTHING) - own[3]) / own[4];
+        }
+        const double away = newest - own[0];
+        const double shares = 1.0 / (TAPS / 2) + 1.0 / fmax(own[1], 1.0);
+        if (own[1] > 0.0 && fabs(away) <= NOTHING + BAND * sqrt(own[3] * shares)) {
+            own[1] += 1.0;
+            own[2] += 1.0;
+            own[0] += away / own[1];
+        } else {
+            own[0] = newest;
+            own[1] = TAPS / 2;
+            own[2] = 0.0;
+        }
+        if (own[2] >= SETTLED_SAMPLES) {
+            motion[0][j] = motion[1][j] = 0.0;
+        }
+    }
+}
+#endif
+
+#if LIMO_TORQUE_TAPS > 1
+/* Filter the model's torques as the measured ones, which take their place beside them. */
+static void smooth_torques(limo_state *state, bool first, double lost, double measured[LIMO_LANES],
+                           limo_estimate *estimate)
+{
+    double *const parts[LIMO_TORQUES] = {estimate->simulation, estimate->gravity,
+                                         estimate->payload, estimate->friction, measured};
+    double row[LIMO_TORQUES * LIMO_LANES] = {0.0}, smoothed[LIMO_TORQUES * LIMO_LANES] = {0.0};
+    for (int k = 0; k < LIMO_TORQUES; ++k) {
+        memcpy(row + k * LIMO_LANES, parts[k], N * sizeof *row);
+    }
+    receive(state->torques[0], &state->oldest_torque, LIMO_TORQUE_TAPS, LIMO_TORQUES * LIMO_LANES,
+            first, lost, row);
+    for (size_t i = 0; i < LIMO_TORQUE_TAPS; ++i) {
+        const double *given = state->torques[state->oldest_torque + i];
+        for (int l = 0; l < LIMO_TORQUES * LIMO_LANES; ++l) {
+            smoothed[l] += torque_taps[i] * given[l];
+        }
+    }
+    for (int k = 0; k < LIMO_TORQUES; ++k) {
+        memcpy(parts[k], smoothed + k * LIMO_LANES, N * sizeof *row);
+    }
+    for (int j = 0; j < N; ++j) {
+        estimate->torque[j] = estimate->simulation[j] + estimate->learned[j];
+    }
+}
+#endif
 
 size_t limo_size(void)
 {
@@ -174,6 +254,16 @@ void limo_init(limo_state *state)
     state->oldest = state->received = 0;
     state->with_torque = false;
     memset(state->line, 0, sizeof state->line);
+#if LIMO_RESTS
+    memset(state->anchors, 0, sizeof state->anchors);
+    for (int j = 0; j < N; ++j) {
+        state->anchors[j][4] = -TAPS;
+    }
+#endif
+#if LIMO_TORQUE_TAPS > 1
+    state->oldest_torque = 0;
+    memset(state->torques, 0, sizeof state->torques);
+#endif
     limo_model_init(&state->model);
 }
 
@@ -185,7 +275,7 @@ void limo_reset(limo_state *state)
 limo_status limo_step(limo_state *state, double time, const double position[N],
                       const double *torque, limo_estimate *estimate)
 {
-    double row[2 * LIMO_LANES] = {0.0}, x[2 * LIMO_LANES], v[LIMO_LANES], a[LIMO_LANES];
+    double row[2 * LIMO_LANES] = {0.0}, x[2 * LIMO_LANES], motion[FILTERS - 1][LIMO_LANES];
     if (!isfinite(time) || !all_finite(position) || (torque && !all_finite(torque))) {
         return LIMO_NOT_FINITE;
     }
@@ -203,32 +293,22 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
         row[j] = position[j];
         row[LIMO_LANES + j] = torque ? torque[j] : 0.0;
     }
-    double lost = 0.0;
-    if (!state->received) {
-        for (size_t i = 0; i < TAPS; ++i) {
-            push(state, row);
-        }
-    } else {
-        lost = fmax(rint((time - state->time) * LIMO_RATE), 1.0) - 1.0;
-    }
-    const double *before = state->line[state->oldest + TAPS - 1];
-    double rise[2 * LIMO_LANES];
-    for (int l = 0; l < 2 * LIMO_LANES; ++l) {
-        rise[l] = (row[l] - before[l]) / (lost + 1.0);
-    }
-    for (double i = fmin(lost, TAPS - 1.0); i >= 0.0; i -= 1.0) { /* lost ones on a line */
-        double between[2 * LIMO_LANES];
-        for (int l = 0; l < 2 * LIMO_LANES; ++l) {
-            between[l] = row[l] - i * rise[l];
-        }
-        push(state, between);
-    }
+    const bool first = !state->received;
+    const double lost = first ? 0.0 : fmax(rint((time - state->time) * LIMO_RATE), 1.0) - 1.0;
+    receive(state->line[0], &state->oldest, TAPS, 2 * LIMO_LANES, first, lost, row);
     state->time = time;
     state->with_torque = torque != NULL;
     state->received += state->received < SIZE_MAX;
-    smooth(state, x, v, a);
-    evaluate(&state->model, time - LIMO_DELAY, x, v, a, estimate);
-    estimate->filled = state->received >= TAPS;
+    smooth(state, x, motion);
+#if LIMO_RESTS
+    rest(state, x, motion);
+#endif
+    evaluate(&state->model, time - TAPS / 2 / LIMO_RATE, x, motion[0], motion[1], estimate);
+#if LIMO_TORQUE_TAPS > 1
+    smooth_torques(state, first, lost, x + LIMO_LANES, estimate);
+    estimate->time = time - LIMO_DELAY;
+#endif
+    estimate->filled = state->received >= TAPS + LIMO_TORQUE_TAPS - 1;
     for (int j = 0; torque && j < N; ++j) {
         estimate->measured[j] = x[LIMO_LANES + j];
         estimate->external[j] = estimate->measured[j] - estimate->torque[j];

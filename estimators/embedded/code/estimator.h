@@ -19,6 +19,13 @@ typedef struct {
     size_t received;  /* positions since the start or the last gap */
     bool with_torque; /* whether torque comes with the positions */
     double line[2 * LIMO_TAPS][2 * LIMO_LANES]; /* positions and torques, twice in a row */
+#if LIMO_RESTS
+    double anchors[LIMO_JOINTS][LIMO_RESTS]; /* where each joint rests, and the encoder's noise */
+#endif
+#if LIMO_TORQUE_TAPS > 1
+    size_t oldest_torque;
+    double torques[2 * LIMO_TORQUE_TAPS][LIMO_TORQUES * LIMO_LANES]; /* likewise, of the model */
+#endif
     limo_memory model;
 } limo_state;
 

@@ -186,7 +186,7 @@ class ArmService:
 
     def end_silent_contacts(self) -> None:
         """End the contacts of an arm whose states no longer come."""
-        patience = max(_SILENCE, self.model.stream.differentiator.longest_step)
+        patience = max(_SILENCE, self.model.stream.longest_step)
         with self._boundary:
             if self.watchdog.active.any() and time.monotonic() - self._came > patience:
                 self._cut_contacts_off()
@@ -222,7 +222,7 @@ class ArmService:
         now = _NANOSECONDS * (state.stamp_ns - self._origin)
         measured = bool(state.torque.size)
         gap = now - self._last
-        longest = self.model.stream.differentiator.longest_step
+        longest = self.model.stream.longest_step
         if not 0 < gap <= longest or measured != self._measured:
             why = _why_anew(gap, longest, measured=measured)
             self._measured = measured

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,8 +106,21 @@ def test_networks_equal_their_streams(
 def test_a_bare_simulation_knows_no_errors_and_no_contact(
     rigid: Simulation, moved: Recording, tmp_path: Path
 ) -> None:
+    """And it rests where its stream does: with an encoder's noise, through a gap and a start."""
+    position = np.array(moved.position)
+    position[5000:7000] = position[5000]
+    position += np.random.default_rng(1).normal(0.0, 1e-5, position.shape)
+    moved = replace(moved, position=position)
+    stream = Stream(rigid, RATE)
+    values, _ = stream.differentiator.filter(
+        stream.init().signals, moved.time[:7000], position[:7000]
+    )
+    assert np.mean(values[1, 5100:] == 0.0) > 0.98
+    assert stream.smoother is not None
     found = CModel.of(rigid, tmp_path, RATE).stream(moved.time, moved.position, moved.torque)
     compare(rigid, found, moved)
+    friction = found["friction"][6200:7000]  # the gap is over
+    assert np.abs(friction).max() < 1e-3  # of 1 N m
     assert np.isnan(found["threshold"]).all()
     assert not found["contact"].any()
 

@@ -23,7 +23,7 @@ class Failing:
 
     def __init__(self, inner: Stream, after: int, how: str) -> None:
         self.inner, self.left, self.how = inner, after, how
-        self.delay, self.differentiator = inner.delay, inner.differentiator
+        self.delay, self.longest_step = inner.delay, inner.longest_step
 
     def init(self) -> StreamState:
         return self.inner.init()
