@@ -208,6 +208,7 @@ class _Code:
                 "BAND": REACH * filtering.to_noise,
                 "FAR_NOISE": FAR**2,
                 "NOISE_SAMPLES": float(filtering.remembered),
+                "ANCHOR_SAMPLES": float(filtering.anchored),
                 "SETTLED_SAMPLES": float(filtering.settled),
             }
         return "\n".join(

@@ -3,10 +3,10 @@
 Dry friction follows the sign of the velocity, so that at rest the encoder's noise becomes torque,
 however well it is filtered. Whether a joint rests is decided by its position: it does as long as
 that stays where it came to rest, but for noise. So each joint has an anchor, the mean of its
-positions since it last moved. While the mean of the latest positions, up to the newest, is within
-`REACH` standard deviations of the anchor, and has been for `SETTLED`, the joint has no velocity and
-no acceleration. One that leaves its anchor is let go at once: the newest positions are `delay`
-ahead of the motion that is answered, so that a start is seen before it comes.
+positions since it last moved, or in the last `ANCHORED`. While the mean of the newest positions is
+within `REACH` standard deviations of the anchor, and has been for `SETTLED`, the joint has no
+velocity and no acceleration. One that leaves its anchor is let go at once: the newest positions are
+`delay` ahead of the motion that is answered, so that a start is seen before it comes.
 
 The noise of the encoder is what the filter takes from the positions, averaged over `NOISE_MEMORY`.
 Where they do not change at all, as between two steps of a coarse encoder, nothing is heard of it,
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 REACH: Final = 5.0  # standard deviations of the mean position, within which a joint rests
 SETTLED: Final = 0.1  # [s] for which it has to; a reversal of 0.01 rad/s² is over by then
+ANCHORED: Final = 0.25  # [s] that an anchor is the mean of; with more, creeping lets go again
 NOISE_MEMORY: Final = 5.0  # [s], over which noise is averaged
 NOTHING: Final = 1e-9  # [rad]; less noise than any encoder's
 FAR: Final = 5.0  # standard deviations, beyond which a position is hit by something
@@ -62,6 +63,7 @@ class RestingDifferentiator(CausalDifferentiator):
         rough[self.samples] += 1.0  # what the filter takes from a position
         self.taps = np.array([*taps, newest, rough])
         self.to_noise = 1.0 / float(np.linalg.norm(rough))  # that is white
+        self.anchored = max(round(ANCHORED * rate), self.latest)  # samples
         self.settled = max(round(SETTLED * rate), 1)  # samples
         self.remembered = max(round(NOISE_MEMORY * rate), 1)  # samples
 
@@ -78,7 +80,15 @@ class RestingDifferentiator(CausalDifferentiator):
         assert isinstance(memory, RestingLine)  # noqa: S101  # of this filter's own `init`
         values, line = self._passed(memory, time, signals)
         anchors = memory.anchors.copy()
-        _rest(anchors, values, self.latest, self.to_noise, self.settled, self.remembered)
+        _rest(
+            anchors,
+            values,
+            self.latest,
+            self.to_noise,
+            self.settled,
+            self.anchored,
+            self.remembered,
+        )
         return values, RestingLine(float(time[-1]), line, anchors)
 
 
@@ -89,6 +99,7 @@ def _rest(
     latest: int,
     to_noise: float,
     settled: int,
+    anchored: int,
     remembered: int,
 ) -> None:
     """Take velocity and acceleration from joints that stand still, in place.
@@ -102,6 +113,7 @@ def _rest(
         latest: Samples of that mean.
         to_noise: From what the filter takes to the noise before it.
         settled: Samples for which an anchor has to hold.
+        anchored: Samples that it is the mean of, at most.
         remembered: Samples over which noise is averaged.
     """
     for j in range(values.shape[2]):
@@ -119,7 +131,7 @@ def _rest(
             held = max(own[1], 1.0)
             band = NOTHING + REACH * to_noise * math.sqrt(own[3] * (1.0 / latest + 1.0 / held))
             if own[1] > 0.0 and abs(away) <= band:
-                own[1] += 1.0
+                own[1] = min(own[1] + 1.0, anchored)
                 own[2] += 1.0
                 own[0] += away / own[1]
             else:

@@ -200,7 +200,7 @@ static void rest(limo_state *state, const double position[N],
         const double away = newest - own[0];
         const double shares = 1.0 / (TAPS / 2) + 1.0 / fmax(own[1], 1.0);
         if (own[1] > 0.0 && fabs(away) <= NOTHING + BAND * sqrt(own[3] * shares)) {
-            own[1] += 1.0;
+            own[1] = fmin(own[1] + 1.0, ANCHOR_SAMPLES);
             own[2] += 1.0;
             own[0] += away / own[1];
         } else {
