@@ -34,7 +34,7 @@ from estimators.diagnosis.judgement.judgement import (
     remarks,
     worse,
 )
-from estimators.diagnosis.judgement.ordinary import ordinary
+from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.judgement.questions import tests_of
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.observations import Observations
@@ -357,7 +357,7 @@ class _Judged:
         remaining = remaining_residual(problem.observed, left)
         named, unknown = abstained(problem, solution, remaining)
         if not gains(problem, solution, beside.residual, remaining):
-            named = ordinary(problem, solution, named)
+            named = to_identify(problem, solution, named)
         return cls(problem, solution, beside, remaining, named, unknown)
 
     @property

@@ -12,6 +12,8 @@ from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.wording import is_of_bodies
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
@@ -69,28 +71,94 @@ def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> Fl
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
-def material(problem: RegressionProblem, solution: Solution, member: int) -> float:
+def material(
+    problem: RegressionProblem, solution: Solution, member: int, joints: Sequence[int] | None = None
+) -> float:
     """Return the error that a member removes at the joint where it does most [errors left].
 
-    Of the joints that it acts on, and counted on rows held out; 0 where that sum might as well be
-    negative, had other blocks of time been recorded. What fades within the first minute, or happens
-    but now and then, may miss most of those: then over all rows, but nothing where it makes those
-    held out clearly worse.
+    Counted on rows held out, each block in turn: a few blocks may hold but one reversal. What fades
+    within the first minute, or happens but now and then, may miss most of those: then over all
+    rows, but nothing where it makes those held out clearly worse.
+
+    Args:
+        problem: What is compared.
+        solution: The set.
+        member: Of it.
+        joints: That count (0-based); by default those that it acts on.
     """
+    less = problem.less(solution.members, (member,))
+    (ahead, behind), rows = in_turn(problem, solution, solution.members, less)
     left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
-    moving, held_out = problem.observed.moving, problem.split.held_out
-    gained, proven = taken_off(left, bare, moving), taken_off(left, bare, held_out)
-    misses = rmse(bare - left, held_out) ** 2 < CONTRIBUTION.seen * rmse(bare - left, moving) ** 2
+    moving = problem.observed.moving
+    gained, proven = taken_off(left, bare, moving), taken_off(ahead, behind, rows)
+    shown = proven >= -CONTRIBUTION.slight * gained
     part = np.where(
-        misses & (proven >= -CONTRIBUTION.slight * gained), gained / _square(left, moving), 0.0
+        _misses(left, bare, rows, moving),
+        shown * gained / _square(left, moving),
+        proven / _square(ahead, rows),
     )
-    part = np.where(misses, part, proven / _square(left, held_out))
-    own = own_joints(problem, member)
-    if not misses[own].any():
-        scaled = ((bare**2 - left**2) / _square(left, held_out))[:, own]
-        if not surely_positive(scaled, problem.observed, held_out[:, own]):
-            return 0.0
-    return float(np.sqrt(max(part[own].max(), 0.0)))
+    counted = own_joints(problem, member) if joints is None else list(joints)
+    return float(np.sqrt(max(part[counted].max(), 0.0)))
+
+
+def sure(
+    problem: RegressionProblem, solution: Solution, member: int, joints: Sequence[int] | None = None
+) -> bool:
+    """Say whether a member lowers errors of some joints, whichever blocks had been recorded.
+
+    Of what misses most of the rows that are held out, those cannot say.
+
+    Args:
+        problem: What is compared.
+        solution: The set.
+        member: Of it.
+        joints: That count (0-based), together; by default those that it acts on.
+    """
+    own, less = own_joints(problem, member), problem.less(solution.members, (member,))
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    rows = problem.rotation(solution.noise, (*solution.members, *less)).held_out
+    if _misses(left, bare, rows, problem.observed.moving)[own].any():
+        return True
+    counted = own if joints is None else list(joints)
+    return surely_better(problem, solution, solution.members, less, counted)
+
+
+def convincing(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member removes enough error where it acts, and surely so, to be a finding."""
+    size = material(problem, solution, member)
+    return size >= CONTRIBUTION.material and sure(problem, solution, member)
+
+
+def surely_better(
+    problem: RegressionProblem,
+    solution: Solution,
+    ahead: tuple[int, ...],
+    behind: tuple[int, ...],
+    joints: Sequence[int],
+) -> bool:
+    """Say whether one set surely predicts rows of some joints (0-based) better than another.
+
+    Each block is held out in turn, and whichever of them had been recorded.
+    """
+    (left, bare), rows = in_turn(problem, solution, ahead, behind)
+    scaled = (bare**2 - left**2) / _square(left, rows)
+    return surely_positive(scaled[:, joints], problem.observed, rows[:, joints])
+
+
+def in_turn(
+    problem: RegressionProblem, solution: Solution, *sets: tuple[int, ...]
+) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+    """Return what sets leave (K, n) where each block is held out once [N m], and those rows."""
+    rotation = problem.rotation(solution.noise, [member for some in sets for member in some])
+    return [rotation.left(solution.search.prior(some)) for some in sets], rotation.held_out
+
+
+def _misses(
+    left: FloatArray, bare: FloatArray, held_out: NDArray[np.bool_], moving: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mark the joints (n,) on which rows held out have little of what a member adds."""
+    added = bare - left
+    return np.asarray(rmse(added, held_out) ** 2 < CONTRIBUTION.seen * rmse(added, moving) ** 2)
 
 
 def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:

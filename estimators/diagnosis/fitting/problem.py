@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.bodies import with_possible_bodies
+from estimators.diagnosis.fitting.rotation import Rotation
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
@@ -50,6 +51,7 @@ class RegressionProblem:
         None  # around the given simulation and tolerances, where this one is not
     )
     _sums: list[tuple[Noise, NormalEquations]] = field(default_factory=list, init=False)
+    _rotations: list[Rotation] = field(default_factory=list, init=False)
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> RegressionProblem:
@@ -136,6 +138,20 @@ class RegressionProblem:
         self._sums[:] = [(noise, known)]
         return known
 
+    def rotation(self, noise: Noise, members: Sequence[int]) -> Rotation:
+        """Return fits with each block held out in turn; of sets of these members, or fewer.
+
+        What was summed last is kept.
+        """
+        some = [self.candidates[i].prior.index for i in {*members, *self.base}]
+        index = np.concatenate([np.zeros(0, dtype=np.int64), *some])
+        if not (self._rotations and self._rotations[0].has(noise, index)):
+            nuisance = self.nuisance.prior
+            self._rotations[:] = [
+                Rotation.of(self.observed, self.columns, self.target, noise, nuisance, index)
+            ]
+        return self._rotations[0]
+
     def holding(self, limits: FloatArray | None) -> RegressionProblem:
         """Return the same, where some coefficients of the nuisance stay at a limit, NaN else."""
         return self._on_the_same_sums(replace(self, held=limits))
@@ -146,7 +162,7 @@ class RegressionProblem:
 
     def _on_the_same_sums(self, other: RegressionProblem) -> RegressionProblem:
         """Let a problem of the same columns and rows have the sums that are known of them."""
-        other._sums = self._sums  # of another one of this class
+        other._sums, other._rotations = self._sums, self._rotations  # of one of this class
         return other
 
     def undisturbed(self, rows: NDArray[np.bool_]) -> RegressionProblem:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TINY, coefficients
+from estimators.diagnosis.fitting.contribution import TINY, coefficients, surely_better
 from estimators.diagnosis.fitting.problem import improve
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -55,10 +55,11 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         and search.gain((*rest, i)) >= enough
     ]
     simpler.sort(key=lambda i: (_freedom(candidates[i]), -search.gain((*rest, i))))
+    problem.rotation(solution.noise, [*solution.members, *simpler])  # sums of all at once
     for other in simpler:
         new = solution.having((*rest, other))
-        ahead, behind = problem.left(new.fitted), problem.left(solution.fitted)
-        if not _surely_worse(problem, ahead, behind):
+        everywhere = range(problem.observed.n)
+        if not surely_better(problem, solution, solution.members, new.members, everywhere):
             return new
     return solution
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TINY, material
+from estimators.diagnosis.fitting.contribution import TINY, material, sure
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
@@ -22,6 +22,7 @@ from estimators.diagnosis.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.hypotheses.ripple import ripples
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
+from estimators.diagnosis.selection.base_friction import rubs
 from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.evidence import Prior, joined
@@ -132,13 +133,24 @@ def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
         solution = _less(problem, solution, refused)
     while (runaway := _runaway(problem, solution)) is not None:
         solution = _less(problem, solution, (runaway,))
-    while solution.members:
-        size = {member: material(problem, solution, member) for member in solution.members}
-        least = min(size, key=lambda member: size[member])
-        if size[least] >= CONTRIBUTION.material:
-            break
-        solution = _less(problem, solution, (least,))
+    everywhere = range(problem.observed.n)  # what one joint lacks, bodies fit in part at all
+    while idle := [member for member in solution.members if not _helps(problem, solution, member)]:
+        size = {member: material(problem, solution, member, everywhere) for member in idle}
+        solution = _less(problem, solution, (min(idle, key=lambda member: size[member]),))
     return solution
+
+
+def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member lowers errors: much, and whichever blocks of time had been recorded.
+
+    Every joint rubs, and which law of friction it follows is a choice that has to be made: for the
+    likelier law either will do. Whether a member is a finding is another question.
+    """
+    everywhere = range(problem.observed.n)
+    much = material(problem, solution, member, everywhere) >= CONTRIBUTION.material
+    if rubs(problem.candidates[member].effect):
+        return much or sure(problem, solution, member, everywhere)
+    return much and sure(problem, solution, member, everywhere)
 
 
 def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:

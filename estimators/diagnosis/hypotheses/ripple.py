@@ -17,7 +17,7 @@ from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.differentiation import ORDER
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.physics import Hypothesis
@@ -212,15 +212,43 @@ def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
     found: tuple[float, ...] = ()
     rest = angle
     while len(found) < limit:
-        spectrum = rest.power(first, step, count)
-        best = float(spectrum.cycles[np.argmax(spectrum.above)])
-        more = _together(angle, (*found, _refined(rest, best, step)), step)
-        before = angle.without(*more[:-1])
-        rest = before.without(more[-1])
-        if _stands_out(before, rest, more[-1], step) < threshold:
+        tried = (
+            _together(angle, (*found, _refined(rest, peak, step)), step)
+            for peak in _peaks(rest.power(first, step, count), found)
+        )
+        more = next(
+            (some for some in tried if _last_stands_out(angle, some, step) > threshold), None
+        )
+        if more is None:
             break
-        found = more
+        found, rest = more, angle.without(*more)
     return found
+
+
+def _peaks(spectrum: Spectrum, found: Sequence[float]) -> Iterator[float]:
+    """Yield the cycles per revolution of the highest peaks above their neighbourhood.
+
+    The highest one may be what lines not found yet leave beside it. Of those below, a peak near a
+    line that was found may be what that one leaves, if it is not quite where it is.
+    """
+    above, cycles = spectrum.above.copy(), spectrum.cycles
+    resolution = RIPPLE.oversampling * float(cycles[1] - cycles[0])
+    best = float(cycles[np.argmax(above)])
+    yield best
+    for line in found:
+        above[np.abs(cycles - line) < RIPPLE.apart * resolution] = 0.0
+    for _ in range(RIPPLE.peaks - 1):
+        above[np.abs(cycles - best) < resolution] = 0.0
+        if not above.any():
+            return
+        best = float(cycles[np.argmax(above)])
+        yield best
+
+
+def _last_stands_out(angle: _Angle, lines: Sequence[float], step: float) -> float:
+    """Return the power of the last of some lines over the level around it, beside the others."""
+    before = angle.without(*lines[:-1])
+    return _stands_out(before, before.without(lines[-1]), lines[-1], step)
 
 
 def _together(angle: _Angle, lines: tuple[float, ...], step: float) -> tuple[float, ...]:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.judgement.findings import findings_of, left_at, unknown_of
-from estimators.diagnosis.judgement.ordinary import ordinary
+from estimators.diagnosis.judgement.findings import findings_of, left_at, unknown_of, unnamed_note
+from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.residuals.plausibility import notes_on
@@ -103,7 +103,7 @@ def conclude(
     alone = rmse(tolerances, problem.split.held_out)
     after = rmse(proven, problem.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
-    plain = ordinary(problem, solution, named)
+    plain = to_identify(problem, solution, named)
     unusual = [member for member in named if member not in plain]
     found = (*contact, *findings_of(problem, solution, unusual, remaining, alone, after))
     findings = (*found, *unknown_of(problem, stand_ins, remaining, unknown, alone, after))
@@ -127,6 +127,11 @@ def conclude(
         notes=(
             *notes_on(problem.observed.undisturbed(None).beside(problem.observed.simulation)),
             *repeats.notes(problem.observed, proven),
+            *(
+                [unnamed_note([problem.candidates[i] for i in stand_ins])]
+                if stand_ins and not unknown
+                else ()
+            ),
             *(f"An effect was not tried: {error}." for error in unusable()),
         ),
         identified=identified_of(problem, plain),

@@ -31,7 +31,7 @@ from estimators.diagnosis.judgement.judgement import (
     identical,
     margin,
 )
-from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary
+from estimators.diagnosis.judgement.ordinary import beyond_siblings, to_identify
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
@@ -235,17 +235,30 @@ def _unknown_sentence(remaining: RemainingResidual, joints: Sequence[int]) -> st
 
 def _stand_in_sentence(stand_ins: Sequence[Candidate]) -> str:
     """Say which effects stand in for what is unknown, and where; nothing if none does."""
-    if not stand_ins:
+    names = _placed(stand_ins)
+    if not names:
         return ""
-    at: dict[str, list[int]] = {}
-    for item in stand_ins:
-        at.setdefault(item.effect, []).extend(j + 1 for j in item.joints)
-    names = [f"{spoken(effect)} ({of_joints(sorted({*on}))})" for effect, on in at.items()]
     one = len(names) == 1
     return (
         f" Until it is understood, {listed(names)} {'stands' if one else 'stand'} in for part of "
         f"it in the improved simulation, and {'is no name' if one else 'are no names'} for it."
     )
+
+
+def unnamed_note(stand_ins: Sequence[Candidate]) -> str:
+    """Say what the improved simulation has beside what is named, where nothing is unknown."""
+    return (
+        f"The improved simulation predicts better with {listed(_placed(stand_ins))}, too, but at "
+        "the joints in question too little, or too seldom, for a finding."
+    )
+
+
+def _placed(items: Sequence[Candidate]) -> list[str]:
+    """Return effects with their joints, each effect once."""
+    at: dict[str, list[int]] = {}
+    for item in items:
+        at.setdefault(item.effect, []).extend(j + 1 for j in item.joints)
+    return [f"{spoken(effect)} ({of_joints(sorted({*on}))})" for effect, on in at.items()]
 
 
 @dataclass(frozen=True)
@@ -286,7 +299,7 @@ def shares_of(
         floor: Noise floor, (n,) [N m].
     """
     taken = max(reducible_removed(alone, after, floor), 0.0)
-    plain = ordinary(problem, solution, solution.members)
+    plain = to_identify(problem, solution, solution.members)
     lost = {
         member: max(float(contribution(problem, solution, member).sum()), 0.0)
         for member in solution.members

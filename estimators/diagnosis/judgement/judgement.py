@@ -10,12 +10,13 @@ import numpy as np
 from estimators.diagnosis.fitting.contribution import (
     TINY,
     contribution,
+    convincing,
     left_by_tolerances,
     own_joints,
     taken_off,
     without,
 )
-from estimators.diagnosis.judgement.ordinary import ordinary
+from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.judgement.surrogate import predictable_part
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.residuals.noise import roughness
@@ -142,9 +143,9 @@ def abstained(
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Drop names that explain too little of a joint's error, and return the unknown joints.
 
-    A wrong effect often explains part of an unknown one. The right one leaves nothing that a black
-    box can predict. Ordinary friction that was not stated is no name, and explains nothing of what
-    is beyond it.
+    What helps elsewhere, or not for sure, stays in the set without a name. A wrong effect often
+    explains part of an unknown one. The right one leaves nothing that a black box can predict.
+    Ordinary friction that was not stated is no name, and explains nothing of what is beyond it.
 
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
@@ -157,11 +158,15 @@ def abstained(
     small = remaining.predictable < JUDGEMENT.small * remaining.floor
     least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
     doubtful = {int(j) for j in unknown if explained[j] < least[j]}
-    plain = ordinary(problem, solution, solution.members)
+    plain = to_identify(problem, solution, solution.members)
     stay = tuple(
         member
         for member in solution.members
-        if member in plain or acts_most(problem, solution, member, remaining.floor) not in doubtful
+        if member in plain
+        or (
+            acts_most(problem, solution, member, remaining.floor) not in doubtful
+            and convincing(problem, solution, member)
+        )
     )
     return stay, tuple(int(j) for j in unknown)
 

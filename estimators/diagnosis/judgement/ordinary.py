@@ -4,7 +4,9 @@ Every joint rubs, and every drive has inertia. Where a simulation gives a joint 
 Coulomb and viscous friction there are values to identify, and no finding. So is another law of
 friction, or the inertia of drives, that more than half of these joints have: that is how the arm is
 made. What one joint has and its siblings lack is unusual, and so is friction of a size far beyond
-that of its siblings. Presliding that is over before any row is judged is plain friction.
+that of its siblings. Presliding that is over before any row is judged is plain friction. Of any
+joint, a law of friction that predicts better, but little or not for sure, is no finding. Nor is
+plain friction of another value beside a law that was missing: it stood for both before.
 
 Sizes are compared as parts of what a drive can do: friction over the limit of its torque, viscous
 friction at the limit of its speed. One joint is unlike its siblings where that is several times the
@@ -17,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import coefficients
+from estimators.diagnosis.fitting.contribution import coefficients, convincing
 from estimators.diagnosis.selection.base_friction import BASE, rubs, without_friction
 from estimators.diagnosis.settings.judgement import ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.selection.candidates import Candidate
 
 
 def ordinary(
@@ -57,6 +60,33 @@ def ordinary(
         if (item.effect in usual or _slides_at_once(problem, solution, member))
         and member not in far
     )
+
+
+def to_identify(
+    problem: RegressionProblem, solution: Solution, members: Sequence[int]
+) -> tuple[int, ...]:
+    """Return the members of a set that are values to identify, and no findings.
+
+    Those that are ordinary, and laws of friction that are but the likelier ones.
+
+    Args:
+        problem: What was compared.
+        solution: The set, fitted.
+        members: Of the set, as indices of its candidates; all or some.
+    """
+    plain, candidates = ordinary(problem, solution, members), problem.candidates
+    laws = [i for i in members if i not in plain and rubs(candidates[i].effect)]
+    surely = [i for i in laws if convincing(problem, solution, i)]
+    lacking = {candidates[i].joints for i in surely if _is_missing(candidates[i])}
+    findings = [
+        i for i in surely if _is_missing(candidates[i]) or candidates[i].joints not in lacking
+    ]
+    return tuple(i for i in members if i in plain or (i in laws and i not in findings))
+
+
+def _is_missing(candidate: Candidate) -> bool:
+    """Say whether a law of friction is stated nowhere, and more than another value of plain one."""
+    return candidate.kind == "missing" or candidate.effect not in BASE
 
 
 def _slides_at_once(problem: RegressionProblem, solution: Solution, member: int) -> bool:

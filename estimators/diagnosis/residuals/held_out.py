@@ -10,6 +10,8 @@ import numpy as np
 from estimators.diagnosis.settings.residuals import HELD_OUT
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
@@ -25,8 +27,8 @@ class Split:
     apart: NDArray[np.bool_]  # (K,) rows in the blocks held out, whether they count or not
 
     @classmethod
-    def of(cls, observed: Observations) -> Split:
-        """Hold out blocks of each recording."""
+    def of(cls, observed: Observations, which: Sequence[int] = HELD_OUT.which) -> Split:
+        """Hold out blocks of each recording, counted from 0."""
         held_out = np.zeros(observed.kept.size, dtype=bool)
         near = np.zeros(observed.kept.size, dtype=bool)
         for recording in range(len(observed.recordings)):
@@ -36,7 +38,7 @@ class Split:
             time = observed.slow.time[rows]
             edges = np.linspace(time[0], time[-1], HELD_OUT.blocks + 1)
             guard = guard_of(float(edges[-1] - edges[0]), observed.bandwidth)
-            for block in HELD_OUT.which:
+            for block in which:
                 low, high = edges[block], edges[block + 1]
                 held_out[rows] |= (time >= low) & (time < high)
                 near[rows] |= (time >= low - guard) & (time < high + guard)

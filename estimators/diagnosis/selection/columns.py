@@ -58,6 +58,19 @@ class ColumnTable:
             result[:, joint] = values @ full[at]
         return result
 
+    def only(self, index: NDArray[np.int64]) -> ColumnTable:
+        """Return a table of some of the columns (c,), numbered as they are given."""
+        place = np.full(self.count, -1)
+        place[index] = np.arange(index.size)
+        some = ColumnTable(self.rows, self.joints)
+        some.count = index.size
+        for joint in range(self.joints):
+            values, at = self.of_joint(joint)
+            own = np.flatnonzero(place[at] >= 0)
+            own = own[np.argsort(place[at[own]])]
+            some._values[joint], some._index[joint] = [values[:, own]], [place[at[own]]]
+        return some
+
     def size(self) -> FloatArray:
         """Return each column's RMS on the joint where it is largest, (P,)."""
         size = np.zeros(self.count)

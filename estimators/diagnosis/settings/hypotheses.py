@@ -27,6 +27,12 @@ class RippleSettings:
         chosen="far below 1, since no sensor's noise is quite so even")
     oversampling: float = setting(4.0, "grid points", "within the resolution of a line",
         "more cost time; fewer lose power between them")
+    peaks: int = setting(4, "peaks", "that are tried for a line, one after the other",
+        "more cost time; fewer stop at what lines not found yet leave",
+        chosen="three of ten lines of a real motor were missed behind such a peak")
+    apart: float = setting(3.0, "resolutions", "between such a peak, if it is not the highest, and "
+        "a line that was found",
+        "larger misses neighbours of strong lines; smaller finds what those leave")
     neighbours: int = setting(61, "grid points",
         "whose median is the level that a line stands out from",
         "more blur a coloured level; fewer let a line raise its own")

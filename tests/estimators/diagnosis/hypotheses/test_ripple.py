@@ -10,7 +10,7 @@ from lanes import sampled
 from noisy_recordings import half_sines, motion, observed
 
 from estimators.diagnosis.hypotheses.responses import response
-from estimators.diagnosis.hypotheses.ripple import ripples
+from estimators.diagnosis.hypotheses.ripple import Spectrum, _peaks, ripples
 from estimators.diagnosis.residuals.pushes import covered, pushes
 from limo_driver.physics import TorqueRipple
 
@@ -110,3 +110,19 @@ def test_a_ripple_is_no_push_and_rows_without_pushes_have_no_ripple() -> None:
     found = pushes(pushed, pushed.residual)
     rest = replace(pushed, disturbed=covered(pushed, found))
     assert ripples(rest, pushed.residual) == []
+
+
+def test_the_next_highest_peaks_are_tried_and_not_the_flanks_of_the_first() -> None:
+    cycles = np.arange(0.0, 200.0, 0.25)
+    amount = np.ones(cycles.size)
+    amount[200:203], amount[240], amount[300] = (20.0, 30.0, 20.0), 15.0, 10.0
+    spectrum = Spectrum(cycles, amount, np.ones(cycles.size))
+
+    alone, beside = list(_peaks(spectrum, ())), list(_peaks(spectrum, (61.0,)))
+
+    assert alone[:3] == [cycles[201], cycles[240], cycles[300]]
+    assert beside[:2] == [
+        cycles[201],
+        cycles[300],
+    ]  # what a line may leave of itself is passed over
+    assert len(set(alone)) == len(alone)

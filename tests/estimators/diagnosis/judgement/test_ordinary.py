@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary
+from estimators.diagnosis.judgement import ordinary as module
+from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary, to_identify
 from limo_driver.physics import (
     CoulombFriction,
     PreslidingHysteresis,
@@ -106,3 +107,37 @@ def test_sizes_that_differ_from_drive_to_drive_are_no_more_than_that():
     assert beyond_siblings(*sized(USUAL, iiwa)) == {}
     assert beyond_siblings(*sized(np.array([0.3, 0.3, 0.2, 0.2, 1.3, 0.5, 0.5]), iiwa)) == {}
     assert beyond_siblings(*sized(np.array([2.2, 120.0, 1.6]), iiwa)) == {}  # too few to compare
+
+
+STATED = tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8))
+
+
+@pytest.mark.parametrize(
+    ("places", "unsure", "values"),
+    [
+        ([("presliding_hysteresis", "missing")], [], []),
+        ([("presliding_hysteresis", "missing")], [0], [0]),
+        ([("coulomb_friction", "wrong_parameter")], [], []),
+        ([("coulomb_friction", "wrong_parameter"), ("quadratic_drag", "missing")], [], [0]),
+        ([("coulomb_friction", "wrong_parameter"), ("quadratic_drag", "missing")], [1], [1]),
+        ([("quadratic_drag", "wrong_parameter"), ("stribeck_friction", "missing")], [], []),
+        ([("torque_offset", "missing")], [0], []),
+    ],
+    ids=["sure", "unsure", "wrong", "re-divided", "beside an unsure one", "law", "no friction"],
+)
+def test_a_law_of_stated_friction_is_a_finding_if_sure_and_no_other_stands_for_it(
+    monkeypatch, places, unsure, values
+):
+    """Plain friction that stood for a law that was missing has another value beside it."""
+    monkeypatch.setattr(module, "convincing", lambda *given: given[2] not in unsure)
+    candidates = [
+        SimpleNamespace(effect=effect, kind=kind, joints=(2,), hypothesis=None)
+        for effect, kind in places
+    ]
+    simulation = SimpleNamespace(effects=STATED, model=SimpleNamespace(n=7))
+    problem = SimpleNamespace(
+        observed=SimpleNamespace(simulation=simulation), candidates=candidates
+    )
+    members = range(len(places))
+    found = to_identify(problem, SimpleNamespace(members=members), members)
+    assert list(found) == values
