@@ -38,7 +38,7 @@ class VarianceTerms:
 
 def terms_of(columns: JointColumns, root: FloatArray) -> VarianceTerms:
     """Return the terms of a joint with the root R of its weights' covariance, (K, K)."""
-    counts = root.any(axis=0)
+    counts = np.asarray(root.any(axis=0))
     stops = _stops(columns).T.ravel()  # the narrowest of every family first
     rest = np.setdiff1d(np.arange(columns.count), stops)
     kept = np.concatenate([stops, rest])

@@ -130,7 +130,7 @@ def command(
                 page = _PORT if port is None else port
                 _serve(watched, session, keys, robot, page, seconds)
             elif rerun is not None:
-                _log(watched, session, keys, robot, rerun, seconds)
+                _log_to_rerun(watched, session, keys, robot, rerun, seconds)
             else:
                 _show(watched, seconds)
         for subscriber in followed:
@@ -159,7 +159,7 @@ def _serve(
         threading.Event().wait(duration)
 
 
-def _log(
+def _log_to_rerun(
     watched: Watched,
     session: zenoh.Session,
     keys: Keys,

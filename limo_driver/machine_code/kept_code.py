@@ -72,7 +72,7 @@ class CodePlace:
                 return
         _say_not_kept(reason)
 
-    def claim(self, key: str, wait: Callable[[], None]) -> Claim | None:
+    def claim(self, key: str, wait: Callable[[], None]) -> CodeLock | None:
         """Return once no other process is about to write under a key, so that one alone compiles.
 
         Args:
@@ -118,7 +118,7 @@ class CodePlace:
             pass  # another process tidies, too
 
 
-class Claim:
+class CodeLock:
     """A lock that ends with its process, whichever way that goes."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -131,7 +131,7 @@ class Claim:
         os.close(self._descriptor)
 
 
-def _claimed(path: Path, wait: Callable[[], None]) -> Claim | None:
+def _claimed(path: Path, wait: Callable[[], None]) -> CodeLock | None:
     ends = time.monotonic() + _PATIENCE
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -143,7 +143,7 @@ def _claimed(path: Path, wait: Callable[[], None]) -> Claim | None:
                 wait()
                 time.sleep(_LOOK)
             if _is_there(path, descriptor):
-                return Claim(path, descriptor)
+                return CodeLock(path, descriptor)
         except BaseException:
             os.close(descriptor)
             raise

@@ -81,7 +81,7 @@ def _report(found: ServoExcitation, *, as_json: bool) -> None:
         sys.stdout.write(json.dumps(told, indent=2) + "\n")
         return
     console = terminal(soft_wrap=True)
-    console.print(str(found), markup=False)
+    console.print(str(found))
     console.print("lead the arm slowly to the first pose before the first command is sent")
     if found.unchecked_pairs:
         pairs = ", ".join(" and ".join(pair) for pair in found.unchecked_pairs)
