@@ -199,7 +199,7 @@ def test_goes_on_between_malformed_messages_of_a_real_session(two_sessions):
         (("--timeout", "1"), "--timeout is for --until"),
         (("--until", "serving", "--web", "--arm", "a"), "--web is for watching; --until only"),
         (("--port", "0"), "--port is of the page that --web serves"),
-        (("--robot", "iiwa14", "--until", "serving"), "--robot is of the page that --web serves"),
+        (("--robot", "iiwa14", "--until", "serving"), "--robot is of what --web or --rerun draws"),
         (("--web",), "--web shows one arm: name it with --arm"),
         (("--until", "serving", "--arm", "a/b"), "the arm's name is 'a/b'"),
     ],
