@@ -357,7 +357,8 @@ class _Judged:
         remaining = remaining_residual(problem.observed, left)
         named, unknown = abstained(problem, solution, remaining)
         if not gains(problem, solution, beside.residual, remaining):
-            named = to_identify(problem, solution, named)
+            values = to_identify(problem, solution)
+            named = tuple(member for member in named if member in values)
         return cls(problem, solution, beside, remaining, named, unknown)
 
     @property

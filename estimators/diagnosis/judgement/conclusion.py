@@ -103,8 +103,9 @@ def conclude(
     alone = rmse(tolerances, problem.split.held_out)
     after = rmse(proven, problem.split.held_out)
     stand_ins = [member for member in solution.members if member not in named]
-    plain = to_identify(problem, solution, named)
-    unusual = [member for member in named if member not in plain]
+    values = to_identify(problem, solution)
+    plain = [member for member in named if member in values]
+    unusual = [member for member in named if member not in values]
     found = (*contact, *findings_of(problem, solution, unusual, remaining, alone, after))
     findings = (*found, *unknown_of(problem, stand_ins, remaining, unknown, alone, after))
     if not findings:

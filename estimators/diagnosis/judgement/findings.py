@@ -299,7 +299,7 @@ def shares_of(
         floor: Noise floor, (n,) [N m].
     """
     taken = max(reducible_removed(alone, after, floor), 0.0)
-    plain = to_identify(problem, solution, solution.members)
+    plain = to_identify(problem, solution)
     lost = {
         member: max(float(contribution(problem, solution, member).sum()), 0.0)
         for member in solution.members

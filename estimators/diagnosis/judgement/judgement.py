@@ -158,7 +158,7 @@ def abstained(
     small = remaining.predictable < JUDGEMENT.small * remaining.floor
     least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
     doubtful = {int(j) for j in unknown if explained[j] < least[j]}
-    plain = to_identify(problem, solution, solution.members)
+    plain = to_identify(problem, solution)
     stay = tuple(
         member
         for member in solution.members

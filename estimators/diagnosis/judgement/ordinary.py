@@ -62,19 +62,18 @@ def ordinary(
     )
 
 
-def to_identify(
-    problem: RegressionProblem, solution: Solution, members: Sequence[int]
-) -> tuple[int, ...]:
+def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
     """Return the members of a set that are values to identify, and no findings.
 
-    Those that are ordinary, and laws of friction that are but the likelier ones.
+    Those that are ordinary, and laws of friction that are but the likelier ones. A value beside a
+    law that is missing is none by that law, whether that is named or not.
 
     Args:
         problem: What was compared.
         solution: The set, fitted.
-        members: Of the set, as indices of its candidates; all or some.
     """
-    plain, candidates = ordinary(problem, solution, members), problem.candidates
+    members, candidates = solution.members, problem.candidates
+    plain = ordinary(problem, solution, members)
     laws = [i for i in members if i not in plain and rubs(candidates[i].effect)]
     surely = [i for i in laws if convincing(problem, solution, i)]
     lacking = {candidates[i].joints for i in surely if _is_missing(candidates[i])}

@@ -139,5 +139,5 @@ def test_a_law_of_stated_friction_is_a_finding_if_sure_and_no_other_stands_for_i
         observed=SimpleNamespace(simulation=simulation), candidates=candidates
     )
     members = range(len(places))
-    found = to_identify(problem, SimpleNamespace(members=members), members)
+    found = to_identify(problem, SimpleNamespace(members=members))
     assert list(found) == values
