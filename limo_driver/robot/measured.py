@@ -135,6 +135,15 @@ class Measured:
         """Return the first joint, from 1, too fast or on its way out of range; 0 if none."""
         return first_runaway(pose.position, pose.velocity, self._bounds)
 
+    def first_outward(self, pose: Pose, push: FloatArray) -> int:
+        """Return the first joint, from 1, that a torque (n,) [N m] pushes further out; 0 if none.
+
+        Of those that are further out of their range than they may be carried.
+        """
+        above, below = pose.position > self._bounds[1], pose.position < self._bounds[0]
+        out = (above & (push > 0.0)) | (below & (push < 0.0))
+        return int(np.argmax(out)) + 1 if out.any() else 0
+
     def now(self, belief: Belief) -> Pose | None:
         """Return where the arm is in this cycle; a lost measurement is carried on by its motion."""
         pose = belief.pose

@@ -42,6 +42,7 @@ START_TOLERANCE = 0.02  # [rad], distance of the first command from the measured
 LONGEST_VALIDITY = 1.0  # [s], of a command; an arm whose sender is gone holds by then
 STALE_TIMEOUT = 0.1  # [s] without a measurement after which the arm holds
 COMPLIANT_TIMEOUT = 0.01  # [s] of the same, by which an arm that gives way is told to hold
+COMMANDS = (PositionCommand, ImpedanceCommand, TorqueCommand, WrenchCommand)
 _WRENCH_LENGTH = 6
 
 
@@ -157,7 +158,7 @@ class SafetyContract:
         """Return what may be sent instead of `command` in this cycle.
 
         Raises:
-            HoldingError: The arm holds.
+            HoldingError: The arm holds, or has to: it would give way where it could not stop.
             JointLimitError: Not finite, or the first position is far from the measured pose.
             ShapeError: Another number of joints.
             ConfigError: `valid_for` is not positive or above 1 s.
@@ -267,17 +268,27 @@ class SafetyContract:
         rigid, belief, reason = memory.now.rigid, memory.belief, ""
         if pose is None or belief.pose is None:
             return ""
-        if j := belief.runaway:
-            reason = f"joint {j} leaves its range or its velocity limit"
+        if away := self._runaway():
+            reason = away
         elif belief.jumped:
             reason = "the measured pose jumped"
         elif stale and (loss := self._loss(belief.time - belief.pose.time, pose, rigid=rigid)):
             reason = loss
-        elif not rigid and (j := self._stage.first_beyond(pose)):
-            reason = f"joint {j} could not have stopped inside its range a moment later"
+        elif not rigid and (late := self._late(pose)):
+            reason = late
         elif command is not None and belief.time > memory.command_time + command.valid_for + 1e-9:
             reason = f"the last command expired after {command.valid_for:.3g} s"
         return reason
+
+    def _runaway(self) -> str:
+        """Say which joint was measured where it has to be braked, in any mode; empty if none."""
+        j = self._memory.belief.runaway
+        return f"joint {j} leaves its range or its velocity limit" if j else ""
+
+    def _late(self, pose: Pose) -> str:
+        """Say which joint, in an arm that gives way, has to be braked now; empty if none."""
+        j = self._stage.first_beyond(pose)
+        return f"joint {j} could not have stopped inside its range a moment later" if j else ""
 
     def _loss(self, lost: float, pose: Pose, *, rigid: bool) -> str:
         """Say why an arm that is not measured for a time [s] has to hold; empty if not yet."""
@@ -307,12 +318,27 @@ class SafetyContract:
                 raise BackendError("a stream starts from a measured pose; the measurement is lost")
             if isinstance(command, (PositionCommand, ImpedanceCommand)):
                 self.check_start(command.position, memory.state.position)
+            # An arm that was resumed while it braked may give way again only where it could stop.
+            if not isinstance(command, PositionCommand):
+                self._check_stoppable(command, pose)
         memory.phase, memory.command, memory.commanded = _ACTIVE, command, True
         memory.command_time = memory.belief.time
         if memory.asked:  # meanwhile, by another thread
             self.hold(memory.asked)
             raise HoldingError(memory.reason)
         return pose
+
+    def _check_stoppable(self, command: JointCommand, pose: Pose) -> None:
+        reason = self._runaway() or self._late(pose)
+        if not reason and isinstance(command, (TorqueCommand, ImpedanceCommand)):
+            push = command.torque
+            if isinstance(command, ImpedanceCommand):
+                push = push + command.stiffness * (command.position - pose.position)
+            if j := self._measured.first_outward(pose, push):
+                reason = f"joint {j} is outside its range, and would be pushed further"
+        if reason:
+            self.hold(reason)
+            raise HoldingError(reason)
 
     def check_start(self, position: FloatArray, measured: FloatArray) -> None:
         """Check that a stream of positions begins where the arm is.
@@ -346,13 +372,14 @@ class SafetyContract:
 def warm_up(spec: RobotSpec) -> None:
     """Compile the arithmetic of the contract, before an arm waits for it."""
     zero = np.zeros(spec.n)
-    position, torque = PositionCommand(position=zero), TorqueCommand(torque=zero)
-    impedance = ImpedanceCommand(position=zero, stiffness=zero, damping=zero, torque=zero)
+    inside = np.clip(zero, spec.limits.position_min, spec.limits.position_max)
+    position, torque = PositionCommand(position=inside), TorqueCommand(torque=zero)
+    impedance = ImpedanceCommand(position=inside, stiffness=zero, damping=zero, torque=zero)
     contract = SafetyContract(spec)
     # From a measurement at rest, from set-points, and from a measurement in motion.
     commands = (position, position, torque, torque, position, impedance, torque, None)
     for cycle, command in enumerate(commands):
-        contract.observe(JointState(cycle * spec.period, zero, zero, zero, cycle))
+        contract.observe(JointState(cycle * spec.period, inside, zero, zero, cycle))
         if command is not None and not contract.holding:
             contract.admit(command)
     contract.hold("warm")
@@ -365,11 +392,14 @@ def check_readable(command: JointCommand, n: int) -> None:
     Raises:
         ShapeError: Another number of joints.
         JointLimitError: Not finite, or a negative stiffness or damping.
-        ConfigError: `valid_for` is not positive or above 1 s.
+        ConfigError: It is none of limo's commands, or `valid_for` is not positive or above 1 s.
     """
+    if type(command) not in COMMANDS:
+        known = ", ".join(kind.__name__ for kind in COMMANDS)
+        raise ConfigError(f"a command is one of {known}, not {type(command).__name__}")
     try:
         valid = 0 < command.valid_for <= LONGEST_VALIDITY
-    except TypeError:  # no number
+    except (TypeError, ValueError):  # no number
         valid = False
     if not valid:
         raise ConfigError(

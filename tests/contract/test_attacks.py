@@ -1,5 +1,6 @@
 """Ways past the safety contract that were found by attacking it, closed on every simulated arm."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -116,6 +117,25 @@ class TestRange:
             assert state.position[joint] > limits.position_max[joint] - 0.2  # not long before it
             with pytest.raises(HoldingError, match=f"joint {joint + 1} .*range"):
                 robot.send(position(state.position))
+
+    @pytest.mark.parametrize("joint", [0, 6])
+    @pytest.mark.parametrize("alternately", [False, True])
+    def test_is_kept_by_a_program_that_resumes_whenever_the_arm_holds(self, joint, alternately):
+        """Torque towards the end of the range, with a position in every other cycle or without."""
+        push = [20.0, 0.5][joint == 6] * np.eye(7)[joint]
+        with open_robot("virtual", robot="iiwa14", initial_position=START) as robot:
+            limits, state = robot.spec.limits, robot.receive()
+            furthest, fastest = -np.inf, 0.0
+            for k in range(2500):
+                if state.holding:
+                    robot.resume()
+                with suppress(HoldingError):
+                    robot.send(position(state.position) if alternately and k % 2 else torque(push))
+                state = robot.receive()
+                furthest = max(furthest, (state.position - limits.position_max)[joint])
+                fastest = max(fastest, (np.abs(state.velocity) / limits.velocity)[joint])
+            assert furthest < 0.012  # what an arm may be carried out of its range, and two cycles
+            assert 0.3 < fastest < 1.5
 
 
 class TestVelocity:

@@ -34,6 +34,7 @@ from hypothesis import strategies as st
 
 from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
 from limo_driver.robot.safety import SafetyContract, check_readable
+from limo_driver.types import JointCommand, PositionCommand
 
 some = settings(max_examples=40)
 each_joint = pytest.mark.parametrize("j", range(3))
@@ -455,6 +456,16 @@ class TestUnreadableCommands:
                 check_readable(command, 3)
         with pytest.raises(ShapeError, match=r"wrench.*\(6,\)"):
             check_readable(wrenched(np.zeros(n)), 3)
+
+    def test_are_those_of_another_type(self):
+        class Faster(PositionCommand):
+            pass
+
+        contract = opened()
+        for other in (Faster(position=POSE), JointCommand(), None):
+            with pytest.raises(ConfigError, match=f"one of Pos.*, not {type(other).__name__}"):
+                contract.admit(other)
+        assert contract.at_rest
 
     @each_kind
     def test_are_those_that_a_backend_cannot_carry_out(self, kind):

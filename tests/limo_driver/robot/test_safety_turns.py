@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from contracts import (
     wrenched,
 )
 
-from limo_driver.errors import JointLimitError
+from limo_driver.errors import HoldingError, JointLimitError
 from limo_driver.robot.safety import SafetyContract, warm_up
 
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -370,3 +371,46 @@ class TestMemory:
 def test_warming_up_needs_no_arm():
     warm_up(SPEC)
     warm_up(replace(SPEC, wrench_limits=None))
+
+
+class TestGivingWay:
+    """It begins only where the arm could stop."""
+
+    @pytest.mark.parametrize("command", [pushed, sprung, wrenched])
+    @pytest.mark.parametrize(
+        ("away", "speed", "why"), [(0.05, 0.95, "could not have stopped"), (2.0, 1.3, "leaves")]
+    )
+    def test_is_refused_to_an_arm_that_has_to_brake(self, command, away, speed, why):
+        place = only(0, LIMITS.position_max[0] - away, POSE)
+        contract = SafetyContract(SPEC)
+        contract.observe(state(position=place, velocity=only(0, speed)))
+        contract.admit(moved(place))
+        contract.hold("asked")
+        contract.resume()
+        with pytest.raises(HoldingError, match=f"joint 1 {why}"):
+            contract.admit(command(place) if command is sprung else command())
+        assert contract.holding
+        contract.resume()
+        contract.admit(moved(place))
+
+    @pytest.mark.parametrize("torque", [-1.0, 0.0, 1.0])
+    @each_way
+    def test_further_out_of_the_range_is_refused(self, torque, sign):
+        end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[0]
+        for away, outside in ((0.009, False), (0.011, True)):
+            place, push = only(0, end + sign * away, POSE), only(0, torque)
+            outward = outside and sign * torque > 0
+            for command in (pushed(push), sprung(place, torque=push)):
+                contract = SafetyContract(SPEC)
+                contract.observe(state(position=place))
+                with pytest.raises(HoldingError, match="outside") if outward else nullcontext():
+                    contract.admit(command)
+
+    def test_of_a_spring_counts_as_its_torque(self):
+        place = only(0, LIMITS.position_max[0] + 0.011, POSE)
+        spring = {"stiffness": only(0, 100.0), "torque": only(0, 1.5)}
+        for further, outward in ((-0.016, False), (-0.014, True)):
+            contract = SafetyContract(SPEC)
+            contract.observe(state(position=place))
+            with pytest.raises(HoldingError, match="outside") if outward else nullcontext():
+                contract.admit(sprung(place + only(0, further), **spring))
