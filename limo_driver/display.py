@@ -52,3 +52,9 @@ class Displayed:
 def _text(value: object) -> str:
     """Return a value of the table; four digits behind the point are enough of a torque."""
     return f"{value:.4f}" if isinstance(value, float) else str(value)
+
+
+def shortened(names: Sequence[str], most: int = 8) -> str:
+    """List names, the first few of many."""
+    listed = ", ".join(names[:most]) or "none"
+    return listed + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -113,7 +113,7 @@ class RobotModel(Displayed):
         inertials: Inertias that replace those of the URDF, by link name.
         gravity: In the frame of the base [m/s²]; the file's if not given, -z in a URDF.
         joints: Names or patterns of the joints that move, and `name=position` of joints locked
-            elsewhere than at zero; all that can move if none is given.
+            elsewhere than as near to zero as they can be; all that can move if none is given.
 
     Raises:
         ConfigError: The file is missing, is neither, has no joint that moves or none of these
@@ -181,7 +181,8 @@ class RobotModel(Displayed):
 
         Args:
             source: Built-in name, or path of a URDF or MJCF; `arm.urdf#joint*,finger=0.02` are the
-                joints of it that match, with the finger locked there and all others at zero.
+                joints of it that match, with the finger locked there and all others as near to
+                zero as they can be.
             inertials: Inertias that replace those of the file, by link name.
 
         Raises:
@@ -220,6 +221,18 @@ class RobotModel(Displayed):
             ShapeError: It is not (3,).
         """
         return self._changed(self.inertials, gravity)
+
+    def with_joints(self, joints: Sequence[str]) -> RobotModel:
+        """Return the robot of this file with other joints chosen, and the inertias of the file.
+
+        Args:
+            joints: Names or patterns of the joints that move, and `name=position` of those that
+                are locked there.
+
+        Raises:
+            ConfigError: There is no joint of these names.
+        """
+        return RobotModel(self.urdf, gravity=self.gravity, joints=joints)
 
     def _changed(self, inertials: Mapping[str, Inertial], gravity: Sequence[float]) -> RobotModel:
         return RobotModel(self.urdf, self.name, inertials, gravity, self.chosen)

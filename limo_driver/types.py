@@ -122,9 +122,10 @@ def same_robot(first: str, second: str) -> bool:
     """Say whether two names can be of one robot: built-in names, or paths to a URDF.
 
     A URDF may have moved from one machine to another, and `iiwa14.urdf` may well be of the built-in
-    iiwa14, so only the file name without its ending counts.
+    iiwa14, so only the file name without its ending counts, whichever joints of it are chosen.
     """
-    return PurePath(first).stem == PurePath(second).stem
+    one, other = (PurePath(name.partition("#")[0]).stem for name in (first, second))
+    return one == other
 
 
 @dataclass(frozen=True)

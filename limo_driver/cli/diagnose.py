@@ -150,6 +150,7 @@ def _start(
     from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
+    from limo_driver.workflow.inputs import model_for
     from limo_driver.workflow.learning import described, nominal
     from limo_driver.workflow.reading import read
 
@@ -160,9 +161,10 @@ def _start(
         simulation = Simulation.load(sim)
         return simulation, [read(path, simulation.model, mapping) for path in recordings]
     model = RobotModel.load(str(robot))
+    measured = [read(path, model, mapping) for path in recordings]
+    model = model_for(model, measured)
     for note in model.notes:
         notes.print(f"{robot}: {note}")
-    measured = [read(path, model, mapping) for path in recordings]
     if not any(recording.has_torque for recording in measured):
         return described(model, tolerances[0]), measured
     return nominal(model, (), *tolerances), measured

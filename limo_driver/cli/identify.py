@@ -85,6 +85,7 @@ def command(  # one argument for each option
     from limo_driver.model import RobotModel
     from limo_driver.outputs import page_of, require_file
     from limo_driver.recordings.bandwidth import bandwidth_for
+    from limo_driver.workflow.inputs import model_for
     from limo_driver.workflow.reading import read
 
     notes = terminal(stderr=True, soft_wrap=True)
@@ -94,6 +95,7 @@ def command(  # one argument for each option
     model = RobotModel.load(robot)
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
     measured = [read(path, model, mapping) for path in recordings]
+    model = model_for(model, measured)
     rows = Rows(bandwidth_for(measured, bandwidth), moving_only, weighting)
     if not any(recording.has_torque for recording in measured):
         _identify_drives(model, measured, out, page, as_json=as_json)

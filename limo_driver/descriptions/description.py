@@ -78,6 +78,7 @@ class RobotDescription:
         shifts: From the frame of each body of the file to that of the link here, by name [m].
         servos: Position servos, by the joint that they move.
         plays: Joints that are the play of others, by those.
+        locked: Where joints are locked that could move, by name [rad, m].
         hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
             box; by name of the link and number of the shape on it, `hand_0`.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
@@ -93,6 +94,7 @@ class RobotDescription:
     notes: tuple[str, ...] = ()
     servos: dict[str, StatedServo] = field(default_factory=dict)
     plays: dict[str, str] = field(default_factory=dict)
+    locked: dict[str, float] = field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -126,7 +128,8 @@ def split_reference(reference: str) -> tuple[str, tuple[str, ...]]:
     """Return the path in a reference to a robot, and the joints that it chooses.
 
     `panda.urdf#panda_joint*` are the joints of the panda whose names match; `gripper=0.02` among
-    them locks that joint at that position; all other joints are locked at zero.
+    them locks that joint at that position; all other joints are locked as near to zero as they can
+    be.
     """
     path, mark, joints = reference.partition(_MARK)
     chosen = tuple(part.strip() for part in joints.split(",") if part.strip())

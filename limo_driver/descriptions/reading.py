@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from limo_driver.descriptions.description import JointDynamics, RobotDescription
 from limo_driver.descriptions.geometry import numbers, rotation_of, rpy_of, turned
 from limo_driver.descriptions.xml_text import read_xml
+from limo_driver.display import shortened
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
     Args:
         path: The file.
         joints: Names or patterns of the joints that move, and `name=position` of those that are
-            locked elsewhere than at zero; all that can move if none is given.
+            locked there; all that can move if none is given.
 
     Raises:
         ConfigError: It is neither, names something twice, or has no joint of these names.
@@ -150,30 +151,73 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
     ]
     gripping = frozenset[str]() if patterns else _grippers(found.root, wanted)
     moving = set(wanted) - gripping
-    notes = list(found.notes)
-    for name, joint in movable.items():
-        if name in moving:
-            continue
-        at, why = held.get(name, 0.0), ""
-        mimic = joint.find("mimic")
-        if mimic is not None and name not in held:
-            leader = str(mimic.get("joint"))
-            if leader in moving:
-                raise ConfigError(
-                    f"joint {name} follows {leader}, which moves: lock one of both, as "
-                    f"`#{name}=0` does",
-                    path=found.path,
-                )
-            offset, factor = (
-                _number(mimic, key, found.path, default)
-                for key, default in (("offset", "0"), ("multiplier", "1"))
-            )
-            at, why = offset + factor * held.get(leader, 0.0), f", which follows {leader},"
+    places = _places(movable, moving, held, found.path)
+    told: dict[tuple[float, str], list[str]] = {}
+    for name, at in places.items():
+        leader = _leader(movable[name])
+        why = ""
+        if leader and name not in held:
+            why = f", which follows {leader},"
         elif name in gripping:
             why = ", at the end of which none turns,"
-        notes.append(f"joint {name}{why} is locked at {at:g}; what it carries is lumped")
-        _fix(joint, at)
-    return replace(found, notes=tuple(notes))
+        told.setdefault((at, why), []).append(name)
+        _fix(movable[name], at)
+    notes = [_locked(names, at, why) for (at, why), names in told.items()]
+    return replace(found, notes=(*found.notes, *notes), locked=places)
+
+
+def _places(
+    movable: dict[str, ET.Element], moving: set[str], held: dict[str, float], path: Path
+) -> dict[str, float]:
+    """Return where each joint that does not move is locked [rad, m].
+
+    Where nothing is stated, that is the place nearest to zero that it can reach; of a joint that
+    follows another, what that other makes of it.
+
+    Raises:
+        ConfigError: A joint follows one that moves.
+    """
+    places: dict[str, float] = {}
+    for name, joint in movable.items():
+        if name not in moving:
+            places[name] = held.get(name, _nearest_to_zero(joint, path))
+    for name in [name for name in places if name not in held]:
+        if not (leader := _leader(movable[name])):
+            continue
+        if leader in moving:
+            raise ConfigError(
+                f"joint {name} follows {leader}, which moves: lock one of both, as "
+                f"`#{name}=0` does",
+                path=path,
+            )
+        mimic = cast("ET.Element", movable[name].find("mimic"))
+        offset, factor = (
+            _number(mimic, key, path, default)
+            for key, default in (("offset", "0"), ("multiplier", "1"))
+        )
+        places[name] = offset + factor * places.get(leader, 0.0)
+    return places
+
+
+def _leader(joint: ET.Element) -> str:
+    """Return the joint that this one follows; nothing if it follows none."""
+    mimic = joint.find("mimic")
+    return "" if mimic is None else str(mimic.get("joint"))
+
+
+def _nearest_to_zero(joint: ET.Element, path: Path) -> float:
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return 0.0
+    lower, upper = (_number(limit, name, path) for name in ("lower", "upper"))
+    return min(max(0.0, lower), upper) if lower < upper else 0.0
+
+
+def _locked(names: Sequence[str], at: float, why: str) -> str:
+    if len(names) == 1:
+        return f"joint {names[0]}{why} is locked at {at:g}; what it carries is lumped"
+    why = why.replace("follows", "follow")
+    return f"joints {shortened(names)}{why} are locked at {at:g}; what they carry is lumped"
 
 
 def _held(joints: Sequence[str], known: list[str], path: Path) -> dict[str, float]:

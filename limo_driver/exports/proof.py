@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from limo_driver.descriptions.description import split_reference
 from limo_driver.exports.drake import rotors_of
 from limo_driver.exports.formats import DRAKE, ISAAC_LAB, MJCF, URDF, USD
 from limo_driver.exports.isaac_lab import tables_of
@@ -220,6 +219,4 @@ def errors(
 
 def _locked(simulation: Simulation) -> dict[str, float]:
     """Return the joints that the simulation's robot locks elsewhere than at zero."""
-    _, chosen = split_reference(simulation.model.name)
-    parts = (part.partition("=") for part in chosen)
-    return {name.strip(): float(value) for name, mark, value in parts if mark}
+    return {name: at for name, at in simulation.model.description.locked.items() if at}

@@ -6,8 +6,8 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from limo_driver.display import shortened
 from limo_driver.foreign.names import COMMANDED, DERIVED, MEASURED, PLAIN, TIME, read_name
-from limo_driver.foreign.table import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from limo_driver.display import Displayed
-from limo_driver.foreign.table import shortened
+from limo_driver.display import Displayed, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

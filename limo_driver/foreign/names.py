@@ -57,8 +57,9 @@ _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°")
 # the letter before the number of an axis, as in `tau_A1`, which is no ampere; `mA_1` is
 _AXIS: Final = re.compile(r"(?:(?<![A-Za-z])a|(?<![A-Z])(?<!\bm)(?<!_m)A)(?=[ _.-]?\d)")
+_MOTOR: Final = "m"  # is a metre in brackets, and stands for the motor elsewhere, as in `theta_m`
 _UNITS: Final = {TIME: SECONDS, CURRENT: CURRENTS, **UNITS}
-_SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s"}
+_SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s", "m": "m/s"}
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def _unit_at_end(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
         if not before or len(last) < many:
             continue
         for written in ("/".join(last), "".join(last)):
-            if written in WRITTEN:
+            if written in WRITTEN and written != _MOTOR:
                 return WRITTEN[written], before
     return "", words
 

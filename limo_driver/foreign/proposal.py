@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.families import ColumnFamily, families_of
 from limo_driver.foreign.lerobot import KIND as LEROBOT
@@ -34,7 +35,7 @@ from limo_driver.foreign.names import (
     strange_words,
     words_of,
 )
-from limo_driver.foreign.table import shortened
+from limo_driver.foreign.recorded_joints import recorded_part
 from limo_driver.foreign.times import time_columns
 from limo_driver.foreign.units import UNITS
 
@@ -66,6 +67,8 @@ class Proposal:
 
     mapping: LogMapping
     taken: tuple[Taken, ...]
+    model: RobotModel  # with the joints that the log is of
+    told: str = ""  # where the other joints are locked
 
 
 @dataclass
@@ -117,7 +120,8 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
 
     Args:
         table: What the log holds.
-        model: The robot, whose joints are looked for by name, else by number.
+        model: The robot, whose joints are looked for by name, else by number. Of a log that names
+            some of them, the others are locked.
 
     Raises:
         RecordingError: It has no positions of the robot's joints, or goes on in another unit.
@@ -125,7 +129,10 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     if not table.rows:
         raise RecordingError("holds no rows", path=table.source or None)
     table = table.first(_LOOKED_AT)
+    part = recorded_part(table, model)
+    model = part.model
     draft = _Draft(table, model, families_of(table.columns, model.joint_names))
+    draft.questions += part.questions
     time = time_columns(table)
     draft.questions += time.questions
     draft.taken.append(Taken("time", ", ".join(time.columns.columns), time.unit, time.why))
@@ -152,7 +159,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
         left_out=tuple(name for name in table.columns if name not in kept),
         undecided=tuple(draft.questions),
     )
-    return Proposal(mapping, tuple(draft.taken))
+    return Proposal(mapping, tuple(draft.taken), model, part.told)
 
 
 def _complete(draft: _Draft, quantity: str) -> list[ColumnFamily]:
@@ -207,13 +214,14 @@ def _position_family(draft: _Draft) -> ColumnFamily:
     lacking = [f for f in draft.families if f.quantity == POSITION and f.missing]
     named = [f for f in lacking if len(f.names) > len(f.missing)] or lacking
     what = (
-        f"{named[0]} lacks {', '.join(named[0].missing)}"
+        f"{named[0]} lacks {shortened(named[0].missing)}"
         if named
         else f"its columns are {shortened(list(draft.table.columns))}"
     )
     raise RecordingError(
         f"has no positions of the {draft.model.n} joints of {draft.model.name}: {what}; "
-        f"its joints are {', '.join(draft.model.joint_names)}",
+        f"its joints are {shortened(draft.model.joint_names)}; those named after a # of it are "
+        "chosen, and the others locked",
         path=draft.table.source or None,
     )
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -102,9 +103,3 @@ def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") 
         else:
             columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
     return LogTable(columns, source, kind, unread)
-
-
-def shortened(names: list[str], most: int = 8) -> str:
-    """List names, the first few of many."""
-    listed = ", ".join(names[:most]) or "none"
-    return listed + (f" and {len(names) - most} more" if len(names) > most else "")

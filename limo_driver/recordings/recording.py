@@ -560,7 +560,9 @@ class Recording(Displayed):
             )
         if self.n != model.n:
             raise RecordingError(
-                f"has {self.n} joints, but {model.name} has {model.n}", path=self.source or None
+                f"has {self.n} joints{f' of {self.robot}' if self.robot else ''}, but {model.name} "
+                f"has {model.n}",
+                path=self.source or None,
             )
         beyond = np.maximum(
             model.limits.position_min - self.position.min(axis=0),

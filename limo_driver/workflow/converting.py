@@ -12,6 +12,7 @@ from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.foreign.bag import read_bags, topic_with
 from limo_driver.foreign.blocks import check_units, long_log
 from limo_driver.foreign.proposal import propose
+from limo_driver.foreign.recorded_joints import mapped_part
 from limo_driver.logs.joint_state_log import joint_state_blocks
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.data_gate import LeftOut, inspect
@@ -66,10 +67,10 @@ def convert_log(
     """
     blocks = long_log(log)
     if blocks is None:
-        columns, used = columns_of(log, model, mapping, topic, episode)
+        columns, used, model = columns_of(log, model, mapping, topic, episode)
         pieces = iter([columns])
     else:
-        used, pieces = _mapped(blocks, model, mapping_of(mapping), log)
+        used, pieces, model = _mapped(blocks, model, mapping_of(mapping), log)
     about = {
         "joints": used.joints,
         "provenance": {"logs": [log.name], "limo": version("limo")},
@@ -122,6 +123,7 @@ def convert_bags(
         return _streamed(bags, out, model, model.joint_names, exact, progress)
     table = read_bags(bags, topic, model.joint_names)
     proposal = propose(table, model)
+    model = proposal.model
     columns = proposal.mapping.columns(table, model)
     names = [name.partition(".")[2] for name in proposal.mapping.position.columns]
     own = table.kind.rpartition(" ")[2]
@@ -192,8 +194,8 @@ def _streamed(
 
 def _mapped(
     blocks: Iterator[LogTable], model: RobotModel | None, mapping: LogMapping | None, log: Path
-) -> tuple[LogMapping, Iterator[Columns]]:
-    """Return the mapping of a long log, and its rows in SI units, block by block."""
+) -> tuple[LogMapping, Iterator[Columns], RobotModel | None]:
+    """Return the mapping of a long log, its rows in SI units, block by block, and its robot."""
     first = next(blocks, None)
     if first is None:
         raise RecordingError("holds no rows", path=log)
@@ -206,18 +208,20 @@ def _mapped(
                 path=log,
             )
         proposal = propose(first, model)
-        mapping, told = proposal.mapping, (said(proposal),)
-    used, origin = mapping, mapping.time.origin(first)
+        mapping, told, model = proposal.mapping, (said(proposal),), proposal.model
+    elif model is not None:
+        model = mapped_part(mapping, model)
+    used, part, origin = mapping, model, mapping.time.origin(first)
 
     def pieces() -> Iterator[Columns]:
         before: LogTable | None = None
         for table in chain([first], blocks):
             check_units(table, before, used)
-            columns = used.columns(table, model, origin)
+            columns = used.columns(table, part, origin)
             yield replace(columns, warnings=(*told, *columns.warnings))
             before = table
 
-    return used, pieces()
+    return used, pieces(), part
 
 
 class _Judged:

@@ -10,13 +10,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from limo_driver.descriptions.description import split_reference
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
+from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from estimators.residual_model import ResidualModel
 
@@ -34,6 +36,20 @@ def model_of(robot: RobotModel | Path | str) -> RobotModel:
     return expected(
         "robot", robot, RobotModel, "a RobotModel, a built-in name or the path of a URDF"
     )
+
+
+def model_for(robot: RobotModel | Path | str, recordings: Sequence[Recording]) -> RobotModel:
+    """Return a robot with the joints that recordings are of, where these are some of all.
+
+    Raises:
+        ConfigError: There is no such robot, or it is none.
+    """
+    model = model_of(robot)
+    of_part = (recording for recording in recordings if recording.n != model.n)
+    if (first := next(of_part, None)) is None or any("=" not in part for part in model.chosen):
+        return model
+    _, chosen = split_reference(first.robot)
+    return model.with_joints(chosen) if chosen and same_robot(first.robot, model.name) else model
 
 
 def simulation_of(simulation: Simulation | Path | str) -> Simulation:

@@ -52,6 +52,7 @@ def inspect(
     model = model_of(robot)
     table = table_of_log(log, model, topic=topic, episode=episode)
     proposal = propose(table, model)
+    model = proposal.model
     if topic is not None:
         proposal = replace(proposal, mapping=replace(proposal.mapping, topic=topic))
     recording, refused = None, ""
@@ -62,11 +63,12 @@ def inspect(
     except LimoError as error:
         refused = str(error).removeprefix(f"{table.source}: ")
     told: tuple[str, ...] = ()
+    said = (proposal.told,) if proposal.told else ()
     if recording is not None:
         told, refused = _judged(recording, model)
         if refused:
             proposal = _asking(proposal, refused)
-    return Inspection(table, proposal, recording, refused, told, model.notes)
+    return Inspection(table, proposal, recording, refused, told, (*said, *model.notes))
 
 
 def _asking(proposal: Proposal, refused: str) -> Proposal:

@@ -13,7 +13,7 @@ from limo_driver.physics.drives import described_drives
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.workflow.inputs import (
     expected,
-    model_of,
+    model_for,
     recording_of,
     recordings_of,
     simulation_of,
@@ -76,7 +76,8 @@ def identify(
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body import identify as found
 
-    model, measured = model_of(robot), recordings_of(recordings)
+    measured = recordings_of(recordings)
+    model = model_for(robot, measured)
     terms = expected("terms", terms or JointTerms(), JointTerms)
     rows = expected("rows", rows or Rows(bandwidth_for(measured)), Rows)
     check_recordings(measured, model)
@@ -115,7 +116,8 @@ def nominal(
     Example:
         >>> found = limo.diagnose(limo.nominal("iiwa14"), "run.parquet")
     """
-    model, measured = model_of(robot), recordings_of(recordings)
+    measured = recordings_of(recordings)
+    model = model_for(robot, measured)
     if not measured:
         known = Tolerances(inertia=inertia_tolerance, gain=gain_tolerance)
         return Simulation(model.name, tolerances=known)
@@ -147,8 +149,8 @@ def identify_drives(
     from estimators.drives.checks import check_commands
     from estimators.recordings import check_different
 
-    known = robot if isinstance(robot, Simulation) else described(model_of(robot))
     measured = recordings_of(recordings)
+    known = robot if isinstance(robot, Simulation) else described(model_for(robot, measured))
     for recording in measured:
         recording.check_robot(known.model)
     check_different(measured)

@@ -6,13 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from limo_driver.display import shortened
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.foreign.mapping import LogMapping
 from limo_driver.foreign.proposal import propose
 from limo_driver.foreign.reading import ARRAYS, BAGS, PARQUET, TEXTS, read_table
+from limo_driver.foreign.recorded_joints import mapped_part
 from limo_driver.foreign.table import LogTable, table_of
 from limo_driver.recordings.recording import Recording
-from limo_driver.workflow.inputs import expected, model_of, unexpected
+from limo_driver.workflow.inputs import expected, model_for, model_of, unexpected
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,7 +49,8 @@ def read(
         episode: Of a LeRobotDataset; all of them, with gaps between, if not given.
 
     Returns:
-        The recording; its `warnings` say how the log was read.
+        The recording; its `warnings` say how the log was read. Of a log that names some joints of a
+        robot, it is of those, and its `robot` says which and where the others are locked.
 
     Raises:
         ConfigError: A question is open, or the mapping is of other joints.
@@ -62,14 +65,14 @@ def read(
     if mapping is None and model_is_enough(log):
         recording = Recording.load(Path(str(log)))
     else:
-        columns, _ = columns_of(log, model, mapping, topic, episode)
+        columns, _, _ = columns_of(log, model, mapping, topic, episode)
         source = str(log) if isinstance(log, (str, Path)) else ""
         try:
             recording = Recording.from_columns(columns, source)
         except RecordingError as error:
             raise RecordingError(str(error), path=source or None, rows=error.rows) from None
     if model is not None:
-        recording.check_robot(model)
+        recording.check_robot(model_for(model, (recording,)))
     return recording
 
 
@@ -151,8 +154,10 @@ def columns_of(
     mapping: LogMapping | Path | str | None = None,
     topic: str | None = None,
     episode: int | None = None,
-) -> tuple[Columns, LogMapping]:
-    """Return the columns of a log in SI units, unjudged, and the mapping that was used.
+) -> tuple[Columns, LogMapping, RobotModel | None]:
+    """Return the columns of a log in SI units, unjudged, the mapping used, and the robot.
+
+    The robot has the joints that the log is of.
 
     Raises:
         ConfigError: There is neither robot nor mapping, or a question is open.
@@ -161,7 +166,8 @@ def columns_of(
     used = mapping_of(mapping)
     table = table_of_log(log, model, used, topic, episode)
     if used is not None:
-        return used.columns(table, model), used
+        part = None if model is None else mapped_part(used, model)
+        return used.columns(table, part), used, part
     if model is None:
         raise ConfigError(
             "its columns are not limo's own, so `robot` or `mapping` has to say what they are; "
@@ -169,14 +175,15 @@ def columns_of(
             path=table.source or None,
         )
     proposal = propose(table, model)
-    columns = proposal.mapping.columns(table, model)
+    columns = proposal.mapping.columns(table, proposal.model)
     told = (said(proposal), *columns.warnings)
-    return replace(columns, warnings=told), proposal.mapping
+    return replace(columns, warnings=told), proposal.mapping, proposal.model
 
 
 def said(proposal: Proposal) -> str:
     """Say in one line what was taken for what."""
     parts = [f"{t.quantity} {t.columns} [{t.unit}]" for t in proposal.taken if t.unit]
     left = proposal.mapping.left_out
-    more = f"; left out: {', '.join(left)}" if left else ""
-    return f"read as {', '.join(parts)}{more}"
+    more = f"; left out: {shortened(left, 24)}" if left else ""
+    locked = f"; {proposal.told}" if proposal.told else ""
+    return f"read as {', '.join(parts)}{more}{locked}"

@@ -163,10 +163,10 @@ def test_joints_beside_those_of_the_robot_are_named(two_links_urdf, log, convert
     assert (status, "left out: finger" in notes) == (0, True)
 
 
-def test_joints_that_a_bag_lacks_are_listed(two_links_urdf, log, convert):
+def test_where_a_joint_is_that_a_bag_lacks_is_asked(two_links_urdf, log, convert):
     path = log(JointStateCodec(["a"]).encode(START + k, *np.ones((3, 1))) for k in range(200))
     status, _, notes = convert(path, "--robot", two_links_urdf)
-    assert (status, "lacks b" in notes) == (2, True)
+    assert (status, "joint b changes what gravity asks" in notes) == (2, True)
 
 
 @pytest.mark.parametrize("option", ["--robot", "--topic", "--mapping"])

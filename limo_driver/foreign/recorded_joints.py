@@ -1,0 +1,188 @@
+"""The joints of a robot that a log is of, where it names some of them and not all.
+
+A log of an arm seldom holds the wheels, head and fingers of the robot that carries it. The joints
+that it names are taken, all others locked: where the log says that they are, else as near to zero
+as they can be. Where that changes what gravity asks of the recorded ones, it is asked where they
+were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.descriptions.description import split_reference
+from limo_driver.display import shortened
+from limo_driver.foreign.families import families_of
+from limo_driver.foreign.names import (
+    CURRENT,
+    MEASURED,
+    PLAIN,
+    POSITION,
+    TORQUE,
+    words_of,
+)
+from limo_driver.foreign.units import UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from limo_driver.foreign.families import ColumnFamily
+    from limo_driver.foreign.mapping import LogMapping
+    from limo_driver.foreign.table import LogTable
+    from limo_driver.model import RobotModel
+
+_MOVES: Final = 0.02  # [rad, m], by which a joint that rests does not move
+_MATTERS: Final = 0.05  # of the largest gravity torque, that another place of a joint changes
+_POSES: Final = 20
+
+
+@dataclass(frozen=True)
+class RecordedPart:
+    """A robot with the joints that a log is of."""
+
+    model: RobotModel
+    told: str = ""  # which joints are taken, and where others are locked; empty where all are taken
+    questions: tuple[str, ...] = ()
+
+
+def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
+    """Return a robot with the joints that a log names, if it names some of them alone.
+
+    A choice that was made stays, and so does a robot of which the log names all joints, none, or
+    only the first ones of a series: what is missing there may well be moving.
+
+    Args:
+        table: What the log holds.
+        model: The robot.
+    """
+    if any("=" not in part for part in model.chosen):
+        return RecordedPart(model)
+    positions = _named(table, model, (POSITION,))
+    torques = _named(table, model, (TORQUE, CURRENT))
+    known = positions.keys() & torques.keys() if torques else positions.keys()
+    taken = [name for name in model.joint_names if name in known]
+    missing = [name for name in model.joint_names if name not in taken]
+    if not taken or not missing or _is_cut(taken, missing):
+        return RecordedPart(model)
+    places, questions = dict[str, float](), list[str]()
+    weighing = _weighing(model, taken, missing)
+    for name in missing:
+        at, question = _place(name, positions.get(name), table, weighs=name in weighing)
+        if at is not None:
+            places[name] = at
+        if question:
+            questions.append(question)
+    stated = [part for part in model.chosen if "=" in part]
+    part = model.with_joints((*taken, *stated, *(f"{k}={v:.6g}" for k, v in places.items())))
+    told = (
+        f"of the {model.n} joints of {model.urdf.name} those that the log names are taken: "
+        f"{shortened(taken)}; locked: {_where(part, missing)}"
+    )
+    return RecordedPart(part, told, tuple(questions))
+
+
+def mapped_part(mapping: LogMapping, model: RobotModel) -> RobotModel:
+    """Return a robot with the joints that a mapping is of, locked where its `robot` says.
+
+    Args:
+        mapping: Of some joints of the robot, or of all.
+        model: The robot.
+    """
+    others = set(model.joint_names) - set(mapping.joints)
+    if not others or not set(mapping.joints) <= set(model.joint_names):
+        return model
+    _, chosen = split_reference(mapping.robot)
+    locked = [part for part in (*model.chosen, *chosen) if "=" in part]
+    return model.with_joints((*mapping.joints, *dict.fromkeys(locked)))
+
+
+def _named(
+    table: LogTable, model: RobotModel, quantities: Sequence[str]
+) -> dict[str, tuple[str, str]]:
+    """Return the column and stated unit of a quantity by joint, of the family that names most."""
+    known = (name for name, values in table.columns.items() if _has_numbers(values))
+    found = [
+        family
+        for family in families_of(known, model.joint_names)
+        if family.quantity in quantities
+        and family.rank in (MEASURED, PLAIN)
+        and _names_joints(family)
+    ]
+    if not found:
+        return {}
+    best = min(found, key=lambda family: (-len(family.names), family.rank))
+    return {str(name.joint): (name.column, name.unit) for name in best.names}
+
+
+def _names_joints(family: ColumnFamily) -> bool:
+    return all(isinstance(name.joint, str) for name in family.names)
+
+
+def _has_numbers(values: np.ndarray) -> bool:
+    return values.dtype.kind != "f" or bool(np.isfinite(values).any())
+
+
+def _is_cut(taken: Iterable[str], missing: Iterable[str]) -> bool:
+    """Say whether names that differ in their numbers alone are on both sides."""
+
+    def series(name: str) -> tuple[str, ...]:
+        return tuple(word for word in words_of(name) if not word.isdigit())
+
+    return not {series(name) for name in taken}.isdisjoint(map(series, missing))
+
+
+def _weighing(model: RobotModel, taken: list[str], missing: list[str]) -> set[str]:
+    """Return the missing joints whose place changes what gravity asks of the recorded ones."""
+    random, limits = np.random.default_rng(0), model.limits
+    low = np.maximum(limits.position_min, -np.pi)
+    high = np.minimum(limits.position_max, np.pi)
+    own = [model.joint_names.index(name) for name in taken]
+    poses = np.clip(np.zeros((_POSES, model.n)), low, high)
+    poses[:, own] = random.uniform(low[own], high[own], (_POSES, len(own)))
+    before = model.gravity_torque(poses)[:, own]
+    largest = np.abs(before).max(axis=0)
+    slides = np.array(model.sliding)[own]
+    least = np.where(slides, *(_MATTERS * largest[x].max(initial=0.0) for x in (slides, ~slides)))
+    found: set[str] = set()
+    for name in missing:
+        j = model.joint_names.index(name)
+        for end in (low[j], high[j]):
+            elsewhere = poses.copy()
+            elsewhere[:, j] = end
+            change = np.abs(model.gravity_torque(elsewhere)[:, own] - before).max(axis=0)
+            if (change > least).any():
+                found.add(name)
+    return found
+
+
+def _place(
+    name: str, column: tuple[str, str] | None, table: LogTable, *, weighs: bool
+) -> tuple[float | None, str]:
+    """Return where a joint is locked, None for as near to zero as it can be, and what is open."""
+    unit = "" if column is None else column[1] or ("rad" if table.is_si else "")
+    if column is None or not unit:
+        if not weighs:
+            return None, ""
+        return None, (
+            f"robot: the place of joint {name} changes what gravity asks of the recorded ones, and "
+            f"the log does not say it: where was it? `{name}=...` [rad, m] after the # of the robot"
+        )
+    values = table.column(column[0]) * UNITS[POSITION][unit]
+    at, moved = float(np.nanmedian(values)), float(np.nanmax(values) - np.nanmin(values))
+    if moved > _MOVES and weighs:
+        return at, (
+            f"robot: the place of joint {name} changes what gravity asks of the recorded ones; it "
+            f"moves by {moved:.3g} and has no torque: is it to be taken for locked at {at:.3g}?"
+        )
+    return at, ""
+
+
+def _where(model: RobotModel, names: Sequence[str]) -> str:
+    """List where joints are locked."""
+    by_place: dict[float, list[str]] = {}
+    for name in names:
+        by_place.setdefault(model.description.locked[name], []).append(name)
+    return "; ".join(f"{shortened(own)} at {at:.4g}" for at, own in by_place.items())

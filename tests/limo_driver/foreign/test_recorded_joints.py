@@ -1,0 +1,145 @@
+"""Logs that name some joints of a robot: those are taken, the others locked, and that is said."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import limo_driver as limo
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.foreign.mapping import LogMapping
+
+# name, parent and child, axis, range; the column yaws, the back tilts what stands on it
+JOINTS = (
+    ("column", "base", "trunk", "0 0 1", "-2 2"),
+    ("back", "trunk", "chest", "0 1 0", "0.2 1"),
+    ("shoulder", "chest", "upper", "0 1 0", "-2 2"),
+    ("elbow", "upper", "lower", "0 1 0", "-2 2"),
+    ("claw", "lower", "tip", "1 0 0", "-1 1"),
+    ("neck", "chest", "head", "0 1 0", "-1 1"),
+)
+LINK = (
+    '<link name="{}"><inertial><origin xyz="0 0 .2"/><mass value="{}"/><inertia ixx=".03" ixy="0" '
+    'ixz="0" iyy=".03" iyz="0" izz=".01"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="0 0 .4"/>'
+    '<axis xyz="{}"/><limit lower="{}" upper="{}" effort="100" velocity="3"/></joint>'
+)
+ARM = ("shoulder", "elbow")
+
+
+@pytest.fixture
+def robot(tmp_path):
+    names = ("base", *(child for _, _, child, _, _ in JOINTS))
+    links = [LINK.format(name, 0.2 if name in {"tip", "head"} else 2) for name in names]
+    joints = [JOINT.format(*own, *limits.split()) for *own, limits in JOINTS]
+    path = tmp_path / "robot.urdf"
+    path.write_text(f'<robot name="r">{"".join(links + joints)}</robot>', encoding="utf-8")
+    return str(path)
+
+
+def log_of(robot, recorded=ARM, places=None):
+    """12 s of motion of some joints, the others at their places; the names say the unit."""
+    model = limo.RobotModel.load(robot)
+    time = np.arange(0, 12, 0.01)
+    rate = 2 * np.pi * (0.11 + 0.07 * np.arange(model.n))
+    phase = np.outer(time, rate) + np.arange(model.n)
+    low, high = model.limits.position_min, model.limits.position_max
+    reach = np.minimum(0.8, 0.4 * (high - low))
+    q = (low + high) / 2 + reach * np.sin(phase)
+    v, a = reach * rate * np.cos(phase), -reach * rate**2 * np.sin(phase)
+    for j, name in enumerate(model.joint_names):
+        if name not in recorded:
+            q[:, j], v[:, j], a[:, j] = (places or {}).get(name, 0.2 if name == "back" else 0), 0, 0
+    torque = model.inverse_dynamics(q, v, a) + 0.5 * np.tanh(v / 0.005)
+    torque += np.random.default_rng(0).normal(0, 0.02, q.shape)
+    columns = {"t": time}
+    for j, name in enumerate(model.joint_names):
+        if name in recorded:
+            columns |= {f"{name}_pos_rad": q[:, j], f"{name}_effort_nm": torque[:, j]}
+    return columns, *(dict(zip(model.joint_names, x.T, strict=True)) for x in (q, torque))
+
+
+def of(values, *names):
+    return np.column_stack([values[name] for name in names])
+
+
+def test_joints_that_the_log_names_are_taken_and_the_others_locked(robot):
+    log, q, _ = log_of(robot, ("back", *ARM))
+    recording = limo.read(log, robot)
+    assert recording.robot.endswith("robot.urdf#back,shoulder,elbow")
+    np.testing.assert_allclose(recording.position, of(q, "back", *ARM))
+    said = "of the 6 joints of robot.urdf those that the log names are taken: back, shoulder, elbow"
+    assert f"{said}; locked: column, neck, claw at 0" in recording.warnings[0]
+    assert any(said in note for note in limo.inspect(log, robot).notes())
+    found = limo.identify(robot, recording).simulation
+    dry = [e.tau_c for e in found.effects if e.name == "coulomb_friction"]
+    np.testing.assert_allclose(dry, 0.5, atol=0.05)
+    assert found.model.joint_names == ("back", "shoulder", "elbow")
+
+
+def test_a_file_keeps_which_joints_it_is_of(robot, tmp_path):
+    log, _, torque = log_of(robot, ("back", *ARM))
+    limo.read(log, robot).save(tmp_path / "run.parquet")
+    recording = limo.read(tmp_path / "run.parquet", robot)
+    np.testing.assert_allclose(recording.torque, of(torque, "back", *ARM))
+    assert limo.nominal(robot, recording).model.n == 3
+
+
+def test_where_a_joint_stood_that_tilts_the_others_is_asked(robot, tmp_path):
+    log, _, torque = log_of(robot, places={"back": 0.7})
+    with pytest.raises(ConfigError, match=r"place of joint back changes .* say it: where was"):
+        limo.read(log, robot)
+    recording = limo.read(log, f"{robot}#back=0.7")
+    np.testing.assert_allclose(recording.torque, of(torque, *ARM))
+    found = limo.inspect(log, robot)
+    assert not any("column" in question for question in found.questions)  # which only yaws
+    found.mapping.save(tmp_path / "mapping.yaml")
+    text = (tmp_path / "mapping.yaml").read_text()
+    answered = re.sub("undecided:.*", "undecided: []", text, flags=re.DOTALL)
+    answered = answered.replace("#shoulder,elbow", "#shoulder,elbow,back=0.7")
+    (tmp_path / "mapping.yaml").write_text(answered)
+    assert limo.read(log, robot, LogMapping.load(tmp_path / "mapping.yaml")).robot.endswith(
+        "#shoulder,elbow,back=0.7"
+    )
+
+
+def test_where_a_joint_stood_that_hangs_on_the_others_is_asked_if_it_is_heavy(robot):
+    log, _, _ = log_of(robot, ("back", "shoulder"))
+    found = limo.inspect(log, robot)
+    assert re.findall("place of joint ([a-z]+)", " ".join(found.questions)) == ["elbow"]
+
+
+def test_a_joint_without_torque_is_locked_where_the_log_has_it(robot):
+    log, q, _ = log_of(robot, places={"back": 0.7, "neck": -0.3})
+    log |= {"back_pos_rad": q["back"], "neck_pos_rad": q["neck"]}
+    recording = limo.read(log, robot)
+    assert recording.robot.endswith("#shoulder,elbow,back=0.7,neck=-0.3")
+    assert "locked: column, claw at 0; back at 0.7; neck at -0.3" in recording.warnings[0]
+    log["back_pos_rad"] = 0.7 + 0.1 * np.sin(log["t"])
+    with pytest.raises(
+        ConfigError, match=r"joint back changes .* by 0\.2 and .* taken for locked at"
+    ):
+        limo.read(log, robot)
+
+
+def test_a_log_that_ends_within_a_series_of_joints_is_refused(tmp_path, robot):
+    text = Path(robot).read_text(encoding="utf-8")
+    for k, name in enumerate(("shoulder", "elbow", "claw")):
+        text = text.replace(f'joint name="{name}"', f'joint name="arm_{k + 1}"')
+    path = tmp_path / "series.urdf"
+    path.write_text(text, encoding="utf-8")
+    log, _, _ = log_of(str(path), ("back", "arm_1", "arm_2"))
+    with pytest.raises(
+        RecordingError, match=r"lacks column, arm_3, neck; .* named after a # of it"
+    ):
+        limo.read(log, str(path))
+    assert limo.read(log, f"{path}#back,arm_1,arm_2").n == 3
+
+
+def test_a_joint_is_locked_as_near_to_zero_as_it_can_be(robot):
+    model = limo.RobotModel.load(f"{robot}#shoulder,elbow")
+    assert model.description.locked == {"column": 0, "back": 0.2, "claw": 0, "neck": 0}
+    assert "joint back is locked at 0.2; what it carries is lumped" in model.notes
