@@ -39,7 +39,7 @@ class Interruptible(Closing):
 
 _open: Final[weakref.WeakSet[Interruptible]] = weakref.WeakSet()
 _taken: Final[dict[int, Any]] = {}  # signals that would have ended the process, and by what
-_CYCLE: Final = frozenset({"receive", "send"})  # of a robot
+_WHOLE: Final = frozenset({"receive", "send", "close", "__exit__"})  # of a robot, done to the end
 
 
 def guard(robot: Interruptible) -> None:
@@ -77,9 +77,9 @@ def deferred() -> Generator[None]:
     came: list[int] = []
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
     taken = {number: handler for number, handler in handlers.items() if callable(handler)}
-    for number in taken:
-        signal.signal(number, lambda number, _: came.append(number))
     try:
+        for number in taken:
+            signal.signal(number, lambda number, _: came.append(number))
         yield
     finally:
         for number, handler in taken.items():
@@ -97,11 +97,11 @@ def leave(number: int) -> NoReturn:
 
 def _heed(number: int, frame: FrameType | None) -> None:
     while frame is not None:
-        if frame.f_code.co_name in _CYCLE:
+        if frame.f_code.co_name in _WHOLE:
             here = frame.f_locals.get("self")
             for robot in _open:
                 if robot is here:
-                    robot.interrupted = number  # which ends the cycle before
+                    robot.interrupted = number  # which ends the cycle before, or closes
                     return
         frame = frame.f_back
     leave(number)

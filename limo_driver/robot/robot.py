@@ -258,21 +258,25 @@ class Robot(exits.Interruptible):
 
     def close(self) -> None:
         """Brake to rest within the limits, and end the session; a second call does nothing."""
+        try:
+            with exits.deferred():
+                self._end()
+        finally:  # else an interrupt came before, and a later call closes it
+            if not self._open:
+                exits.release(self)
+            if self.interrupted:
+                self._heed_signal()
+
+    def _end(self) -> None:
         if not self._open:
             return
         self._open = False
         self._contract.hold("the robot is closed")
         try:
-            with exits.deferred():
-                try:
-                    with suppress(
-                        BackendError
-                    ):  # nobody is reached: the drives' watchdogs stop them
-                        self._brake()
-                finally:
-                    self._close()
+            with suppress(BackendError):  # nobody is reached: the drives' watchdogs stop them
+                self._brake()
         finally:
-            exits.release(self)
+            self._close()
 
     def _heed_signal(self) -> None:
         number, self.interrupted = self.interrupted, 0

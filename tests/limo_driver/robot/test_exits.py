@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from robot_commands import START, smooth_move
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.recorder import Recorder
 from limo_driver.robot import exits
+from limo_driver.robot import robot as robot_module
 from limo_driver.robot.playback import Playback
 from limo_driver.robot.registry import open_robot
 from limo_driver.trajectory import Trajectory
@@ -148,6 +150,36 @@ class TestSignals:
                 robot.receive()
             monkeypatch.undo()
             assert np.array_equal(robot.setpoint, sent)
+
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_at_any_line_of_closing_leave_the_arm_at_rest(self, number):
+        files, line, left = {exits.__file__, robot_module.__file__}, 0, False
+        while line == 0 or left:
+            line, passed, left = line + 1, itertools.count(1), False
+
+            def at_lines(frame, event, _, passed=passed, line=line):
+                nonlocal left
+                if frame.f_code.co_filename not in files:
+                    return None
+                if event == "line" and not left and next(passed) == line:
+                    left = True
+                    signal.raise_signal(number)
+                return at_lines
+
+            robot = open_robot("virtual", robot="iiwa14")
+            try:
+                with robot:
+                    start = robot.receive().position
+                    for k in range(4):
+                        robot.send(PositionCommand(position=start + 2e-6 * k * k))
+                        robot.receive()
+                    sys.settrace(at_lines)
+            except (KeyboardInterrupt, SystemExit):
+                assert left
+            finally:
+                sys.settrace(None)
+            assert robot.standing
+        assert line > 30
 
     def test_act_as_before_once_the_robot_is_closed(self):
         before = [signal.getsignal(number) for number in exits.ENDING]
