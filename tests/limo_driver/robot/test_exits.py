@@ -156,17 +156,17 @@ class TestSignals:
         files, line, left = {exits.__file__, robot_module.__file__}, 0, False
         while line == 0 or left:
             line, passed, left = line + 1, itertools.count(1), False
+            robot = open_robot("virtual", robot="iiwa14")
 
-            def at_lines(frame, event, _, passed=passed, line=line):
+            def at_lines(frame, event, _, robot=robot, passed=passed, line=line):
                 nonlocal left
-                if frame.f_code.co_filename not in files:
+                if frame.f_code.co_filename not in files or robot.standing:
                     return None
                 if event == "line" and not left and next(passed) == line:
                     left = True
                     signal.raise_signal(number)
                 return at_lines
 
-            robot = open_robot("virtual", robot="iiwa14")
             try:
                 with robot:
                     start = robot.receive().position
