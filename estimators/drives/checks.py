@@ -25,6 +25,8 @@ _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
+_FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
+_SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions themselves
 
 
 def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -41,10 +43,14 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
         RecordingError: Names what the commands seem to be.
     """
     for recording in recordings:
-        mistake = _unit_mistake(recording) or _mistake(recording)
+        mistake = _unit_mistake(recording) or _no_commands(recording) or _mistake(recording)
         if mistake:
             raise RecordingError(mistake, path=recording.source or None)
-    return tuple(text for recording in recordings for text in _odd(recording))
+    return tuple(
+        text
+        for number, recording in enumerate(recordings, start=1)
+        for text in _odd(recording, recording.source or f"recording {number}")
+    )
 
 
 def _unit_mistake(recording: Recording) -> str:
@@ -58,6 +64,28 @@ def _unit_mistake(recording: Recording) -> str:
         f"position_{j + 1} and command_{j + 1} span {does[j]:.3g} and {told[j]:.3g}; expected "
         "rad; are both in degrees, or normalised, as -100 to 100?"
     )
+
+
+def _no_commands(recording: Recording) -> str:
+    """Say why columns of commands cannot be set-points that a servo followed."""
+    command, position = commands_of(recording), recording.position
+    moves = np.ptp(position, axis=0) > _MOVES
+    if not moves.any():
+        return ""
+    if not np.ptp(command, axis=0).any():
+        return (
+            "no command changes while the joints move; expected the set-point in force at each "
+            "row; was the arm led by hand, or its torque disabled?"
+        )
+    apart = np.abs(command - position)[:, moves].mean(axis=0)
+    same = np.flatnonzero(moves)[apart < _SAME]
+    if same.size:
+        j = int(same[0]) + 1
+        return (
+            f"command_{j} is position_{j} itself; expected the set-point in force at each row; "
+            "were positions recorded twice?"
+        )
+    return ""
 
 
 def _mistake(recording: Recording) -> str:
@@ -118,33 +146,60 @@ def _shift(recording: Recording, j: int) -> float:
     return (best - reach) / recording.rate if scores[best] > _UNLIKE else 0.0  # else none shows
 
 
-def _odd(recording: Recording) -> Iterator[str]:
+def _odd(recording: Recording, name: str) -> Iterator[str]:
     """Yield what a joint did that no servo in order does."""
-    command, position, time = commands_of(recording), recording.position, recording.time
-    span, lasting = _STALLED
-    rows = max(2, round(lasting * recording.rate))
     for text in recording.warnings:
         if _GAP.match(text):
-            yield f"rows are missing: {text} ({recording.source or 'recording'})"
+            yield f"rows are missing: {text} ({name})"
     for j in range(recording.n):
-        for start in range(0, time.size - rows, rows):
-            part = slice(start, start + rows)
-            asked, did = command[part, j], position[part, j]
-            error, moved = np.abs(asked - did), float(np.ptp(did))
-            where = f"{recording.source or 'recording'}, {time[start]:.1f} s"
-            if moved < 0.002 and float(error.min()) > span:  # noqa: PLR2004  # [rad], at rest
+        yield from _not_following(recording, j, name)
+
+
+def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
+    """Yield the first stretch in which a joint does not follow its command, if there is one."""
+    command, position, time = commands_of(recording)[:, j], recording.position[:, j], recording.time
+    span, lasting = _STALLED
+    rows = max(2, round(lasting * recording.rate))
+    for start in range(0, time.size - rows, rows):
+        part = slice(start, start + rows)
+        asked, did = command[part], position[part]
+        error, moved = np.abs(asked - did), float(np.ptp(did))
+        where = f"{name}, {time[start]:.1f} s"
+        if moved < 0.002 and float(error.min()) > span:  # noqa: PLR2004  # [rad], at rest
+            if _left(command[: start + 1], position[: start + 1]):
+                yield (
+                    f"joint {j + 1} moved away from its command and rests {error.mean():.2f} rad "
+                    f"from it; was its torque disabled? ({where})"
+                )
+            else:
                 yield (
                     f"joint {j + 1} is stalled {error.mean():.2f} rad from its command ({where})"
                 )
-                break
-            if np.ptp(asked) == 0 and np.ptp(command[max(0, start - rows) : start + rows, j]) == 0:
-                away = error[-1] - error[0]
-                if moved > _LOOSE and away > _LOOSE:
-                    yield (
-                        f"joint {j + 1} moves away from a command that rests; was its torque "
-                        f"disabled? ({where})"
-                    )
-                    break
+            return
+        if np.ptp(asked) == 0 and np.ptp(command[max(0, start - rows) : start + rows]) == 0:
+            away = error[-1] - error[0]
+            if moved > _LOOSE and away > _LOOSE:
+                yield (
+                    f"joint {j + 1} moves away from a command that rests; was its torque "
+                    f"disabled? ({where})"
+                )
+                return
+
+
+def _left(command: FloatArray, position: FloatArray) -> bool:
+    """Say whether an error began as the joint moved from its command, and not the command from it.
+
+    Args:
+        command: (T,) [rad], until the joint rests away from it.
+        position: Likewise.
+    """
+    error = position - command
+    near = np.flatnonzero(np.abs(error) < _FOLLOWED)
+    if not near.size:
+        return False
+    since = int(near[-1])
+    side = np.sign(error[-1])
+    return bool(side * (position[-1] - position[since]) > 0.5 * abs(error[-1]))
 
 
 def _correlation(x: FloatArray, y: FloatArray) -> float:

@@ -43,6 +43,7 @@ from estimators.drives.one_joint import loaded_joints
 from estimators.drives.plant import rows_of
 from estimators.drives.result import DriveDiagnosis
 from estimators.drives.suspects import OFFSET, leaving_out, search
+from estimators.drives.timing import check_timing
 from estimators.drives.wording import sags, undecided
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
@@ -115,6 +116,7 @@ def diagnose_drives(
     check_different(recordings)
     odd = check_commands(recordings)
     given = with_servos(simulation)
+    odd = (*odd, *check_timing(given, recordings))
     seen, unseen = split(recordings)
     progress("fitting drives and friction", 0.05)
     stated = is_stated(simulation, seen)

@@ -41,6 +41,8 @@ def early(command):
         (exchanged, "are joints exchanged?"),
         (np.negative, "has one of them the other sign?"),
         (early, "later than the positions"),
+        (np.zeros_like, "no command changes while the joints move"),
+        (followed, "command_1 is position_1 itself"),
     ],
 )
 def test_a_mistake_is_refused_by_name(mistake, message):
@@ -72,6 +74,18 @@ def test_a_servo_without_torque_is_told():
     (said,) = check_commands([recorded(TIME, command, position)])
 
     assert "joint 1 moves away from a command that rests; was its torque disabled?" in said
+
+
+def test_a_servo_that_falls_while_its_command_moves_is_told():
+    position = followed(COMMAND)
+    fallen = position[400, 1] + 2.0 * (1.0 - np.exp(-np.arange(200) / 5.0))
+    position[400:600, 1] = np.round(fallen, 3)
+    position[600:, 1] = np.linspace(position[599, 1], COMMAND[-1, 1], 400)
+
+    (said,) = check_commands([recorded(TIME, COMMAND, position)])
+
+    assert said.startswith("joint 2 moved away from its command")
+    assert "was its torque disabled? (recording 1, 9.0 s)" in said
 
 
 def test_dropped_frames_are_told():

@@ -1,0 +1,50 @@
+"""Commands that stand at later rows than they came into force are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_arms import commands, recorded, write_arm
+
+from estimators.drives import free_run
+from estimators.drives.timing import check_timing
+from limo_driver.errors import RecordingError
+from limo_driver.physics import Simulation
+
+RATE, DELAY = 50.0, 0.02
+
+
+@pytest.fixture(scope="module")
+def stated(tmp_path_factory):
+    simulation = Simulation.load(write_arm(tmp_path_factory.mktemp("arm") / "arm.xml"))
+    return replace(simulation, drives=tuple(replace(d, delay=DELAY) for d in simulation.drives))
+
+
+@pytest.fixture(scope="module")
+def recording(stated):
+    time, command = commands(10.0, RATE, 2.0)
+    return recorded(time, command, free_run(stated, recorded(time, command, command)))
+
+
+def later(recording, rows):
+    """Return the recording with each command some rows later."""
+    first = recording.command[:1].repeat(rows, axis=0)
+    command = np.concatenate([first, recording.command[:-rows]])
+    return recorded(recording.time, command, recording.position)
+
+
+def test_commands_in_force_at_their_rows_are_taken(stated, recording):
+    assert check_timing(stated, [recording]) == ()
+
+
+def test_a_delay_that_is_missing_is_told(stated, recording):
+    (said,) = check_timing(stated, [later(recording, 2)])
+
+    assert said.startswith("No joint has a delay, although 0.02 s are stated")
+
+
+def test_commands_later_than_what_they_cause_are_refused(stated, recording):
+    with pytest.raises(RecordingError, match="or more later than the positions that follow them"):
+        check_timing(stated, [later(recording, 10)])
