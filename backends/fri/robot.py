@@ -437,6 +437,7 @@ class FriRobot(Robot):
         elif self._lead.said is not None:
             header = Header(self._session.next_sequence(), message.header.sequence)
             self._transmit(Command(header, replace(self._lead.said, io=self._outputs.waiting)))
+            self._contract.stand()
 
     def _transmit(self, answer: Command) -> None:
         session = self._session

@@ -238,6 +238,15 @@ class SafetyContract:
         memory.belief.anywhere = True
         memory.now, memory.after, memory.commanded = self._stage.at_rest(position), None, True
 
+    def stand(self) -> None:
+        """Note that the last set-point was sent again: what comes next begins at its rest."""
+        memory = self._memory
+        still = self.following._replace(velocity=np.zeros(self.spec.n), change=None)
+        if memory.after is None:
+            memory.now = still
+        else:
+            memory.after = still
+
     def withhold(self, sent: Setpoint | None = None) -> None:
         """Forget the set-point of the next cycle: it could not be sent.
 
