@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from limo_driver.workflow.diagnosing import diagnose
     from limo_driver.workflow.embedding import export_c, export_onnx
     from limo_driver.workflow.exporting import export
-    from limo_driver.workflow.fleets import diagnose_fleet
+    from limo_driver.workflow.fleets.diagnosing import diagnose_fleet
     from limo_driver.workflow.inspecting import inspect
     from limo_driver.workflow.learning import (
         evaluate,
@@ -106,7 +106,7 @@ _HOME = {
     "Workspace": "limopa",
     "WrenchCommand": "limo_driver.types",
     "diagnose": "limo_driver.workflow.diagnosing",
-    "diagnose_fleet": "limo_driver.workflow.fleets",
+    "diagnose_fleet": "limo_driver.workflow.fleets.diagnosing",
     "evaluate": "limo_driver.workflow.learning",
     "excite": "limo_driver.workflow.planning",
     "excite_servos": "limo_driver.workflow.planning",

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from estimators.diagnosis.verdict import Verdict
 
 _DATE: Final = re.compile(
@@ -22,10 +21,11 @@ _DATE: Final = re.compile(
 class FleetRow:
     """A recording of a fleet, and its verdict or the line that says why there is none."""
 
-    recording: Path
+    recording: Path | str  # its file, or the URL of an object
     key: str  # of its bytes, the simulation and the version of limo; empty: it cannot be read
     arm: str  # the folder it lies in
     date: datetime | None  # in its path, if one is
+    bytes: int = 0  # of the recording
     seconds: float = 0.0  # that its diagnosis took
     verdict: Verdict | None = None
     error: str = ""  # one line, where there is no verdict
@@ -37,12 +37,17 @@ class FleetRow:
         return self.verdict is not None
 
 
-def arm_of(recording: Path) -> str:
-    """Return the arm a recording is of: the name of the folder it lies in."""
-    return recording.absolute().parent.name
+def arm_of(recording: Path | str) -> str:
+    """Return the arm a recording is of: the name of the folder it lies in.
+
+    Args:
+        recording: File, or URL; `zip://arm3/a.csv::s3://...` lies in an archive.
+    """
+    place = Path(recording.split("::")[0]) if isinstance(recording, str) else recording
+    return place.absolute().parent.name
 
 
-def date_of(recording: Path) -> datetime | None:
+def date_of(recording: Path | str) -> datetime | None:
     """Return the date, and the time of day if it is there, in the name or folder of a recording.
 
     Args:

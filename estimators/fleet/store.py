@@ -13,19 +13,21 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
+from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 import yaml
 
 from estimators.diagnosis.reading import verdict_in
-from estimators.diagnosis.verdict import VERDICT
+from estimators.diagnosis.verdict import IMPROVED, VERDICT
 from limo_driver.errors import ConfigError
 from limo_driver.outputs import sync, whole
 
 if TYPE_CHECKING:
     from collections.abc import Container
 
+    from estimators.fleet.outcome import FleetOutcome
     from estimators.fleet.row import FleetRow
     from limo_driver.physics import Simulation
 
@@ -44,24 +46,30 @@ class FleetStore:
         """Return the folder of a diagnosis."""
         return self.folder / DIAGNOSES / key
 
-    def keep(self, key: str, seconds: float, error: str = "") -> None:
-        """Keep a row; its diagnosis is saved already, or there is an error instead.
+    def keep(self, key: str, outcome: FleetOutcome) -> None:
+        """Keep how a diagnosis ended: first its files, if it has any, and last its row.
 
         Args:
             key: Of the recording under this simulation.
-            seconds: That it took.
-            error: Why there is no verdict, in one line.
+            outcome: Of its diagnosis.
 
         Raises:
             ConfigError: It cannot be written.
         """
         place = self.place(key)
         try:
-            place.mkdir(parents=True, exist_ok=True)
+            if place.exists():  # of one that was not finished, with files that this may not have
+                rmtree(place)
+            place.mkdir(parents=True)
         except OSError as failure:
             raise ConfigError(f"cannot be written to: {failure.strerror}", path=place) from None
+        for name, content in outcome.files.items():
+            with whole(place / name) as draft:
+                draft.write_bytes(content)
+        if outcome.simulation is not None:
+            outcome.simulation.save(place / IMPROVED)
         with whole(place / ROW) as draft:
-            kept = {"seconds": seconds, "error": error, "limo": version("limo")}
+            kept = {"seconds": outcome.seconds, "error": outcome.error, "limo": version("limo")}
             draft.write_text(json.dumps(kept), encoding="utf-8")
         sync(place)
 
@@ -104,6 +112,16 @@ def key_of(recording: Path, simulation: str) -> str:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()[:_SHOWN]
+
+
+def key_of_object(known: str, simulation: str) -> str:
+    """Return the key of an object of a store: it changes with what the store says of it.
+
+    Args:
+        known: Fingerprint that the store has of the object, which is not read for it.
+        simulation: Digest of the simulation and how it is used.
+    """
+    return sha256(f"{simulation} {known}".encode()).hexdigest()[:_SHOWN]
 
 
 def digest_of(simulation: Simulation, bandwidth: float | None) -> str:

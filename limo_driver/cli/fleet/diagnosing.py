@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated
@@ -17,13 +18,25 @@ if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow
 
 
+class FleetMachines(StrEnum):
+    """Where diagnoses run."""
+
+    processes = "processes"
+    ray = "ray"
+
+
 def diagnose(
-    recordings: Annotated[list[str], typer.Argument(help="Recordings, or patterns of them.")],
+    recordings: Annotated[
+        list[str], typer.Argument(help="Recordings, or patterns of them; files or URLs.")
+    ],
     sim: Annotated[Path, typer.Option(help="What is believed of such arms, a sim.yaml.")],
     out: Annotated[Path, typer.Option(help="Folder for table, page and diagnoses.")],
     workers: Annotated[
         int | None, typer.Option(help="How many run at a time; one for each core if not given.")
     ] = None,
+    on: Annotated[
+        FleetMachines, typer.Option(help="Processes of this machine, or a cluster of Ray.")
+    ] = FleetMachines.processes,
     bandwidth: Annotated[
         float | None,
         typer.Option(
@@ -41,15 +54,16 @@ def diagnose(
 
     Example:
         limo fleet diagnose "recordings/**/*.parquet" --sim sim.yaml --out fleet
+        limo fleet diagnose "s3://bucket/**/*.parquet" --sim sim.yaml --out fleet --on ray
     """
     from estimators.fleet.saving import PAGE, TABLE
     from limo_driver.console.terminal import terminal
-    from limo_driver.workflow.fleets import diagnose_fleet
+    from limo_driver.workflow.fleets.diagnosing import diagnose_fleet
 
     notes = terminal(stderr=True, soft_wrap=True)
     with _progress(notes) as tell:
         found = diagnose_fleet(
-            recordings, sim, out, bandwidth=bandwidth, workers=workers, progress=tell
+            recordings, sim, out, bandwidth=bandwidth, workers=workers, on=on.value, progress=tell
         )
     console = terminal()
     for row in found.failed:

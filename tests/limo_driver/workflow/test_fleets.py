@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,14 @@ import pyarrow.parquet as pq
 import pytest
 
 import limo_driver as limo
+from estimators.fleet.outcome import FleetOutcome
 from estimators.fleet.result import FleetDiagnosis
 from estimators.fleet.row import FleetRow
 from estimators.fleet.store import FleetStore, digest_of, key_of
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.workflow.fleet_workers import FleetJob, diagnose_row
-from limo_driver.workflow.fleets import matched
+from limo_driver.workflow.fleets.job import FleetJob, diagnose_row
+from limo_driver.workflow.fleets.running import memory_of, run_fleet
+from limo_driver.workflow.fleets.sources import matched, rows_of
 
 DRIVER = """
 import os, signal, sys
@@ -52,10 +55,10 @@ def fleet(tmp_path_factory, two_links_urdf):
     return folder
 
 
-def row_of(store: FleetStore, fleet: Path, name: str) -> tuple[FleetJob, FleetRow]:
+def row_of(fleet: Path, name: str) -> tuple[FleetJob, FleetRow]:
     simulation = limo.Simulation.load(fleet / "sim.yaml")
-    key = key_of(fleet / name, digest_of(simulation, 10.0))
-    return FleetJob(simulation, store, 10.0), FleetRow(fleet / name, key, "a", None)
+    (row,) = rows_of([fleet / name], digest_of(simulation, 10.0))
+    return FleetJob(simulation, 10.0), row
 
 
 @pytest.mark.slow("starts processes that import and compile: half a minute")
@@ -100,17 +103,18 @@ def children() -> list[int]:
 
 def test_a_full_disk_leaves_no_row_and_is_said(fleet, tmp_path, monkeypatch):
     store = FleetStore(tmp_path)
-    job, row = row_of(store, fleet, "b/2026-03-02.parquet")
+    job, row = row_of(fleet, "b/2026-03-02.parquet")
 
     def full(self, *_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
 
+    outcome = diagnose_row(job, row)
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_text", full)
         with pytest.raises(ConfigError, match="No space left"):
-            diagnose_row(job, row)
+            store.keep(row.key, outcome)
     assert store.finished(row) is None
-    diagnose_row(job, row)
+    store.keep(row.key, outcome)
     done = store.finished(row)
     assert done is not None
     assert "Parquet" in done.error
@@ -121,9 +125,8 @@ def test_a_full_disk_leaves_no_row_and_is_said(fleet, tmp_path, monkeypatch):
     [OSError(errno.EIO, os.strerror(errno.EIO)), MemoryError()],
     ids=["disk", "memory"],
 )
-def test_what_the_machine_failed_is_no_finished_row(fleet, tmp_path, monkeypatch, failure):
-    store = FleetStore(tmp_path)
-    job, row = row_of(store, fleet, "b/2026-03-02.parquet")
+def test_what_the_machine_failed_is_no_finished_row(fleet, monkeypatch, failure):
+    job, row = row_of(fleet, "b/2026-03-02.parquet")
 
     def read(path, _model):
         try:
@@ -134,18 +137,16 @@ def test_what_the_machine_failed_is_no_finished_row(fleet, tmp_path, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr("limo_driver.workflow.reading.read", read)
         assert re.search("Input/output error|too little memory", diagnose_row(job, row))
-    assert store.finished(row) is None
-    assert diagnose_row(job, row) == ""  # the file itself is at fault now
-    assert store.finished(row) is not None
+    assert "Parquet" in diagnose_row(job, row).error  # the file itself is at fault now
 
 
 def test_rows_of_other_versions_are_set_aside_and_told(tmp_path, monkeypatch):
     store = FleetStore(tmp_path)
     monkeypatch.setattr("estimators.fleet.store.version", lambda _: "0.0.9")
-    store.keep("of-before", 1.0)
+    store.keep("of-before", FleetOutcome(1.0))
     monkeypatch.undo()
-    store.keep("of-now", 1.0)
-    store.keep("counted", 1.0)
+    store.keep("of-now", FleetOutcome(1.0))
+    store.keep("counted", FleetOutcome(1.0))
     (tmp_path / "diagnoses" / "cut-off").mkdir()
     (tmp_path / "diagnoses" / "cut-off" / "row.json").write_text("{")
     aside = store.of_other_versions({"counted"})
@@ -163,6 +164,81 @@ def test_the_key_changes_with_bytes_simulation_and_bandwidth(fleet):
     assert digest_of(simulation, 10.0) != digest_of(limo.Simulation("iiwa14"), 10.0)
     one, two = (key_of(fleet / f"a/2026-03-0{k}.parquet", "x") for k in (1, 2))
     assert one != two
+
+
+class Machine:
+    """Room for one row at a time; it fails each as often as is said, and says what was done."""
+
+    def __init__(self, failures: dict[str, int]) -> None:
+        self.failures, self.rows, self.closed = dict(failures), [], False
+
+    def has_room(self, _row):
+        return not self.rows
+
+    def submit(self, row):
+        self.rows.append(row)
+
+    def ended(self):
+        row = self.rows.pop()
+        self.failures[row.key] -= 1
+        return [(row, "died" if self.failures[row.key] >= 0 else FleetOutcome(1.0))]
+
+    def close(self):
+        self.closed = True
+
+
+def test_what_a_machine_fails_is_tried_twice_after_the_others():
+    machine = Machine({"a": 0, "b": 1, "c": 2})
+    rows = [FleetRow(Path(key), key, "arm", None) for key in "cba"]
+    ended = [(row.key, outcome) for row, outcome in run_fleet(machine, rows)]
+    assert ended == [("a", FleetOutcome(1.0)), ("c", "died"), ("b", FleetOutcome(1.0))]
+    assert machine.closed
+
+
+def test_a_pool_runs_no_more_than_memory_bears(fleet, monkeypatch):
+    from limo_driver.workflow.fleets import processes
+
+    class Worker:
+        def __init__(self, *_):
+            self.connection = object()
+
+        def start(self, row):
+            self.task = row
+
+    job, row = row_of(fleet, "a/2026-03-01.parquet")
+    monkeypatch.setattr(processes, "WorkerProcess", {"FleetRow": Worker})
+    monkeypatch.setattr(processes, "_available", lambda: 2.5 * memory_of(row))
+    pool = processes.ProcessPool(job, 8)
+    for _ in range(2):
+        assert pool.has_room(row)
+        pool.submit(row)
+    assert not pool.has_room(row)
+
+
+def test_objects_of_a_store_are_recordings_too(fleet, tmp_path):
+    archive = tmp_path / "recordings.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        for path in (fleet / "a").iterdir():
+            file.write(path, f"a/{path.name}")
+    simulation = limo.Simulation.load(fleet / "sim.yaml")
+    found = matched(f"zip://**/*.parquet::{archive}")
+    assert found == tuple(f"zip://a/2026-03-0{day}.parquet::{archive}" for day in (1, 2))
+    rows = rows_of(found, "x")
+    assert [(row.arm, row.date.day, row.bytes > 0) for row in rows] == [
+        ("a", 1, True),
+        ("a", 2, True),
+    ]
+    assert len({row.key for row in rows} | {row.key for row in rows_of(found, "y")}) == 4
+    (_, own) = row_of(fleet, "a/2026-03-01.parquet")
+    from_file, from_store = (
+        diagnose_row(FleetJob(simulation, 10.0), row) for row in (own, rows[0])
+    )
+    assert from_store.files["verdict.json"] == from_file.files["verdict.json"]
+    assert from_store.files["report.html"].count(b"zip://a/2026-03-01.parquet") == 1
+    with pytest.raises(ConfigError, match=r"zip://\*.csv::.*: matches no file"):
+        matched(f"zip://*.csv::{archive}")
+    with pytest.raises(ConfigError, match="nowhere://x: cannot be listed: Protocol not known"):
+        matched("nowhere://x")
 
 
 def test_patterns_that_match_nothing_are_said(fleet, tmp_path):

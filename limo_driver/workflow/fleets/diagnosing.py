@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from limo_driver.errors import ConfigError
+from limo_driver.workflow.fleets.sources import matched, rows_of
 from limo_driver.workflow.inputs import simulation_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from estimators.fleet.outcome import FleetOutcome
     from estimators.fleet.result import FleetDiagnosis
     from estimators.fleet.row import FleetRow
+    from estimators.fleet.store import FleetStore
     from limo_driver.physics import Simulation
+    from limo_driver.workflow.fleets.job import FleetJob
+    from limo_driver.workflow.fleets.running import FleetExecutor
 
 
 def diagnose_fleet(
@@ -26,6 +30,7 @@ def diagnose_fleet(
     *,
     bandwidth: float | None = None,
     workers: int | None = None,
+    on: Literal["processes", "ray"] = "processes",
     progress: Callable[[FleetRow | None, int, int], None] | None = None,
 ) -> FleetDiagnosis:
     """Diagnose many recordings of one kind of arm side by side, and compare the arms.
@@ -36,13 +41,16 @@ def diagnose_fleet(
     file, the call has to stand behind `if __name__ == "__main__":`.
 
     Args:
-        recordings: Files, or patterns such as `recordings/**/*.parquet`. The folder of a file is
-            the arm it is of; a date in its path is the date.
+        recordings: Files, or patterns such as `recordings/**/*.parquet`; URLs of objects, or
+            patterns of them, such as `s3://bucket/**/*.parquet`, for each store that `fsspec` has.
+            The folder of a file is the arm it is of; a date in its path is the date.
         simulation: What is believed of such arms, or its file.
         out: Folder for results.parquet, fleet.html and the diagnosis of each recording.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what a
             recording can bear.
-        workers: How many run at a time; one for each core if not given.
+        workers: How many run at a time at most; one for each core if not given.
+        on: "processes" of this machine, or a cluster of "ray": that of `RAY_ADDRESS`, else one
+            that was started on this machine. Both give the same results.
         progress: Told each row as it is finished, how many are, and of how many; first of all
             without a row, how many were finished before.
 
@@ -50,8 +58,8 @@ def diagnose_fleet(
         A row for each recording, also where it could not be used, and what they say together.
 
     Raises:
-        ConfigError: A pattern matches no file, the folder cannot be written to, or the simulation
-            fits no recording.
+        ConfigError: A pattern matches no file, the folder cannot be written to, the simulation
+            fits no recording, or nodes of the cluster have other versions of limo.
 
     Example:
         >>> fleet = limo.diagnose_fleet("recordings/**/*.parquet", "sim.yaml", "fleet/")
@@ -61,17 +69,19 @@ def diagnose_fleet(
     from estimators.fleet.saving import save_fleet
     from estimators.fleet.store import FleetStore, digest_of
     from limo_driver.outputs import only_writer, require_folder
-    from limo_driver.workflow.fleet_workers import FleetJob, run_fleet
+    from limo_driver.workflow.fleets.job import FleetJob
+    from limo_driver.workflow.fleets.running import run_fleet
 
     known, folder = simulation_of(simulation), Path(out)
-    wanted = workers if workers is not None else len(os.sched_getaffinity(0))
-    if wanted < 1:
-        raise ConfigError(f"workers is {wanted}, expected at least 1")
-    files = matched(recordings)
-    require_folder(folder, "the fleet", inputs=files)
+    if workers is not None and workers < 1:
+        raise ConfigError(f"workers is {workers}, expected at least 1")
+    if on not in {"processes", "ray"}:
+        raise ConfigError(f"on is {on}, expected processes or ray")
+    found = matched(recordings)
+    require_folder(folder, "the fleet", inputs=[item for item in found if isinstance(item, Path)])
     store = FleetStore(folder)
     with only_writer(folder):
-        rows = _rows(files, digest_of(known, bandwidth))
+        rows = rows_of(found, digest_of(known, bandwidth))
         ended = {
             row.recording: done
             for row in rows
@@ -80,10 +90,9 @@ def diagnose_fleet(
         left = [row for row in rows if row.recording not in ended]
         if progress is not None:
             progress(None, len(ended), len(rows))
-        for row, died in run_fleet(FleetJob(known, store, bandwidth), left, wanted):
-            done = replace(row, error=died) if died else store.finished(row)
-            if done is None:
-                raise ConfigError("was written and cannot be read", path=store.place(row.key))
+        executor = _executor(FleetJob(known, bandwidth), workers, on) if left else None
+        for row, outcome in run_fleet(executor, left) if executor else ():
+            done = _kept(store, row, outcome)
             ended[row.recording] = done
             if progress is not None:
                 progress(done, len(ended), len(rows))
@@ -100,43 +109,22 @@ def diagnose_fleet(
     return fleet
 
 
-def matched(recordings: Path | str | Iterable[Path | str]) -> tuple[Path, ...]:
-    """Return the files that names and patterns stand for, each once, in order.
+def _executor(job: FleetJob, workers: int | None, on: str) -> FleetExecutor:
+    if on == "ray":
+        from limo_driver.workflow.fleets.ray_cluster import RayCluster
 
-    Raises:
-        ConfigError: A pattern matches no file.
-    """
-    given = [recordings] if isinstance(recordings, (Path, str)) else list(recordings)
-    files: dict[Path, None] = {}
-    for item in given:
-        if Path(item).is_file():  # also a name with brackets in it
-            found = [Path(item)]
-        else:
-            places = map(Path, sorted(glob(str(item), recursive=True)))
-            # `glob` gives the folder of `none/**` also where there is none
-            found = [path for path in places if path.exists() and not path.is_dir()]
-        if not found:
-            raise ConfigError(f"{item}: matches no file, expected recordings")
-        files |= dict.fromkeys(found)
-    if not files:
-        raise ConfigError("no recordings given, expected files or patterns")
-    return tuple(files)
+        return RayCluster(job, workers)
+    from limo_driver.workflow.fleets.processes import ProcessPool
+
+    return ProcessPool(job, workers or len(os.sched_getaffinity(0)))
 
 
-def _rows(files: Iterable[Path], simulation: str) -> list[FleetRow]:
-    """Return a row for each file; those that cannot be read or are there twice have an error."""
-    from estimators.fleet.row import FleetRow, arm_of, date_of
-    from estimators.fleet.store import key_of
-
-    rows: list[FleetRow] = []
-    first: dict[str, Path] = {}
-    for path in files:
-        try:
-            key, error = key_of(path, simulation), ""
-        except OSError as failure:
-            key, error = "", f"cannot be read: {failure.strerror}"
-        else:
-            if first.setdefault(key, path) != path:
-                error = f"the same recording as {first[key]}, and counted once"
-        rows.append(FleetRow(path, key, arm_of(path), date_of(path), error=error))
-    return rows
+def _kept(store: FleetStore, row: FleetRow, outcome: FleetOutcome | str) -> FleetRow:
+    """Return a row with how it ended, which is on the disk by then, unless a machine failed it."""
+    if isinstance(outcome, str):
+        return replace(row, error=f"{outcome}, twice")
+    store.keep(row.key, outcome)
+    done = store.finished(row)
+    if done is None:
+        raise ConfigError("was written and cannot be read", path=store.place(row.key))
+    return done

@@ -1,0 +1,86 @@
+"""A pool of processes on this machine, as many as its cores and memory bear."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from multiprocessing import connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from limo_driver.worker_process import WorkerProcess, end_with_parent
+from limo_driver.workflow.fleets.job import FleetJob, diagnose_row
+from limo_driver.workflow.fleets.running import memory_of
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+    from estimators.fleet.outcome import FleetOutcome
+    from estimators.fleet.row import FleetRow
+
+_MEMINFO: Final = Path("/proc/meminfo")
+_LIMIT: Final = Path("/sys/fs/cgroup/memory.max")  # of a container
+
+
+class ProcessPool:
+    """Processes that diagnose rows one after the other, each its own.
+
+    Args:
+        job: What all diagnoses share.
+        workers: How many run side by side at most.
+    """
+
+    def __init__(self, job: FleetJob, workers: int) -> None:
+        self._job, self._workers = job, workers
+        self._memory = _available()  # [bytes]
+        self._idle: list[WorkerProcess[FleetRow]] = []
+        self._busy: dict[Connection[Any, Any], WorkerProcess[FleetRow]] = {}
+
+    def has_room(self, row: FleetRow) -> bool:
+        """Say whether a process is free, and memory for what runs and this row."""
+        taken = sum(memory_of(worker.task) for worker in self._busy.values())
+        return not self._busy or (
+            len(self._busy) < self._workers and taken + memory_of(row) <= self._memory
+        )
+
+    def submit(self, row: FleetRow) -> None:
+        """Have a process diagnose a row."""
+        worker = self._idle.pop() if self._idle else WorkerProcess["FleetRow"](_work, self._job)
+        worker.start(row)
+        self._busy[worker.connection] = worker
+
+    def ended(self) -> list[tuple[FleetRow, FleetOutcome | str]]:
+        """Wait for processes to end a row, or to die."""
+        ready = connection.wait(list(self._busy))
+        return [self._received(self._busy.pop(item)) for item in ready]  # type: ignore[arg-type]
+
+    def close(self) -> None:
+        """Kill the processes."""
+        for worker in (*self._idle, *self._busy.values()):
+            worker.stop()
+
+    def _received(self, worker: WorkerProcess[FleetRow]) -> tuple[FleetRow, FleetOutcome | str]:
+        try:
+            outcome = worker.connection.recv()
+        except (EOFError, OSError):
+            return worker.task, f"its process ended with status {worker.stop()}"
+        self._idle.append(worker)
+        return worker.task, outcome
+
+
+def _work(main: Connection[Any, Any], job: FleetJob) -> None:
+    """Diagnose what comes through the pipe until its other end is closed."""
+    end_with_parent()
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        while True:
+            main.send(diagnose_row(job, main.recv()))
+
+
+def _available() -> float:
+    """Return the memory that this machine or container has left [bytes]; infinite if unknown."""
+    found = float("inf")
+    with suppress(OSError, ValueError):
+        lines = dict(line.split(":") for line in _MEMINFO.read_text().splitlines())
+        found = 1024.0 * int(lines["MemAvailable"].split()[0])
+    with suppress(OSError, ValueError):  # "max", where there is no limit
+        found = min(found, float(_LIMIT.read_text()))
+    return found

@@ -1,0 +1,112 @@
+"""Where recordings of a fleet lie: files by pattern, or objects of a store by URL."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from glob import glob
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable
+
+    from estimators.fleet.row import FleetRow
+
+
+def matched(recordings: Path | str | Iterable[Path | str]) -> tuple[Path | str, ...]:
+    """Return the files and URLs that names and patterns stand for, each once, in order.
+
+    Raises:
+        ConfigError: A pattern matches nothing, or its store cannot be listed.
+    """
+    given = [recordings] if isinstance(recordings, (Path, str)) else list(recordings)
+    found: dict[Path | str, None] = {}
+    for item in given:
+        places = _objects(item) if isinstance(item, str) and _is_url(item) else _files(item)
+        if not places:
+            raise ConfigError(f"{item}: matches no file, expected recordings")
+        found |= dict.fromkeys(places)
+    if not found:
+        raise ConfigError("no recordings given, expected files or patterns")
+    return tuple(found)
+
+
+def rows_of(recordings: Iterable[Path | str], simulation: str) -> list[FleetRow]:
+    """Return a row for each recording; one that cannot be read or is there twice has an error.
+
+    Args:
+        recordings: Files and URLs.
+        simulation: Digest of the simulation and how it is used.
+    """
+    from estimators.fleet.row import FleetRow, arm_of, date_of
+    from estimators.fleet.store import key_of, key_of_object
+
+    rows: list[FleetRow] = []
+    first: dict[str, Path | str] = {}
+    for place in recordings:
+        key, size, error = "", 0, ""
+        try:
+            if isinstance(place, Path):
+                key, size = key_of(place, simulation), place.stat().st_size
+            else:
+                store, path = _store_of(place)
+                key, size = key_of_object(store.ukey(path), simulation), store.size(path) or 0
+        except OSError as failure:
+            error = f"cannot be read: {failure.strerror or failure}"
+        else:
+            if first.setdefault(key, place) != place:
+                error = f"the same recording as {first[key]}, and counted once"
+        arm, date = arm_of(place), date_of(place)
+        rows.append(FleetRow(place, key, arm, date, bytes=size, error=error))
+    return rows
+
+
+@contextmanager
+def at_hand(recording: Path | str) -> Generator[Path]:
+    """Give a recording as a file on this machine; that of an object is removed in the end."""
+    if isinstance(recording, Path):
+        yield recording
+        return
+    store, path = _store_of(recording)
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / Path(path).name
+        store.get_file(path, str(copy))
+        yield copy
+
+
+def _is_url(item: str) -> bool:
+    return "://" in item and not Path(item).exists()
+
+
+def _files(item: Path | str) -> list[Path]:
+    if Path(item).is_file():  # also a name with brackets in it
+        return [Path(item)]
+    places = map(Path, sorted(glob(str(item), recursive=True)))
+    # `glob` gives the folder of `none/**` also where there is none
+    return [path for path in places if path.exists() and not path.is_dir()]
+
+
+def _objects(pattern: str) -> list[str]:
+    """Return the URLs that match; `zip://**/*.csv::s3://...` are files of an archive in a store."""
+    outer = pattern.split("::")[1:]
+    try:
+        store, path = _store_of(pattern)
+        found = sorted(n for n, about in store.glob(path, detail=True).items() if _is_file(about))
+        return ["::".join([store.unstrip_protocol(name), *outer]) for name in found]
+    except Exception as error:  # each kind of store has errors of its own
+        line = " ".join(str(error).split())
+        raise ConfigError(f"{pattern}: cannot be listed: {line}") from error
+
+
+def _is_file(about: dict[str, Any]) -> bool:
+    return about["type"] != "directory"
+
+
+def _store_of(url: str) -> tuple[Any, str]:
+    """Return the file system of a URL, as `fsspec` knows it, and the path there."""
+    from fsspec.core import url_to_fs
+
+    return url_to_fs(url)
