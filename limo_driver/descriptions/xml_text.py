@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _MOST_JOINTS = 1000  # elements, also of what refers to joints
+_DEEPEST = 500  # levels, as MuJoCo and urdfdom read; more end what parses them one in the other
 _LARGEST = 1 << 26  # bytes of a description; meshes are files of their own
 
 
@@ -23,12 +24,12 @@ def read_xml(path: Path) -> ET.Element:
         path: The file.
 
     Raises:
-        ConfigError: It is no XML, too large, or declares entities.
+        ConfigError: It is no XML, too large, nested too deep, or declares entities.
     """
     text = read_text(path)
     if (joints := text.count("<joint")) > _MOST_JOINTS:
         raise ConfigError(f"has {joints} joints, expected at most {_MOST_JOINTS}", path=path)
-    check_entities(text, path)
+    check_nesting(text, path)
     try:
         return ET.fromstring(text)  # noqa: S314  # no entities are left by now
     except ET.ParseError as error:
@@ -52,22 +53,31 @@ def read_text(path: Path) -> str:
         raise ConfigError("is no text", path=path) from None
 
 
-def check_entities(text: str, path: Path) -> None:
-    """Refuse declarations of entities: none is of use in a description.
+def check_nesting(text: str, path: Path) -> None:
+    """Refuse what no description needs: declarations of entities, and very deep nesting.
 
     Raises:
         ConfigError: There is one, or the text is no XML.
     """
-    parser = expat.ParserCreate()
+    parser, depth = expat.ParserCreate(), 0
 
-    def refuse(name: str, *_: object) -> None:
+    def refuse(problem: str) -> NoReturn:
         raise ConfigError(
-            f"declares the entity {name!r}, which no description needs",
-            path=path,
-            line=parser.CurrentLineNumber,
+            f"{problem}, which no description needs", path=path, line=parser.CurrentLineNumber
         )
 
-    parser.EntityDeclHandler = refuse
+    def begin(*_: object) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:
+            refuse(f"is nested deeper than {_DEEPEST} levels")
+
+    def end(_name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser.EntityDeclHandler = lambda name, *_: refuse(f"declares the entity {name!r}")
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
     try:
         parser.Parse(text.encode(), True)
     except expat.ExpatError as error:

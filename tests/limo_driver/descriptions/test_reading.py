@@ -198,6 +198,8 @@ HINGE = '<body name="leg"><joint name="knee"/><geom size="1"/></body>'
 REFUSED = [
     ("arm.urdf", BOMB, "declares the entity 'a'"),
     ("arm.urdf", OUTSIDE, "declares the entity 'e'"),
+    ("arm.urdf", "<robot>" + "<a>" * 50_000 + "</a>" * 50_000 + "</robot>", "deeper than 500"),
+    ("arm.xml", "<mujoco>" + "<a>" * 50_000 + "</a>" * 50_000 + "</mujoco>", "deeper than 500"),
     ("arm.xml", '<mujoco><include file="../../etc/passwd"/></mujoco>', "outside its folder"),
     ("arm.xml", '<mujoco><include file="none.xml"/></mujoco>', "none.xml, which is not there"),
     ("arm.xml", "<mujoco><worldbody>", "is no XML"),
