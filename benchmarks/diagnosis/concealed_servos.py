@@ -6,7 +6,7 @@ and nothing else; nothing is named where nothing is hidden; mass of a payload wi
 within a fifth.
 
     python benchmarks/diagnosis/concealed_servos.py [--rate 200] [--bits 12] [--singles 20]
-        [--nulls 12] [--first 0] [--only payload]
+        [--nulls 12] [--first 0] [--only payload] [--others]
 """
 
 from __future__ import annotations
@@ -39,6 +39,10 @@ VALUES = {
     "dead_band": ("dead_band", None),
     "spring_load": ("stiffness", None),
     "load_dependent_friction": ("coefficient", None),
+    "gear_ratio": ("ratio", None),
+    "supply_sag": ("sag", None),
+    "integral_gain": ("ki", None),
+    "stribeck_friction": ("tau_s", None),
 }
 
 
@@ -62,8 +66,10 @@ def main() -> None:
     given.add_argument("--nulls", type=int, default=12)
     given.add_argument("--first", type=int, default=0, help="seed")
     given.add_argument("--only", default="", help="effect")
+    given.add_argument("--others", action="store_true", help="effects that came later")
     asked = given.parse_args()
-    effects = [asked.only] if asked.only else list(servo_cases.SINGLES)
+    every = servo_cases.OTHERS if asked.others else servo_cases.SINGLES
+    effects = [asked.only] if asked.only else list(every)
     found: dict[str, list[Outcome]] = {}
     hidden = [effects[k % len(effects)] for k in range(asked.singles)] + [""] * asked.nulls
     for k, effect in enumerate(hidden):
@@ -87,7 +93,7 @@ def run(case: servo_cases.Case) -> Outcome:
         verdict = limo.diagnose(sim, recordings).verdict
         seconds = time.process_time() - begun
     named = tuple((item.effect, item.joints) for item in verdict.findings)
-    wanted = ((case.hidden, (case.joint,) if case.joint else ()),) if case.hidden else ()
+    wanted = ((case.hidden, case.joints),) if case.hidden else ()
     right = [x for x in verdict.findings if wanted and (x.effect, x.joints) == wanted[0]]
     ratio, covered = np.nan, False
     if right and case.hidden in VALUES:

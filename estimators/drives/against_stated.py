@@ -10,11 +10,12 @@ from scipy.stats import t as student_t
 
 from estimators.drives.arm_fit import ArmFit, fit_arm, inner
 from estimators.drives.arm_loads import ArmChange, ArmLoads
+from estimators.drives.columns import SAG
 from estimators.drives.conventions import conventions_of
 from estimators.drives.fit import NORMAL, JointFit, blocks, fit_joint, value_in, with_values
 from estimators.drives.identification import DriveIdentification, typical_start, with_rows
 from estimators.drives.plant import rows_of
-from estimators.drives.suspects import Searched, Suspect, reweighted
+from estimators.drives.suspects import COUNTED, Searched, Suspect, reweighted
 from limo_driver.physics import EncoderOffset, Payload, PositionServo
 
 if TYPE_CHECKING:
@@ -44,11 +45,15 @@ class StatedArm:
 
     @property
     def doubtful(self) -> Suspect | None:
-        """A body or zero whose interval holds none, or a body within the tolerance of the masses.
+        """What is within its own interval of nothing, or a body within the tolerance of the masses.
 
         What it explains may be another thing.
         """
         for one in self.suspects:
+            if one.effect == "gear_ratio" and one.joint is not None:
+                fit = self.identified.fits[one.joint]
+                if abs(np.log(fit.value("gear"))) < FOUND * fit.deviation["gear"]:
+                    return one
             name = "mass" if one.effect == "payload" else next(iter(one.names), "")
             if one.shared and name in self.shared:
                 value, reach = abs(self.change.value(name)), NORMAL * self.shared[name]
@@ -63,9 +68,9 @@ class StatedArm:
         return FOUND * simulation.tolerances.inertia * mass
 
     @property
-    def turned(self) -> tuple[int, ...]:
-        """Joints that count against the description, 0-based."""
-        return tuple(j for j, sign in enumerate(self.change.sign) if sign < 0)
+    def counted_otherwise(self) -> tuple[Suspect, ...]:
+        """Joints that count against the description, or are exchanged."""
+        return tuple(one for one in self.suspects if one.effect in COUNTED)
 
 
 def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
@@ -110,7 +115,9 @@ def proven(
         found: In all of them.
         tick: Step of the encoders [rad].
     """
-    problem = replace(found.problem, loads=ArmLoads(simulation.body, recordings))
+    problem = replace(
+        found.problem, loads=ArmLoads(simulation.body, recordings, rows_of(simulation))
+    )
     fit = fit_arm(problem, found.fit.guess, _REFITTED)
     return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
 
@@ -167,6 +174,8 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
         fit: That has it.
     """
     rows, change = fit.guess.rows.copy(), fit.guess.change
+    if change.sag:
+        rows[:, SAG] = change.sag
     for one in found.suspects:
         if one.effect == "spring_load" and one.joint is not None:
             rows[one.joint] = _about_rest(rows[one.joint], rows_of(simulation)[one.joint])

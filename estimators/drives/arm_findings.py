@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from estimators.drives.fit import NORMAL
+from estimators.drives.forward import commands_of
+from estimators.drives.suspects import COUNTED
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from estimators.drives.against_stated import StatedArm
     from estimators.drives.arm_loads import ArmChange
     from estimators.drives.suspects import Suspect
@@ -19,23 +20,24 @@ if TYPE_CHECKING:
 _AXES: Final = "xyz"
 
 
-def turned(recording: Recording, joints: Sequence[int]) -> Recording:
-    """Return a recording in which some joints (0-based) count the other way."""
-    position, command = recording.position.copy(), recording.command
-    if command is not None:
-        command = command.copy()
-    for values in (position, command):
-        if values is not None:
-            values[:, list(joints)] *= -1.0
+def as_described(recording: Recording, change: ArmChange) -> Recording:
+    """Return a recording whose joints have the order and the signs of the description.
+
+    Args:
+        recording: With commands.
+        change: How the arm that was recorded differs.
+    """
+    order, sign = list(change.order or range(recording.n)), np.array(change.sign)
+    position, command = (
+        values[:, order] * sign for values in (recording.position, commands_of(recording))
+    )
     return Recording.from_arrays(recording.time, position, command=command)
 
 
 def without(change: ArmChange, one: Suspect) -> ArmChange:
     """Return how an arm differs from its description, but for one suspect."""
-    if one.effect == "joint_sign" and one.joint is not None:
-        sign = list(change.sign)
-        sign[one.joint] *= -1
-        return replace(change, sign=tuple(sign))
+    if one.effect in COUNTED:
+        return one.counted(change)
     for name in one.names:
         change = change.with_value(name, 0.0)
     return change
@@ -54,7 +56,7 @@ def shared_finding(one: Suspect, arm: StatedArm, confidence: float, rmse: Before
     return Finding(
         effect=one.effect,
         kind="missing",
-        joints=() if one.joint is None else (one.joint + 1,),
+        joints=tuple(j + 1 for j in (one.joint, one.other) if j is not None),
         equivalent=(),
         confidence=confidence,
         parameters=_parameters(one, arm),
@@ -85,4 +87,7 @@ def _parameters(one: Suspect, arm: StatedArm) -> dict[str, Interval]:
     if one.effect == "encoder_offset":
         offset, interval = of(one.names[0])
         return {"offset": Interval(offset, "rad", interval)}
+    if one.effect == "supply_sag":
+        sag, interval = of("sag")
+        return {"sag": Interval(sag, "1", interval)}
     return {}

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.fit import SIGNED, BelievedValue, independent, value_in, with_values
+from limo_driver.physics.drives import MOST_SAG
+from limo_driver.physics.sensing import FARTHEST_ZERO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,6 +31,7 @@ _FAR: Final = 3.0  # deviations from a belief, from which on it counts in propor
 _LARGE: Final = 3.0  # typical errors, from which on an error does
 _LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
 _BOUNDS: Final = {"v_s": (1e-3, 0.3)}  # [rad/s]; friction that fades later is dry friction
+_SHARED_BOUNDS: Final = {"zero": (-FARTHEST_ZERO, FARTHEST_ZERO), "sag": (0.0, MOST_SAG)}
 _RUN_AWAY: Final = 100.0  # [rad], of a joint that constants tried make unstable
 _ENOUGH: Final = 1e-3  # of a nat, gained by a step
 _DAMPING, _EASIER, _HARDER, _STUCK = 1e-3, 0.3, 5.0, 1e6
@@ -61,7 +64,8 @@ class ArmGuess:
             at += many
         change = self.change
         for name, size in zip(self.shared, step[at:].tolist(), strict=True):
-            change = change.with_value(name, change.value(name) + size)
+            least, most = _SHARED_BOUNDS.get(name.partition("_")[0], (-np.inf, np.inf))
+            change = change.with_value(name, min(max(change.value(name) + size, least), most))
         return replace(self, rows=rows, change=change)
 
 
@@ -270,6 +274,11 @@ def stepped(row: FloatArray, names: Sequence[str], step: FloatArray) -> FloatArr
         least, most = _BOUNDS.get(name, (_LEAST, _MOST))
         values[name] = new if name in SIGNED else min(max(new, least), most)
     return with_values(row, values)
+
+
+def at_bound(name: str, value: float) -> bool:
+    """Say whether a value that all joints share is at the end of what is possible."""
+    return value in _SHARED_BOUNDS.get(name.partition("_")[0], ())
 
 
 def inner(name: str, value: float) -> float:

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from estimators.drives.columns import DELAY
 from estimators.drives.forward import commands_of
+from estimators.drives.joint_step import draws
 from estimators.drives.one_joint import LoadedJoint
+from estimators.drives.plant import most_torque
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.types import Motion
@@ -35,6 +38,8 @@ class ArmChange:
     sign: tuple[int, ...]  # (n,), of each encoder
     mass: float = 0.0  # [kg], at the last link
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], of that mass, in the link's frame
+    order: tuple[int, ...] = ()  # column of each link's recorded joint, 0-based; as told, if empty
+    sag: float = 0.0  # resistance of the supply over that of a motor's winding
 
     @classmethod
     def none(cls, n: int) -> ArmChange:
@@ -42,16 +47,16 @@ class ArmChange:
         return cls((0.0,) * n, (1,) * n)
 
     def value(self, name: str) -> float:
-        """Return one of `zero_1` to `zero_n`, `mass`, `com_x`, `com_y` and `com_z`."""
-        if name == "mass":
-            return self.mass
+        """Return one of `zero_1` to `zero_n`, `mass`, `com_x`, `com_y`, `com_z` and `sag`."""
+        if name in {"mass", "sag"}:
+            return getattr(self, name)
         kind, _, which = name.partition("_")
         return self.com["xyz".index(which)] if kind == "com" else self.zero[int(which) - 1]
 
     def with_value(self, name: str, value: float) -> ArmChange:
         """Return the same with another value of one of them."""
-        if name == "mass":
-            return replace(self, mass=value)
+        if name in {"mass", "sag"}:
+            return replace(self, **{name: value})
         kind, _, which = name.partition("_")
         if kind == "com":
             x, y, z = (
@@ -87,17 +92,22 @@ class _Lever:
     inertia: FloatArray  # (T, n, 10)
 
 
-_Key = tuple[tuple[float, ...], tuple[int, ...]]  # zeros and signs
+_Key = tuple[tuple[float, ...], tuple[int, ...], tuple[int, ...]]  # zeros, signs and order
 
 
 @dataclass
 class ArmLoads:
-    """The loads of an arm along recordings."""
+    """The loads of an arm along recordings.
+
+    With the stated constants of its drives, (n, columns), it has those of its supply, too.
+    """
 
     body: RobotModel
     recordings: Sequence[Recording]
+    stated: FloatArray | None = None
     _loaded: dict[_Key, list[_Loaded]] = field(init=False, default_factory=dict)
     _levers: dict[_Key, list[_Lever]] = field(init=False, default_factory=dict)
+    _drawn: dict[tuple[int, ...], list[FloatArray]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self._chain = RegressorChain.of(self.body)
@@ -116,14 +126,14 @@ class ArmLoads:
 
     def parts(self, change: ArmChange) -> list[list[LoadedJoint]]:
         """Return the stretches of each joint of an arm that differs so."""
-        key = (change.zero, change.sign)
+        key = (change.zero, change.sign, change.order)
         linked = [_linked(motion, change) for motion in self._motions]
         if key not in self._loaded:
             _forget(self._loaded)
-            described = ArmChange((0.0,) * self.n, change.sign)
+            described = ArmChange((0.0,) * self.n, change.sign, order=change.order)
             if any(change.zero):
                 self.parts(described)  # for the inertia, which depends little on zeros
-            known = self._loaded.get((described.zero, described.sign))
+            known = self._loaded.get((described.zero, described.sign, change.order))
             self._loaded[key] = [
                 self._load(motion, None if known is None else known[k].inertia)
                 for k, motion in enumerate(linked)
@@ -132,6 +142,7 @@ class ArmLoads:
             _forget(self._levers)
             self._levers[key] = [self._lever(motion) for motion in linked]
         found: list[list[LoadedJoint]] = [[] for _ in range(self.n)]
+        order = list(change.order or range(self.n))
         for k, (recording, rows) in enumerate(zip(self.recordings, self._rows, strict=True)):
             load, inertia = self._loaded[key][k].load, self._loaded[key][k].inertia
             if change.mass != 0.0:
@@ -139,11 +150,12 @@ class ArmLoads:
                 inertia = inertia + self._levers[key][k].inertia @ change.moments
             load = load * np.array(change.sign)
             arrays = (
-                commands_of(recording)[rows],
-                recording.position[rows],
-                self._motions[k].velocity,
+                commands_of(recording)[rows][:, order],
+                recording.position[rows][:, order],
+                self._motions[k].velocity[:, order],
                 load,
                 inertia,
+                self._supply(k, change),
             )
             time, step = recording.time[rows], int(rows.step or 1)
             for part in recording.segments:
@@ -153,6 +165,28 @@ class ArmLoads:
                         columns = (np.ascontiguousarray(x[own, j]) for x in arrays)
                         found[j].append(LoadedJoint(time[own], *columns))
         return found
+
+    @property
+    def shows_supply(self) -> bool:
+        """Whether the stated drives say how far they are driven."""
+        return self.stated is not None and bool(np.isfinite(most_torque(self.stated)).all())
+
+    def _supply(self, k: int, change: ArmChange) -> FloatArray:
+        """Return the voltage of a recording over that without load, (T, n), of one supply.
+
+        What servos draw is that of the stated drives where the recorded joints were.
+        """
+        motion, stated = self._motions[k], self.stated
+        if change.sag == 0.0 or stated is None:
+            return np.ones_like(motion.position)
+        if change.order not in self._drawn:
+            self._drawn[change.order] = [
+                _drawn(own, stated, r, rows, list(change.order or range(self.n)))
+                for own, r, rows in zip(self._motions, self.recordings, self._rows, strict=True)
+            ]
+        drawn, returned = self._drawn[change.order][k]
+        supply = np.minimum((1 + change.sag * returned) / (1 + change.sag * drawn), 1.0)
+        return np.tile(supply[:, None], self.n)
 
     def _load(self, motion: Motion, inertia: FloatArray | None) -> _Loaded:
         position = motion.position
@@ -180,13 +214,36 @@ class ArmLoads:
 
 def _linked(motion: Motion, change: ArmChange) -> Motion:
     """Return how the links moved."""
-    sign = np.array(change.sign, dtype=float)
+    sign, order = np.array(change.sign, dtype=float), list(change.order or range(len(change.sign)))
     return Motion(
         motion.time,
-        (motion.position - np.array(change.zero)) * sign,
-        motion.velocity * sign,
-        motion.acceleration * sign,
+        (motion.position[:, order] - np.array(change.zero)) * sign,
+        motion.velocity[:, order] * sign,
+        motion.acceleration[:, order] * sign,
     )
+
+
+def _drawn(
+    motion: Motion, stated: FloatArray, recording: Recording, rows: slice, order: list[int]
+) -> FloatArray:
+    """Return what all servos draw by voltage, and what their back-EMF saves, (2, T)."""
+    command = np.stack(
+        [
+            commands_of(recording)[
+                np.maximum(
+                    np.searchsorted(recording.time, motion.time - row[DELAY], "right") - 1, 0
+                ),
+                column,
+            ]
+            for row, column in zip(stated, order, strict=True)
+        ],
+        axis=1,
+    )
+    error = command - recording.position[rows][:, order]
+    total = np.zeros((2, motion.time.size))
+    for j, row in enumerate(stated):
+        total += draws(row, error[:, j], np.ascontiguousarray(motion.velocity[:, order[j]]))
+    return np.stack([total[0], np.maximum(total[1], 0.0)])
 
 
 def _forget(known: dict[_Key, Any]) -> None:

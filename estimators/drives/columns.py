@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
 
 NAMES: Final = (
     "kp",  # [N m/rad]
@@ -34,6 +37,8 @@ NAMES: Final = (
     "cubic",  # [N m/rad³]
     "zero",  # [rad], encoder minus link
     "play",  # [rad], between the servo's encoder and the joint
+    "gear",  # ratio of the gear over the stated one, between motor and encoder
+    "sag",  # resistance of the supply over that of a motor's winding
 )
 (
     KP,
@@ -65,5 +70,26 @@ NAMES: Final = (
     CUBIC,
     ZERO,
     PLAY,
+    GEAR,
+    SAG,
 ) = range(len(NAMES))
 UNLIMITED: Final = ("integral_limit", "speed", "acceleration", "torque_limit", "stall")
+_GEARED: Final = {  # powers of the gear's ratio in what is seen at the joint
+    1: (KP, KI, INTEGRAL_LIMIT, PUNCH, TORQUE_LIMIT, STALL, PLUS, MINUS, STRIBECK),
+    2: (KD, FADING, INERTIA, VISCOUS_PLUS, VISCOUS_MINUS),
+}
+
+
+def geared(row: FloatArray) -> FloatArray:
+    """Return constants as seen at the joint, of a motor behind another gear than the stated one.
+
+    The servo's encoder is on the joint: its gains are torque of the motor by angle of the joint.
+    """
+    ratio = row[GEAR]
+    if ratio == 1.0:
+        return row
+    new = row.copy()
+    for power, columns in _GEARED.items():
+        new[list(columns)] *= ratio**power
+    new[GEAR] = 1.0
+    return new

@@ -32,7 +32,7 @@ from estimators.drives.against_stated import (
     stated_arm,
     with_intervals,
 )
-from estimators.drives.arm_findings import shared_finding, turned, without
+from estimators.drives.arm_findings import as_described, shared_finding, without
 from estimators.drives.arm_loads import ArmLoads
 from estimators.drives.checks import check_commands
 from estimators.drives.conventions import conventions_of
@@ -42,19 +42,20 @@ from estimators.drives.identification import SURE, identify_drives, with_servos
 from estimators.drives.one_joint import loaded_joints
 from estimators.drives.plant import rows_of
 from estimators.drives.result import DriveDiagnosis
-from estimators.drives.suspects import OFFSET, leaving_out, search
+from estimators.drives.suspects import COUNTED, OFFSET, leaving_out, search
 from estimators.drives.timing import check_timing
-from estimators.drives.wording import sags, undecided
+from estimators.drives.wording import not_shown, sags, undecided
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from estimators.diagnosis.stages import Progress
     from estimators.drives.fit import JointFit
     from estimators.drives.identification import DriveIdentification
     from estimators.drives.one_joint import LoadedJoint
+    from estimators.drives.suspects import Suspect
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -64,6 +65,7 @@ _CONFIDENT: Final = 0.95  # share of resampled held-out motion in which it has t
 _BLOCKS, _DRAWN = 20, 1000  # of held-out motion, and resamples of them
 _NEAR_FLOOR: Final = 3.0  # floors, below which nothing is left to be explained
 _LEAST: Final = 1e-9
+_TURNS: Final = 2  # findings of how joints count, after each of which all is looked for anew
 
 # What is said of each: the effect, the constants that are its values, with their units.
 _KINDS: Final[dict[str, dict[str, str]]] = {
@@ -79,6 +81,8 @@ _KINDS: Final[dict[str, dict[str, str]]] = {
     "profile_speed": {"speed": "rad/s"},
     "spring_load": {"spring": "N m/rad"},
     "backlash": {"play": "rad"},
+    "gear_ratio": {"gear": "1"},
+    "integral_gain": {"ki": "N m/(rad s)"},
 }
 _NAMES: Final = {
     COULOMB: "tau_c",
@@ -87,6 +91,7 @@ _NAMES: Final = {
     "stribeck": "tau_s",
     "spring": "stiffness",
     "play": "gap",
+    "gear": "ratio",
 }
 
 
@@ -130,14 +135,16 @@ def diagnose_drives(
     after = _errors(proof.simulation, evidence.unseen)
     progress("comparing", 0.9)
     delay = float(np.median([fit.value("delay") for fit in final.fits]))
+    conventions = conventions_of(given.body, evidence.recordings, delay)
     notes = (
         *odd,
-        conventions_of(given.body, evidence.recordings, delay).sentence(),
-        *(_about_sign(joint) for joint in evidence.turned),
+        conventions.sentence(),
+        *(_about_counting(one) for one in evidence.turned),
         *_about_scale(final),
         *sags(final),
     )
-    verdict = _verdict(simulation, given, evidence, before, after, notes)
+    hidden = not_shown(given, conventions.joints, stated=stated)
+    verdict = _verdict(simulation, given, evidence, before, after, notes, hidden)
     progress("done", 1.0)
     return DriveDiagnosis(
         verdict,
@@ -159,7 +166,7 @@ class _Evidence:
     final: DriveIdentification  # from all
     recordings: tuple[Recording, ...]  # as the description counts
     unseen: tuple[Recording, ...]
-    turned: tuple[int, ...] = ()  # joints that count against the description, 1-based
+    turned: tuple[Suspect, ...] = ()  # joints that count against the description
     shared: tuple[StatedArm, StatedArm] | None = None  # of the same two, where drives are stated
     counted: _Evidence | None = None  # with joints turned, as they were recorded
 
@@ -167,7 +174,8 @@ class _Evidence:
         """Return the held-out motion of each joint, loaded as was proven."""
         if self.shared is None:
             return loaded_joints(given.body, self.unseen)
-        return ArmLoads(given.body, self.unseen).parts(self.shared[0].change)
+        loads = ArmLoads(given.body, self.unseen, rows_of(given))
+        return loads.parts(self.shared[0].change)
 
     def of_the_arm(self, given: Simulation) -> Iterator[tuple[float, Finding]]:
         """Yield what all joints feel, with the squared held-out error that each removes."""
@@ -175,13 +183,13 @@ class _Evidence:
             yield from self.counted.of_the_arm(given)
         if self.shared is None:
             return
-        loads = ArmLoads(given.body, self.unseen)
+        loads = ArmLoads(given.body, self.unseen, rows_of(given))
         proof, final = self.shared
         rows = [fit.row for fit in self.proof.fits]
         full = _squares(loads.parts(proof.change), rows)
         noise = np.array([max(float(np.median(x)), _LEAST) for x in full])
         for one in proof.suspects:
-            if not one.shared or (self.turned and one.effect == "joint_sign"):
+            if not one.shared or (self.turned and one.effect in COUNTED):
                 continue
             less = _squares(loads.parts(without(proof.change, one)), rows)
             confidence = removes(
@@ -222,22 +230,28 @@ def _beside_stated(
     unseen: Sequence[Recording],
     recordings: Sequence[Recording],
     progress: Progress,
+    turns: int = 0,
 ) -> _Evidence:
     """Look for what the arm has beyond what is stated, and prove it on a part of the recordings."""
     tick = max(_resolution(recordings, j) for j in range(given.model.n))
-    loads = ArmLoads(given.body, recordings)
+    loads = ArmLoads(given.body, recordings, rows_of(given))
     searched = search(loads, rows_of(given), given.tolerances.drive, tick)
     arm = stated_arm(given, searched, searched.fit)
-    if arm.turned:
+    if (other := arm.counted_otherwise) and turns < _TURNS:
         as_recorded = tuple(unseen)
         seen, unseen, every = (
-            [turned(r, arm.turned) for r in x] for x in (seen, unseen, recordings)
+            [as_described(r, arm.change) for r in x] for x in (seen, unseen, recordings)
         )
-        evidence = _beside_stated(given, seen, unseen, every, progress)
+        evidence = _beside_stated(given, seen, unseen, every, progress, turns + 1)
         counted = _Evidence(
-            arm.identified, arm.identified, tuple(recordings), as_recorded, shared=(arm, arm)
+            arm.identified,
+            arm.identified,
+            tuple(recordings),
+            as_recorded,
+            shared=(arm, arm),
+            counted=evidence.counted,
         )
-        return replace(evidence, turned=tuple(j + 1 for j in arm.turned), counted=counted)
+        return replace(evidence, turned=(*evidence.turned, *other), counted=counted)
     progress("proving on held-out motion", 0.6)
     final = with_intervals(given, searched)
     while (doubtful := final.doubtful) is not None:
@@ -281,6 +295,7 @@ def _verdict(
     before: FloatArray,
     after: FloatArray,
     notes: tuple[str, ...],
+    hidden: Iterable[tuple[str, str]],
 ) -> Verdict:
     final, recordings, unseen = evidence.final, evidence.recordings, evidence.unseen
     rmse_before, rmse_after = (np.sqrt(np.mean(e**2, axis=0)) for e in (before, after))
@@ -305,7 +320,10 @@ def _verdict(
         ),
         not_observable=tuple(
             NotObservable(effect, reason)
-            for effect, reason in undecided(final, min(r.rate for r in recordings))
+            for effect, reason in (
+                *undecided(final, min(r.rate for r in recordings)),
+                *hidden,
+            )
         ),
         next_motion=None,
         fit=Fit(
@@ -352,7 +370,8 @@ def _findings(
         for effect, units in _KINDS.items():
             extra = effect in final.extras[j]
             wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, stated, period)
-            shown = effect in proof.extras[j] and _is_known(fit, units)
+            size = next(iter(units))  # others give its shape, which matters less
+            shown = effect in proof.extras[j] and _is_known(fit, {size: ""})
             if not (shown if extra else wrong):
                 continue
             without = errors(parts[j], _without(best, nominal[j], effect, units)) ** 2
@@ -471,7 +490,13 @@ def _by_recording(
     return float(low), float(high)
 
 
-def _about_sign(joint: int) -> str:
+def _about_counting(one: Suspect) -> str:
+    joint = (one.joint or 0) + 1
+    if one.other is not None:
+        return (
+            f"Columns of joints {joint} and {one.other + 1} are exchanged, positions and commands; "
+            "the improved simulation is of recordings in which they are not."
+        )
     return (
         f"position_{joint} and command_{joint} count against the description; the improved "
         "simulation is of recordings in which both have the other sign."

@@ -14,8 +14,17 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.columns import DELAY, ZERO
-from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity, slack
+from estimators.drives.columns import DELAY, SAG, ZERO
+from estimators.drives.joint_step import (
+    commanded,
+    driven,
+    error_of,
+    integrated,
+    led,
+    next_velocity,
+    sagged,
+    slack,
+)
 from estimators.drives.plant import ServoArm
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
@@ -105,6 +114,18 @@ def _load(
     return load
 
 
+@compiled(nogil=True)
+def _supplied(rows: FloatArray, error: FloatArray, velocity: FloatArray) -> float:
+    """Return the voltage over that of a supply without load, of an arm of one supply."""
+    sag, drawn, returned = rows[:, SAG].max(), 0.0, 0.0
+    if sag > 0.0:
+        for j in range(error.size):
+            more, less = driven(rows[j], error[j], velocity[j])
+            drawn += more
+            returned += less
+    return sagged(sag, drawn, returned)
+
+
 @compiled(
     reads=(
         "rotation",
@@ -168,13 +189,22 @@ def _advance(
                 target[j], pace[j] = led(rows[j], wanted, target[j], pace[j], h)
                 error[j] = error_of(rows[j], target[j], q[j] + zero[j])
                 integral[j] = integrated(rows[j], integral[j], error[j], h)
+            supply = _supplied(rows, error, v)
             moved = math.inf
             for _ in range(_SWEEPS):
                 moved = 0.0
                 for j in range(n):
                     load = _load(bias, M, after, v, h, j) - M[j, j] * (after[j] - v[j]) / h
                     new, mean[j] = next_velocity(
-                        rows[j], q[j] + zero[j], v[j], error[j], integral[j], M[j, j], load, h
+                        rows[j],
+                        q[j] + zero[j],
+                        v[j],
+                        error[j],
+                        integral[j],
+                        M[j, j],
+                        load,
+                        supply,
+                        h,
                     )
                     moved = max(moved, abs(new - after[j]))
                     after[j] = new

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from estimators.drives.columns import geared
 from estimators.drives.extras import every_joint
 from estimators.drives.fit import BASE, COULOMB, DAMPING, BelievedValue, value_in, with_values
 from estimators.drives.one_joint import loaded_joints
@@ -21,6 +22,7 @@ from limo_driver.physics import (
     Armature,
     AsymmetricFriction,
     CoulombFriction,
+    DcMotor,
     LoadDependentFriction,
     PositionServo,
     SpringLoad,
@@ -201,20 +203,27 @@ def with_servos(simulation: Simulation) -> Simulation:
 
 
 def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
-    """Return a simulation with the constants that were fitted.
+    """Return a simulation with the constants that were fitted, as seen at the joints.
 
     Damping of the servo and viscous friction of the joint act alike: what fits start without, the
     first of them, is left out.
     """
+    rows, given = [geared(row) for row in rows], rows
     kept = tuple(effect for effect in simulation.effects if not isinstance(effect, _FITTED))
     effects = tuple(effect for j, row in enumerate(rows, start=1) for effect in _effects(j, row))
-    drives = tuple(_driven(drive, rows[drive.joint - 1]) for drive in simulation.drives)
+    drives = tuple(
+        _driven(drive, rows[drive.joint - 1], value_in(given[drive.joint - 1], "gear"))
+        for drive in simulation.drives
+    )
     return replace(simulation, effects=(*effects, *kept), drives=drives)
 
 
-def _driven(drive: JointDrive, row: FloatArray) -> JointDrive:
+def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
+    if isinstance(drive, DcMotor):
+        return replace(drive, gear=ratio * drive.gear)
     if not isinstance(drive, PositionServo):
         return drive
+    limit = drive.torque_limit
     speed = value_in(row, "speed")
     return replace(
         drive,
@@ -223,6 +232,9 @@ def _driven(drive: JointDrive, row: FloatArray) -> JointDrive:
         delay=value_in(row, "delay"),
         dead_band=value_in(row, "dead_band"),
         play=value_in(row, "play"),
+        ki=value_in(row, "ki"),
+        sag=value_in(row, "sag"),
+        torque_limit=None if limit is None else ratio * limit,
         speed=speed if np.isfinite(speed) else None,
     )
 

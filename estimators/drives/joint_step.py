@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from estimators.drives.columns import (
     ACCELERATION,
     BY_LOAD,
@@ -117,6 +119,44 @@ def slack(row: FloatArray, force: float) -> float:
 
 
 @compiled(nogil=True)
+def driven(row: FloatArray, error: float, velocity: float) -> tuple[float, float]:
+    """Return what a servo draws from its supply, over what it draws stalled and fully driven.
+
+    A duty d of the voltage u, with back-EMF e, draws d (d u - e): the factor of u, and the rest.
+
+    Args:
+        row: The constants of the joint.
+        error: That the servo acts on [rad].
+        velocity: [rad/s].
+    """
+    most = min(row[TORQUE_LIMIT], row[STALL])
+    duty = min(max(row[KP] * error / most, -1.0), 1.0)
+    slope = row[KD] + row[FADING] + 0.5 * (row[VISCOUS_PLUS] + row[VISCOUS_MINUS])
+    return duty * duty, duty * slope * velocity / most
+
+
+@compiled(nogil=True)
+def draws(row: FloatArray, error: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return `driven` of errors [rad] and velocities [rad/s] of T samples, (2, T)."""
+    found = np.empty((2, error.size))
+    for i in range(error.size):
+        found[0, i], found[1, i] = driven(row, error[i], velocity[i])
+    return found
+
+
+@compiled(nogil=True)
+def sagged(sag: float, drawn: float, returned: float) -> float:
+    """Return the voltage over that of a supply without load.
+
+    Args:
+        sag: Resistance of the supply over that of a motor's winding.
+        drawn: Sum of what all servos draw by voltage, as `driven` has it.
+        returned: Of what their back-EMF saves.
+    """
+    return min((1.0 + sag * max(returned, 0.0)) / (1.0 + sag * drawn), 1.0)
+
+
+@compiled(nogil=True)
 def next_velocity(
     row: FloatArray,
     position: float,
@@ -125,6 +165,7 @@ def next_velocity(
     integral: float,
     inertia: float,
     load: float,
+    supply: float,
     h: float,
 ) -> tuple[float, float]:
     """Return the velocity of a joint after a step, and its mean within the step [rad/s].
@@ -137,6 +178,8 @@ def next_velocity(
         integral: Torque of the servo's integral [N m].
         inertia: Of the rigid body about the joint [kg m²].
         load: Torque that the rigid body needs at no acceleration of this joint [N m].
+        supply: Voltage over that of a supply without load, to which a servo's torque is in
+            proportion.
         h: Step [s].
     """
     heavy = (inertia + row[INERTIA]) / h
@@ -149,13 +192,14 @@ def next_velocity(
     if error != 0.0:
         push += row[KP] * error + math.copysign(row[PUNCH], error)
         stiff += 0.5 * row[KP] * h
+    push, stiff = supply * push, supply * stiff
     after, mean = _moved(row, velocity, load, heavy, passive + push, soft + stiff)
     torque = push - stiff * mean
-    if abs(torque) > row[TORQUE_LIMIT]:
-        torque = math.copysign(row[TORQUE_LIMIT], torque)
+    if abs(torque) > supply * row[TORQUE_LIMIT]:
+        torque = math.copysign(supply * row[TORQUE_LIMIT], torque)
         after, mean = _moved(row, velocity, load, heavy, passive + torque, soft)
-    if abs(torque + row[FADING] * mean) > row[STALL]:
-        torque = math.copysign(row[STALL], torque + row[FADING] * mean)
+    if abs(torque + row[FADING] * mean) > supply * row[STALL]:
+        torque = math.copysign(supply * row[STALL], torque + row[FADING] * mean)
         after, mean = _moved(row, velocity, load, heavy, passive + torque, soft + row[FADING])
     return after, mean
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.columns import DELAY
+from estimators.drives.columns import DELAY, geared
 from estimators.drives.forward import ROUNDING, commands_of
 from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity, slack
 from limo_driver.compiled import compiled
@@ -38,10 +38,19 @@ class LoadedJoint:
     velocity: FloatArray  # (T,) [rad/s], zero-phase
     load: FloatArray  # (T,) [N m], rigid body without the joint's own acceleration
     inertia: FloatArray  # (T,) [kg m²], rigid body about the joint
+    supply: FloatArray  # (T,), voltage over that of a supply without load
 
     def simulate(self, row: FloatArray) -> FloatArray:
         """Return the positions that a joint of these constants takes, (T,) [rad]."""
-        return _advance_one(row, self.time, self.command, self.position[0], self.load, self.inertia)
+        return _advance_one(
+            geared(row),
+            self.time,
+            self.command,
+            self.position[0],
+            self.load,
+            self.inertia,
+            self.supply,
+        )
 
 
 def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[list[LoadedJoint]]:
@@ -70,12 +79,13 @@ def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[lis
                     motion.velocity[:, j],
                     load,
                     inertia,
+                    np.ones_like(load),
                 )
                 found[j].append(LoadedJoint(*(np.ascontiguousarray(x[rows]) for x in parts)))
     return found
 
 
-@compiled(reads=("row", "time", "command", "load", "inertia"), nogil=True)
+@compiled(reads=("row", "time", "command", "load", "inertia", "supply"), nogil=True)
 def _advance_one(
     row: FloatArray,
     time: FloatArray,
@@ -83,6 +93,7 @@ def _advance_one(
     start: float,
     load: FloatArray,
     inertia: FloatArray,
+    supply: FloatArray,
 ) -> FloatArray:
     """Return the positions (T,) [rad] of one stretch."""
     result = np.empty(time.size)
@@ -101,7 +112,7 @@ def _advance_one(
             integral = integrated(row, integral, error, h)
             part = (s + 0.5) / steps
             now = load[i] + part * (load[i + 1] - load[i])
-            after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, h)
+            after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, supply[i], h)
             ahead = slack(row, now + inertia[i] * (after - v) / h)
             v = after
             q += h * mean

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.drives.columns import NAMES, UNLIMITED
+from estimators.drives.columns import NAMES, STALL, TORQUE_LIMIT, UNLIMITED
 from estimators.rigid_body.newton_euler import link_parameters
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import ConfigError
@@ -77,7 +77,12 @@ def rows_of(simulation: Simulation) -> FloatArray:
             "what a command does there"
         )
     rows = np.zeros((n, len(NAMES)))
-    for name, value in {**dict.fromkeys(UNLIMITED, np.inf), "v_s": 1.0, "delta": 1.0}.items():
+    for name, value in {
+        **dict.fromkeys(UNLIMITED, np.inf),
+        "v_s": 1.0,
+        "delta": 1.0,
+        "gear": 1.0,
+    }.items():
         rows[:, NAMES.index(name)] = value
     for drive in simulation.drives:
         _enter(rows[drive.joint - 1], _of_drive(drive))
@@ -86,6 +91,11 @@ def rows_of(simulation: Simulation) -> FloatArray:
             continue  # in the rigid body already, or nothing that moves an arm
         _add(rows, effect)
     return rows
+
+
+def most_torque(rows: FloatArray) -> FloatArray:
+    """Return the most torque of each drive, (n,) [N m]."""
+    return np.minimum(rows[:, TORQUE_LIMIT], rows[:, STALL])
 
 
 def _enter(row: FloatArray, values: _Values) -> None:

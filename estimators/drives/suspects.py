@@ -7,11 +7,12 @@ the fit, one after the other, as long as it is worth it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.arm_fit import ArmFit, ArmGuess, ArmProblem, Weights, fit_arm
+from estimators.drives.arm_fit import ArmFit, ArmGuess, ArmProblem, Weights, at_bound, fit_arm
 from estimators.drives.arm_loads import ArmChange
 from estimators.drives.fit import BASE, COULOMB, DAMPING, BelievedValue, value_in, with_values
 
@@ -26,13 +27,20 @@ _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
+_SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
 _MASS: Final = 1.0  # of the arm's own
 _START_MASS: Final = 0.05  # of the arm's own
 _WORTH: Final = 16.0  # [nat], that a suspect has to explain
 _EACH: Final = 2.0  # [nat], for each of its constants
 _MOST: Final = 4
-NEUTRAL: Final = {"speed": np.inf, "v_s": 1.0}  # constants that are not 0 where there is nothing
+COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
+NEUTRAL: Final = {
+    "speed": np.inf,
+    "v_s": 1.0,
+    "gear": 1.0,
+}  # constants that are not 0 where there is nothing
 _FIRST, _GLANCE, _TRY, _THEN = 12, 2, 4, 8  # steps of fits
+_PAIRS: Final = 1  # of joints, that may be exchanged
 _LIKELY: Final = 2  # suspects that are looked at longer, of either kind
 
 
@@ -55,6 +63,7 @@ class Suspect:
     start: tuple[tuple[str, float], ...]  # constants, and where their fit begins
     shared: bool = False  # whether these are of the arm
     freed: str = ""  # a stated constant that is another
+    other: int | None = None  # the second of two joints, 0-based
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,14 +75,23 @@ class Suspect:
         """Joints that it acts on, 0-based; None: all."""
         return None if self.shared or self.joint is None else (self.joint,)
 
+    def counted(self, change: ArmChange) -> ArmChange:
+        """Return an arm in which a joint counts the other way, or two are exchanged."""
+        j = self.joint or 0
+        if self.other is None:
+            sign = list(change.sign)
+            sign[j] *= -1
+            return replace(change, sign=tuple(sign))
+        order = list(change.order or range(len(change.sign)))
+        order[j], order[self.other] = order[self.other], order[j]
+        return replace(change, order=() if order == sorted(order) else tuple(order))
+
     def added(self, guess: ArmGuess) -> ArmGuess:
         """Return a guess that has it."""
         if self.freed:
             return replace(guess, free=guess.free | {(self.joint or 0, self.freed)})
-        if self.effect == "joint_sign" and self.joint is not None:
-            sign = list(guess.change.sign)
-            sign[self.joint] *= -1
-            return replace(guess, change=replace(guess.change, sign=tuple(sign)))
+        if self.effect in COUNTED:
+            return replace(guess, change=self.counted(guess.change))
         if self.shared:
             change = guess.change
             for name, value in self.start:
@@ -89,8 +107,8 @@ class Suspect:
         """Return a guess that has it no longer."""
         if self.freed:
             return replace(guess, free=guess.free - {(self.joint or 0, self.freed)})
-        if self.effect == "joint_sign":
-            return self.added(guess)
+        if self.effect in COUNTED:
+            return self.added(guess)  # twice is not at all
         if self.shared:
             change = guess.change
             for name in self.names:
@@ -108,6 +126,10 @@ def suspects_of(loads: ArmLoads) -> Iterator[Suspect]:
     mass = sum(own.mass for own in loads.body.inertials.values())
     com = tuple((f"com_{axis}", 0.0) for axis in "xyz")
     yield Suspect("payload", None, (("mass", _START_MASS * mass), *com), shared=True)
+    if loads.shows_supply:
+        yield Suspect("supply_sag", None, (("sag", 0.2),), shared=True)
+    for j, k in combinations(range(loads.n), 2):
+        yield Suspect("swapped_joints", j, (), shared=True, other=k)
     for j in range(loads.n):
         yield Suspect("encoder_offset", j, ((f"zero_{j + 1}", 0.0),), shared=True)
         yield Suspect("joint_sign", j, (), shared=True)
@@ -119,6 +141,8 @@ def suspects_of(loads: ArmLoads) -> Iterator[Suspect]:
         yield Suspect("profile_speed", j, (("speed", 1.0),))
         yield Suspect("spring_load", j, (("spring", 0.1),))
         yield Suspect("backlash", j, (("play", 0.01),))
+        yield Suspect("gear_ratio", j, (("gear", 1.0),))
+        yield Suspect("integral_gain", j, (("ki", 1.0),))
 
 
 @dataclass(frozen=True)
@@ -173,6 +197,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
     mass = sum(own.mass for own in loads.body.inertials.values())
     shared = {
         "mass": BelievedValue(0.0, _MASS * mass),
+        "sag": BelievedValue(0.0, _SAG),
         **{f"com_{axis}": BelievedValue(0.0, _COM) for axis in "xyz"},
         **{f"zero_{j + 1}": BelievedValue(0.0, _ZERO) for j in range(loads.n)},
     }
@@ -181,7 +206,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
     fit = fit_arm(problem, guess, _FIRST)
     problem, fit = reweighted(problem, fit, tick)
     chosen = list[Suspect]()
-    waiting = list(suspects_of(loads))
+    waiting = _without_most_swaps(problem, fit, list(suspects_of(loads)))
     while len(chosen) < _MOST:
         glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
         likely = _likely(problem, fit, waiting, glances)
@@ -191,10 +216,26 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
         chosen.append(best.one)
         waiting.remove(best.one)
         problem, fit = reweighted(best.problem, best.fit, tick)
-        if best.one.effect == "joint_sign":
+        if best.one.effect in COUNTED:
             break  # all else is better looked for where joints count as described
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
     return Searched(problem, fit, tuple(kept))
+
+
+def _without_most_swaps(
+    problem: ArmProblem, fit: ArmFit, suspects: Sequence[Suspect]
+) -> list[Suspect]:
+    """Return suspects without the pairs of joints whose exchange predicts worse than others do.
+
+    There are many pairs, and a right one is far better at once, before any constant is fitted.
+    """
+
+    def cost(one: Suspect) -> float:
+        guess = one.added(fit.guess)
+        return problem.cost(guess, problem.errors(guess), range(problem.loads.n))
+
+    pairs = sorted((one for one in suspects if one.other is not None), key=cost)
+    return [one for one in suspects if one not in pairs[_PAIRS:]]
 
 
 def _likely(
@@ -295,7 +336,10 @@ class _Look:
 
 def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float:
     """Return what a suspect explains beyond its constants [nat]."""
-    if one.effect == "payload" and new.guess.change.mass <= 0.0:
+    change = new.guess.change
+    if one.effect == "payload" and change.mass <= 0.0:
+        return -np.inf
+    if any(at_bound(name, change.value(name)) for name in new.guess.shared):
         return -np.inf
     before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
     return before - new.cost - _EACH * (len(one.names) + bool(one.freed))

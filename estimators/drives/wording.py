@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.drives.columns import geared
+from estimators.drives.fit import value_in
+from estimators.drives.plant import most_torque, rows_of
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from estimators.drives.identification import DriveIdentification
     from limo_driver.model import RobotModel
+    from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
 _POSES: Final = 2000  # tried for the one that loads a joint most
@@ -23,7 +28,7 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
     full = full_load(found.simulation.body)
     said: list[str] = []
     for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
-        kp = fit.value("kp")
+        kp = value_in(geared(fit.row), "kp")
         if found.scaled[j - 1] and load / kp > _WORTH:
             said.append(
                 f"Joint {j} sags {load / kp:.3f} rad at full reach: its P gain of {kp:.1f} N m/rad "
@@ -51,3 +56,25 @@ def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, st
                 f"{word} of joint{'s' * (len(joints) > 1)} {', '.join(joints)} is not decidable at "
                 f"this rate ({rate:.0f} Hz): damping explains the motion as well",
             )
+
+
+def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterator[tuple[str, str]]:
+    """Yield effects that no recording of this arm with these drives shows, and why.
+
+    Args:
+        given: With a position servo for each joint.
+        told: Joints whose sign gravity tells, 1-based.
+        stated: Whether the drives are those that the arm has.
+    """
+    untold = [str(j) for j in range(1, given.model.n + 1) if j not in told]
+    if untold:
+        yield (
+            "joint_sign",
+            f"gravity hardly loads joint{'s' * (len(untold) > 1)} {', '.join(untold)}: whether "
+            "positions and commands count against the description is not decidable there",
+        )
+    if stated and not np.isfinite(most_torque(rows_of(given))).all():
+        yield (
+            "supply_sag",
+            "the drives state no `torque_limit`: how far the supply is loaded is not known",
+        )

@@ -37,6 +37,7 @@ _BEYOND: Final = {  # what no `ImplicitActuatorCfg` says, and why
     "punch": "N m",
     "play": "rad",
     "ki": "N m/(rad s)",
+    "sag": "of the supply",
     "speed": "rad/s",
     "acceleration": "rad/s^2",
     "resolution": "rad",

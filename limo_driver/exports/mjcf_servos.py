@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into: Path) -> None:
     """Write gains, limits and delays of position servos.
 
-    What a position actuator has no attribute for (dead band, play, profile, integrator, motor) is
-    not written.
+    What a position actuator has no attribute for (dead band, play, profile, integrator, motor,
+    supply) is not written.
 
     Args:
         texts: Of the file and its includes.

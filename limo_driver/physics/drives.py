@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
 
 LONGEST_DELAY: Final = 1.0  # [s]
+MOST_SAG: Final = 10.0  # of a supply that one servo takes to a tenth of its voltage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +43,10 @@ class PositionServo(JointDrive):
     Gains are those seen at the joint: kd has the motor's back-EMF in it. With play, the servo's
     encoder is on the motor and the recorded one on the joint; a servo that looks at the joint
     itself corrects its play, and hardly shows it.
+
+    All servos of an arm are on one supply, whose voltage, and with it all torque and limits but of
+    damping, falls to 1 / (1 + sag d) as servos are driven: d is 1 for each that is stalled at its
+    torque limit, and less for those that turn.
     """
 
     name: ClassVar[str] = "position_servo"
@@ -77,6 +82,13 @@ class PositionServo(JointDrive):
         "from flank to flank of the gear between the servo's encoder and the joint",
         lower=0.0,
         upper=FARTHEST,
+        default=0.0,
+    )
+    sag: float = parameter(
+        "1",
+        "resistance of the arm's supply over that of a motor's winding",
+        lower=0.0,
+        upper=MOST_SAG,
         default=0.0,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 KNOTS = 6  # of drift over a recording
 UNIT_ANGLE = 1e-3  # [rad]
+
+FARTHEST_ZERO: Final = 0.5  # [rad], of an encoder whose joint is still the one described
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +148,9 @@ class EncoderOffset(MotionEffect):
             ),
         ),
     )
-    offset: float = parameter("rad", "encoder minus link", lower=-0.5, upper=0.5, adds=True)
+    offset: float = parameter(
+        "rad", "encoder minus link", lower=-FARTHEST_ZERO, upper=FARTHEST_ZERO, adds=True
+    )
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the offset [rad], (T,)."""

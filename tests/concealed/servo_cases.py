@@ -33,6 +33,16 @@ SINGLES = (
 )
 
 
+OTHERS = (
+    "gear_ratio",
+    "swapped_joints",
+    "supply_sag",
+    "integral_gain",
+    "stribeck_friction",
+)
+WHOLE = ("payload", "supply_sag")  # what no single joint has
+
+
 @dataclass(frozen=True)
 class Case:
     """Recordings, what is believed, and what is hidden."""
@@ -44,6 +54,12 @@ class Case:
     recordings: tuple[Played, ...]
     stated: dict  # sim.yaml
     description: str  # MJCF
+    other: int = 0  # the second of two joints, 1-based
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Where it is hidden, 1-based; none for the whole arm."""
+        return tuple(j for j in (self.joint, self.other) if j)
 
     def write(self, folder: Path) -> tuple[Path, list[Path]]:
         """Write what a diagnosis is given; return the paths of simulation and recordings."""
@@ -67,7 +83,7 @@ def make(
 
     Args:
         seed: Of all that is drawn.
-        hidden: One of `SINGLES`, or empty for none.
+        hidden: One of `SINGLES` or `OTHERS`, or empty for none.
         rate: Of the recordings [Hz].
         bits: Of the encoders.
         commanded: Seconds between two commands, and commands (K, n) [rad], of one recording that
@@ -79,13 +95,19 @@ def make(
     servos = believed.copy()
     for name in ("gain", "brake", "rotor", "dry", "wet", "late"):
         servos[name] *= np.exp(TOLERANCE * np.clip(random.normal(size=N), -2, 2))
-    joint, size = 0, 0.0
+    joint, size, order = 0, 0.0, list(range(N))
     true, sign, zero = arm, np.ones(N), np.zeros(N)
     if hidden == "payload":
         size = float(random.uniform(0.08, 0.25))
         true = arm_.add_body(
             arm, N - 1, size, np.array([plant.HAND + 0.02, 0, 0]), np.eye(3) * 2e-5
         )
+    elif hidden == "supply_sag":
+        size = float(random.uniform(0.25, 0.6))
+        servos["source"] = size
+    elif hidden == "swapped_joints":
+        joint, other = sorted(int(j) for j in random.choice(N, 2, replace=False))
+        order[joint], order[other] = other, joint
     elif hidden:
         joint = int(random.choice(LOADED))
         size = _SIZES[hidden](random)
@@ -99,10 +121,12 @@ def make(
     for every, command in [commanded] if commanded else motions:
         own = plant.play(true, servos, command, every, rate)
         position = tick * np.round((own.position * sign + zero) / tick)
-        recordings.append(Played(own.time, own.command * sign + zero, position))
+        told = (own.command * sign + zero)[:, order]
+        recordings.append(Played(own.time, told, position[:, order]))
     stated = _stated(believed)
-    joint += bool(joint or (hidden and hidden != "payload"))
-    return Case(seed, hidden, joint, size, tuple(recordings), stated, plant.mjcf(arm))
+    joint += bool(joint or (hidden and hidden not in WHOLE))
+    other = max((j + 1 for j in range(N) if order[j] != j), default=0)
+    return Case(seed, hidden, joint, size, tuple(recordings), stated, plant.mjcf(arm), other)
 
 
 _SIZES = {
@@ -115,6 +139,9 @@ _SIZES = {
     "dead_band": lambda r: float(r.uniform(0.015, 0.04)),  # [rad]
     "spring_load": lambda r: float(r.uniform(0.25, 0.6)),  # [N m/rad]
     "load_dependent_friction": lambda r: float(r.uniform(0.25, 0.5)),
+    "gear_ratio": lambda r: float(r.choice([0.43, 0.55, 0.77, 1.3])),  # of gears that are sold
+    "integral_gain": lambda r: float(r.uniform(5.0, 25.0)),  # [N m/(rad s)]
+    "stribeck_friction": lambda r: float(DRY * r.uniform(1.0, 2.5)),  # [N m]
 }
 _FIELD_OF = {
     "drive_delay": "late",
@@ -124,7 +151,10 @@ _FIELD_OF = {
     "spring_load": "hose",
     "load_dependent_friction": "by_load",
     "backlash": "gap",
+    "integral_gain": "reset",
+    "stribeck_friction": "breakaway",
 }
+_GEARED = {"gain": 1, "stall": 1, "dry": 1, "brake": 2, "rotor": 2, "wet": 2}  # powers of the ratio
 
 
 def _hide(
@@ -132,6 +162,9 @@ def _hide(
 ) -> None:
     if hidden in _FIELD_OF:
         servos[_FIELD_OF[hidden]][joint] = size
+    if hidden == "gear_ratio":
+        for name, power in _GEARED.items():
+            servos[name][joint] *= size**power
     if hidden == "spring_load":
         servos["hose_rest"][joint] = random.uniform(-0.5, 0.5)
     if hidden == "backlash":

@@ -2,7 +2,8 @@
 
 Each joint has two bodies: the motor as it is seen at the joint, and the link. The gear between them
 is a spring that begins at the end of its play. The servo looks every millisecond at its own
-encoder, which counts the motor or the link, and the motor brakes in proportion to its speed.
+encoder, which counts the motor or the link, and the motor brakes in proportion to its speed. All
+motors hang on one supply, whose voltage its resistance lowers.
 """
 
 from typing import NamedTuple
@@ -32,6 +33,8 @@ FIELDS = [
     ("late", "f8"),  # [s]
     ("band", "f8"),  # [rad] of error that is taken for none
     ("gap", "f8"),  # [rad] of play, from flank to flank
+    ("reset", "f8"),  # [N m/(rad s)] of the integral
+    ("source", "f8"),  # resistance of the supply over that of this winding
     ("hose", "f8"),  # [N m/rad] of a cable
     ("hose_rest", "f8"),  # [rad]
     ("tick", "f8"),  # [rad] of the encoders
@@ -108,12 +111,15 @@ def _play(arm, servos, command, steps, w, told):
     m, u = command[0].copy(), np.zeros(N)  # of the motors
     bias, torque, between, wrench = np.zeros(N), np.zeros(N), np.zeros(N), np.zeros(6)
     M, push = np.zeros((N, N)), np.zeros(N)
+    share, summed, volts = np.zeros(N), np.zeros(N), 1.0
     for t in range(told.shape[0]):
         arm_.place(arm, q, w)
         arm_.inverse_dynamics(arm, v, np.zeros(N), wrench, w, bias)
         arm_.mass_matrix(arm, w, M)
+        volts = _volts(servos, share, u)
         for j in range(N):
             s = servos[j]
+            torque[j] = s.stall * share[j] * volts
             half, apart = 0.5 * s.gap, m[j] - q[j]
             wound = apart - half if apart > half else apart + half if apart < -half else 0.0
             touching = s.gap == 0.0 or wound != 0.0
@@ -126,7 +132,8 @@ def _play(arm, servos, command, steps, w, told):
                 error = asked - told_now
                 if s.band > 0.0:
                     error = np.sign(error) * max(abs(error) - s.band, 0.0)
-                torque[j] = min(max(s.gain * error, -s.stall), s.stall)
+                summed[j] += s.reset * error * LOOK * PERIOD
+                share[j] = min(max((s.gain * error + summed[j]) / s.stall, -1.0), 1.0)
             dry = s.dry + s.breakaway * np.exp(-((u[j] / 0.03) ** 2)) + s.by_load * abs(between[j])
             wanted = s.rotor * u[j] + PERIOD * (torque[j] - between[j])
             free = abs(wanted) - PERIOD * dry
@@ -140,6 +147,21 @@ def _play(arm, servos, command, steps, w, told):
             seen = q[j] if servos[j].tells == LINK else m[j]
             tick = servos[j].tick
             told[t, j] = tick * np.floor(seen / tick + 0.5)
+
+
+@njit(fastmath=True)
+def _volts(servos, share, u):
+    """Return the voltage at the motors over that of a supply without load.
+
+    v = 1 - r Σ share_j current_j, where the bridge of motor j passes its share of the voltage, and
+    its current is what share_j v leaves over its back-EMF, in units of its stall current.
+    """
+    drawn, saved = 0.0, 0.0
+    for j in range(N):
+        s = servos[j]
+        drawn += s.source * share[j] * share[j]
+        saved += s.source * share[j] * s.brake * u[j] / s.stall
+    return (1.0 + saved) / (1.0 + drawn)
 
 
 @njit(fastmath=True)

@@ -13,6 +13,10 @@ import limo_driver as limo
         (0, "payload", 200.0, "mass", 0.1),
         (7, "dead_band", 200.0, "dead_band", 0.1),
         (2016, "position_servo", 50.0, "kp", 0.1),  # half of the gain that is stated
+        (7003, "integral_gain", 200.0, "ki", 0.1),
+        (7005, "gear_ratio", 200.0, "ratio", 0.1),
+        (7006, "swapped_joints", 200.0, "", 0.0),
+        (7007, "supply_sag", 200.0, "sag", 0.2),
         (12, "", 200.0, "", 0.0),
         (1027, "", 200.0, "", 0.0),  # in which a body of 0.01 kg explains a little
     ],
@@ -23,7 +27,7 @@ def test_what_is_hidden_is_named(seed, hidden, rate, name, within, tmp_path):
 
     findings = limo.diagnose(sim, recordings).verdict.findings
 
-    joints = (case.joint,) if case.joint else ()
-    assert [(x.effect, x.joints) for x in findings] == ([(hidden, joints)] if hidden else [])
-    if hidden:
+    wanted = [(hidden, case.joints)] if hidden else []
+    assert [(x.effect, x.joints) for x in findings] == wanted
+    if name:
         assert findings[0].parameters[name].value == pytest.approx(case.size, rel=within)

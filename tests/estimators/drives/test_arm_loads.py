@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 from servo_arms import commands, recorded, write_arm
 
-from estimators.drives.arm_findings import turned
+from estimators.drives import free_run
+from estimators.drives.arm_findings import as_described
 from estimators.drives.arm_loads import ArmChange, ArmLoads
+from estimators.drives.fit import with_values
+from estimators.drives.identification import with_rows
 from estimators.drives.one_joint import loaded_joints
+from estimators.drives.plant import rows_of
 from limo_driver.physics import Payload, Simulation
 
 NONE = ArmChange.none(2)
@@ -66,14 +70,15 @@ def test_a_zero_elsewhere_loads_joints_as_if_the_links_stood_there(bare, recordi
 
 
 def test_a_turned_joint_is_loaded_the_other_way(bare, recording):
-    other = turned(recording, [1])
+    against = replace(NONE, sign=(1, -1))
+    other = as_described(recording, against)
 
     (first, second) = ArmLoads(bare.body, [other]).parts(replace(NONE, sign=(1, -1)))
 
     described = loaded_joints(bare.body, [recording])
     np.testing.assert_allclose(first[0].load, described[0][0].load, atol=1e-9)
     np.testing.assert_allclose(second[0].load, -described[1][0].load, atol=1e-9)
-    np.testing.assert_array_equal(turned(other, [1]).position, recording.position)
+    np.testing.assert_array_equal(as_described(other, against).position, recording.position)
 
 
 def test_rows_of_fast_recordings_are_thinned(bare):
@@ -81,3 +86,44 @@ def test_rows_of_fast_recordings_are_thinned(bare):
     (first, _) = ArmLoads(bare.body, [recorded(time, command, command)]).parts(NONE)
 
     assert first[0].time.size == 400
+
+
+def test_exchanged_columns_are_loaded_as_the_links_that_they_tell(bare, recording):
+    exchanged = replace(NONE, order=(1, 0))
+    other = as_described(recording, exchanged)
+
+    own = ArmLoads(bare.body, [other]).parts(exchanged)
+
+    for part, described in zip(own, loaded_joints(bare.body, [recording]), strict=True):
+        np.testing.assert_allclose(part[0].load, described[0].load, atol=1e-9)
+        np.testing.assert_array_equal(part[0].command, described[0].command)
+
+
+def test_one_joint_has_the_supply_of_the_whole_arm(tmp_path):
+    arm = Simulation.load(write_arm(tmp_path / "arm.xml", limit=6.0))
+    weak = replace(arm, drives=tuple(replace(drive, sag=0.8) for drive in arm.drives))
+    time, command = commands(4.0, 200.0, 2.0)
+    told = recorded(time, command, free_run(weak, recorded(time, command, command)))
+    loads = ArmLoads(arm.body, [told], rows_of(arm))
+
+    for j, row in enumerate(rows_of(arm)):
+        strong, sagging = (
+            np.abs(part.simulate(row) - told.position[:, j]).mean()
+            for part in (loads.parts(NONE)[j][0], loads.parts(replace(NONE, sag=0.8))[j][0])
+        )
+        assert sagging < 0.2 * strong
+
+
+def test_another_gear_is_constants_as_seen_at_the_joint(tmp_path, recording):
+    arm = Simulation.load(write_arm(tmp_path / "arm.xml", limit=6.0))
+    row = rows_of(arm)[1]
+
+    improved = with_rows(arm, [row, with_values(row, {"gear": 0.5})])
+
+    was, now = arm.drives[1], improved.drives[1]
+    assert (now.kp, now.torque_limit) == (0.5 * was.kp, 0.5 * was.torque_limit)
+    assert now.kd == 0.25 * was.kd
+    part = ArmLoads(arm.body, [recording]).parts(NONE)[1][0]
+    np.testing.assert_allclose(
+        part.simulate(with_values(row, {"gear": 0.5})), part.simulate(rows_of(improved)[1])
+    )

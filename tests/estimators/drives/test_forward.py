@@ -85,6 +85,18 @@ def test_a_dead_band_is_an_error_that_stays(arm):
     assert more - sagging == pytest.approx([0.05, 0.05], abs=2e-3)
 
 
+def test_a_weak_supply_lets_all_joints_sag_further(arm):
+    target, limit, sag = np.array([-0.4, 0.3]), 4.0, 0.8
+    servos = tuple(replace(drive, sag=sag, torque_limit=limit) for drive in arm.drives)
+
+    at_rest = held(replace(arm, drives=servos), target, start=target)[-1]
+
+    torque = np.array([40.0, 25.0]) * (target - at_rest)
+    supply = 1.0 / (1.0 + sag * np.sum((torque / limit) ** 2))
+    assert supply < 0.95
+    assert supply * torque == pytest.approx(arm.body.gravity_torque(at_rest[None])[0], abs=1e-4)
+
+
 def test_a_delay_shifts_the_motion(arm):
     time, command = commands(6.0, 100.0)
     command[300:] = command[:300]

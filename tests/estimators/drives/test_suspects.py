@@ -11,7 +11,9 @@ from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated,
 from estimators.drives import diagnose_drives, free_run
 from estimators.drives.against_stated import StatedArm
 from estimators.drives.arm_loads import ArmChange
+from estimators.drives.fit import JointFit, with_values
 from estimators.drives.identification import DriveIdentification
+from estimators.drives.plant import rows_of
 from estimators.drives.suspects import Suspect
 from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
 from limo_driver.physics.simulation_file import Tolerances
@@ -50,6 +52,7 @@ def test_an_arm_as_stated_has_no_finding(stated, recordings):
 
     assert found == []
     assert verdict.verdict == "consistent"
+    assert "joint_sign" not in {item.effect for item in verdict.not_observable}
 
 
 def moved(simulation, recordings):
@@ -104,6 +107,18 @@ def test_the_stated_arm_is_what_was_simulated(stated):
     assert kinds[CoulombFriction].tau_c == FRICTION
     assert kinds[ViscousFriction].f_v == DAMPING
     assert kinds[Armature].inertia == ARMATURE
+
+
+def test_a_gear_whose_interval_holds_the_stated_one_is_doubtful(stated):
+    row = with_values(rows_of(stated)[1], {"gear": 0.9})
+    other = Suspect("gear_ratio", 1, (("gear", 1.0),))
+
+    for deviation, doubtful in ((0.02, False), (0.06, True)):
+        fit = JointFit(row, ("gear",), {"gear": deviation}, np.zeros(1))
+        found = DriveIdentification(stated, (fit, fit), ((), ("gear_ratio",)), (True, True))
+        arm = StatedArm(found, ArmChange.none(2), {}, (other,))
+
+        assert (arm.doubtful is other) == doubtful
 
 
 @pytest.mark.parametrize(
