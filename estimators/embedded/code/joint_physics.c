@@ -143,6 +143,30 @@ static double leverage_of(const float *restrict x, const float *restrict R, int 
     return total;
 }
 
+/* Several sums side by side, since each addition waits for the one before. */
+static double product(const double *a, const double *b, int count)
+{
+    double sum[LANES] = {0.0}, total = 0.0;
+    int i = 0;
+    for (; i + LANES <= count; i += LANES) {
+        for (int l = 0; l < LANES; ++l) {
+            sum[l] += a[i + l] * b[i + l];
+        }
+    }
+    for (; i < count; ++i) {
+        total += a[i] * b[i];
+    }
+    for (int l = 0; l < LANES; ++l) {
+        total += sum[l];
+    }
+    return total;
+}
+
+static inline double cube(double x)
+{
+    return x * x * x;
+}
+
 /* Return the variance of what nobody knows of the stops before the joint turned. */
 static double forgotten(int j, const double x[COLUMNS], double range, double load)
 {
@@ -157,8 +181,8 @@ static double forgotten(int j, const double x[COLUMNS], double range, double loa
         for (int k = 0; k < WAVES; ++k) {
             h += x[PLACE + k] * height[j][2 + k][i];
         }
-        u[i] = h * (r >= 1.0 ? sqrt(0.5 * pow(2.0 - r, 3))
-                             : sqrt(0.5 * (pow(1.0 - r, 3) + 1.0) + 1.5 * r * (1.0 - r) * (1.0 - r)));
+        u[i] = h * (r >= 1.0 ? sqrt(0.5 * cube(2.0 - r))
+                             : sqrt(0.5 * (cube(1.0 - r) + 1.0) + 1.5 * r * (1.0 - r) * (1.0 - r)));
     }
     for (int i = first; i < STOPS; ++i) {
         for (int k = first; k < STOPS; ++k) {
@@ -172,7 +196,7 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
                   const double q[N], const double v[N], const double a[N],
                   limo_estimate *estimate)
 {
-    double rigid[BASE][N], slope[N][N], load[N], x[COLUMNS + 1];
+    double rigid[BASE][N], slope[N][N], load[N], x[COLUMNS + 1], value[WIDEST];
     float seen[WIDEST] = {0.0F};
     const float *R = root;
     for (int j = 0; j < N; ++j) {
@@ -184,15 +208,15 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
     x[COLUMNS] = 0.0; /* taken off where nothing is */
     fill_rigid(at, rigid);
     for (int j = 0, next = 0; j < N; ++j) {
-        double *own = memory->joints + (STOPS + 3) * j, learned = 0.0;
+        double *own = memory->joints + (STOPS + 3) * j;
         remember(own, q[j]);
         fill_columns(j, (const double(*)[N])rigid, q[j], v[j], a[j], own, load,
                      (const double(*)[N])slope, estimate->simulation, x);
         for (int k = 0; k < size[j]; ++k) {
-            const double value = x[kept[next + k]];
-            seen[k] = (float)(value - x[less[next + k]]);
-            learned += value * weight[next + k];
+            value[k] = x[kept[next + k]];
+            seen[k] = (float)(value[k] - x[less[next + k]]);
         }
+        const double learned = product(value, weight + next, size[j]);
         for (int k = size[j]; k < WIDEST; ++k) {
             seen[k] = 0.0F;
         }
