@@ -119,6 +119,12 @@ def state_at(k: int) -> JointState:
     return JointState(t, position, np.zeros(2), np.zeros(2), k)
 
 
+def told(file: Path, kind: str) -> list[dict[str, object]]:
+    """Return what a service told of a kind; the last line may be half written."""
+    lines = file.read_text().split("\n")[:-1]
+    return [line for line in map(json.loads, lines) if line.get("event") == kind]
+
+
 def limo(*arguments: object) -> list[str]:
     """Return the command line of a limo command."""
     call = "from limo_driver.cli import main; main()"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import time
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from processes import PATIENCE, Answers, Network, driven, served, wait_for
+from processes import PATIENCE, Answers, Network, driven, served, told, wait_for
 
 from limo_driver.network.streaming import open_session
 from limo_driver.workflow.supervising import listens
@@ -69,12 +68,6 @@ def test_a_killed_worker_is_back_and_the_other_arm_does_not_notice(
             service.kill()  # and nobody tells the workers to end
             service.wait(PATIENCE)
         wait_for(lambda: not any(map(alive, workers)))
-
-
-def told(file: Path, kind: str) -> list[dict[str, object]]:
-    """Return what was told of a kind; the last line may be half written."""
-    lines = file.read_text().split("\n")[:-1]
-    return [line for line in map(json.loads, lines) if line.get("event") == kind]
 
 
 def test_what_listens_at_a_port_of_its_own_is_one_process(tmp_path: Path) -> None:

@@ -1,0 +1,109 @@
+"""Eight arms of four drivers through one router: when it is killed, only its absence is lost."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from processes import RATE, Answers, Network, served, told
+
+from limo_driver.errors import ConnectionLostError
+from limo_driver.network.streaming import open_session
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from estimators.service.store.store import ModelStore
+
+pytestmark = pytest.mark.slow("starts fifteen processes: a minute")
+
+ARMS = tuple(f"arm{k}" for k in range(8))
+DOWN = 7.0  # [s] without a router, longer than silence takes to be told
+AGAIN = 9.0  # [s] in which clients have to find it: Zenoh waits up to 4 s between two tries
+LOST = 0.05  # of all other states, on a machine that tests share
+
+ROUTER = """
+import sys, time
+from limo_driver.network.streaming import open_session
+
+with open_session(config=sys.argv[1]):
+    time.sleep(1e6)
+"""
+
+DRIVER = """
+import sys, time
+sys.path[:0] = sys.argv[1].split(":")
+from limo_driver.network.streaming import open_session
+from processes import driven
+
+with open_session(config=sys.argv[2]) as session:
+    with driven(session, sys.argv[3]), driven(session, sys.argv[4]):
+        time.sleep(1e6)
+"""
+
+
+@contextmanager
+def program(text: str, *arguments: object) -> Generator[subprocess.Popen[bytes]]:
+    """Run a program until the block ends, or it is killed."""
+    with subprocess.Popen([sys.executable, "-c", text, *map(str, arguments)]) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_an_outage_of_the_router_loses_what_falls_into_it_and_is_told(
+    store: ModelStore, network: Network, tmp_path: Path
+) -> None:
+    heard = tmp_path / "heard.jsonl"
+    here = Path(__file__).parent
+    paths = f"{here}:{here.parents[2] / 'limo_driver' / 'network'}"
+    with ExitStack() as running, heard.open("w") as output:
+        with program(ROUTER, network.here) as router:
+            session = running.enter_context(open_client(network))
+            answers = {arm: Answers(session, arm) for arm in ARMS}
+            for pair in zip(ARMS[::2], ARMS[1::2], strict=True):
+                running.enter_context(program(DRIVER, paths, network.there, *pair))
+            arms = [f"--arm={arm}={store.root}" for arm in ARMS]
+            running.enter_context(served(network, *arms, "--json", stdout=output))
+            for own in answers.values():
+                own.later(100)
+            before = {arm: len(own.sequences) for arm, own in answers.items()}
+            router.send_signal(signal.SIGKILL)
+        killed = time.monotonic()
+        time.sleep(DOWN)
+        with program(ROUTER, network.here):
+            back = time.monotonic()
+            for own in answers.values():
+                own.later(200)
+            serving = [event for event in told(heard, "serving") if "again" in str(event["text"])]
+            assert {event["arm"] for event in told(heard, "silent")} == set(ARMS)
+            assert {event["arm"] for event in serving} == set(ARMS)
+    for arm, own in answers.items():
+        missed = np.diff(own.sequences[20:]) - 1
+        assert missed.min() >= 0  # in order, none twice
+        outage = missed.argmax()
+        assert outage + 20 in range(before[arm] - 20, before[arm] + 100)
+        assert missed[outage] <= (back - killed + AGAIN) * RATE
+        assert missed.sum() - missed[outage] <= LOST * missed.size
+
+
+@contextmanager
+def open_client(network: Network) -> Generator:
+    """Open a session as soon as the router listens."""
+    ends = time.monotonic() + 30.0
+    while True:
+        try:
+            session = open_session(config=network.there)
+            break
+        except ConnectionLostError:
+            assert time.monotonic() < ends
+    with session:
+        yield session
