@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,6 +14,8 @@ from limo_driver.physics import spoken
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from datetime import datetime
+
+    from numpy.typing import NDArray
 
     from estimators.diagnosis.verdict import Verdict
     from estimators.fleet.row import FleetRow
@@ -38,13 +41,22 @@ class Series:
 
     def of(self, arm: str) -> Series:
         """Return the values of one arm."""
-        own = np.array([name == arm for name in self.arms])
-        kept = tuple(name for name in self.arms if name == arm)
-        return Series(self.name, self.unit, self.ratio, kept, self.days[own], self.values[own])
+        own = self._rows[arm]
+        return Series(
+            self.name, self.unit, self.ratio, (arm,) * own.size, self.days[own], self.values[own]
+        )
 
     def names(self) -> tuple[str, ...]:
         """Return the arms, each once, in order."""
-        return tuple(sorted(set(self.arms)))
+        return tuple(self._rows)
+
+    @cached_property
+    def _rows(self) -> dict[str, NDArray[np.intp]]:
+        """Rows of each arm, found once: arm by arm it would take rows times arms."""
+        arms, which = np.unique(np.array(self.arms), return_inverse=True)
+        order = np.argsort(which, kind="stable")
+        ends = np.cumsum(np.bincount(which))[:-1]
+        return dict(zip(arms.tolist(), np.split(order, ends), strict=True))
 
 
 def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
