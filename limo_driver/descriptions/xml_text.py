@@ -76,7 +76,10 @@ def check_nesting(text: str, path: Path) -> None:
         nonlocal depth
         depth -= 1
 
-    parser.EntityDeclHandler = lambda name, *_: refuse(f"declares the entity {name!r}")
+    def declare(name: str, *_: object) -> None:
+        refuse(f"declares the entity {name!r}")
+
+    parser.EntityDeclHandler = declare
     parser.StartElementHandler, parser.EndElementHandler = begin, end
     try:
         parser.Parse(text.encode(), True)
