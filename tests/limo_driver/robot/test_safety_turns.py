@@ -373,6 +373,24 @@ def test_warming_up_needs_no_arm():
     warm_up(replace(SPEC, wrench_limits=None))
 
 
+def test_gravity_that_moves_on_counts_in_the_rate_of_torques():
+    gravity = iter(np.outer(np.resize([0.5, -0.5], 60), np.ones(3)))
+    carried = []
+
+    def carry():
+        carried.append(next(gravity))
+        return carried[-1]
+
+    contract, told = SafetyContract(SPEC, gravity=carry), []
+    for cycle in range(40):
+        contract.observe(state(cycle))
+        told.append(contract.admit(pushed(2 * LIMITS.torque, valid_for=LONG)).torque + carried[-1])
+    rate = np.abs(np.diff(told, axis=0)) / PERIOD
+    assert (rate <= LIMITS.torque_rate * (1 + 1e-9)).all()
+    assert rate.max(axis=0) == pytest.approx(LIMITS.torque_rate)
+    assert told[-1] == pytest.approx(LIMITS.torque)
+
+
 class TestGivingWay:
     """It begins only where the arm could stop."""
 
