@@ -12,6 +12,8 @@ from limo_driver.foreign.units import UNITS
 from limo_driver.recordings.data_gate import velocity_factor
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
@@ -24,6 +26,8 @@ _FEWEST_ROWS: Final = 10
 _LEAP: Final = 3.0  # times the longest of usual steps, that another unit makes
 _DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 _ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
+_SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
+_FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
 _FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
 _OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
 _TORQUE_SCALES: Final = {"N m": 1.0, "N cm": 1e2, "mN m": 1e3}
@@ -40,14 +44,32 @@ class Reading:
     fits_both: bool = False  # all in rad as well as all in deg
 
 
-def position_reading(position: FloatArray, torque: FloatArray | None, model: RobotModel) -> Reading:
+@dataclass(frozen=True)
+class Beside:
+    """What a log has beside positions of which it does not say the unit.
+
+    Args:
+        torque: (T, n), where it is measured.
+        torque_unit: In N m; None where that is not known.
+        time: (T,) [s], where its unit is known.
+        velocity: (T, n) [rad/s], where their unit is stated.
+    """
+
+    torque: FloatArray | None = None
+    torque_unit: float | None = None
+    time: FloatArray | None = None
+    velocity: FloatArray | None = None
+
+
+def position_reading(position: FloatArray, beside: Beside, model: RobotModel) -> Reading:
     """Say whether positions are in radians or degrees, joint by joint; or in m or mm, of slides.
 
     Args:
         position: (T, n) as the log has them, each with sign and zero of the robot.
-        torque: (T, n) in any unit, where it is measured.
+        beside: What else the log has.
         model: The robot.
     """
+    torque, by_speed = beside.torque, _unit_by_speed(position, beside, model)
     rests_at_zero = _is_noise_about_zero(position[:, ~np.array(model.sliding)])
     rows = _rows(position, torque)
     position = position[rows]
@@ -55,7 +77,7 @@ def position_reading(position: FloatArray, torque: FloatArray | None, model: Rob
     slides = _slides(position, model)
     # as if in rad: nothing else is open of joints that slide
     position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
-    found = _turns(position, torque, model)
+    found = _turns(position, _Gravity(model, torque, beside.torque_unit), by_speed)
     if found.question and rests_at_zero:  # the same pose in either unit
         found = Reading(("rad",) * model.n, "taken for rad: noise about zero says nothing of it")
     units = tuple(own or unit for own, unit in zip(slides, found.units, strict=True))
@@ -83,15 +105,67 @@ def _slides(position: FloatArray, model: RobotModel) -> tuple[str, ...]:
     )
 
 
-def _turns(position: FloatArray, torque: FloatArray | None, model: RobotModel) -> Reading:
+def _unit_by_speed(
+    position: FloatArray, beside: Beside, model: RobotModel
+) -> tuple[str, str] | None:
+    """Return the unit that velocities, or limits of them, leave for positions (T, n), and why.
+
+    A joint whose velocity limit would be far exceeded in rad is in deg. No slow motion says the
+    opposite: the speed of a joint has no lower limit.
+    """
+    turns = np.flatnonzero(~np.array(model.sliding))
+    if beside.time is None or not turns.size:
+        return None
+    rows = np.append(True, np.diff(beside.time) > 0) & _usual(position) & np.isfinite(beside.time)
+    time, position = beside.time[rows], position[rows][:, turns]
+    if time.size < _FEWEST_ROWS:
+        return None
+    found = None
+    if beside.velocity is not None:
+        found = _unit_of_velocities(time, position, beside.velocity[rows][:, turns])
+    if found is None and model.description.kind != "MJCF":  # which has no limits of velocity
+        found = _too_fast_in_rad(time, position, turns, model)
+    return found
+
+
+def _unit_of_velocities(
+    time: FloatArray, position: FloatArray, velocity: FloatArray
+) -> tuple[str, str] | None:
+    """Return the unit of positions (T, k) whose rate of change velocities [rad/s] are."""
+    factors = [velocity_factor(time, *own) for own in zip(position.T, velocity.T, strict=True)]
+    usual = float(np.median(np.abs([factor for factor in factors if factor] or [0.0])))
+    for unit in ("rad", "deg"):
+        ratio = usual / UNITS["position"][unit]
+        if _ALIKE[0] < ratio < _ALIKE[1]:
+            return unit, f"the velocities are {ratio:.3g} times their rate of change in {unit}"
+    return None
+
+
+def _too_fast_in_rad(
+    time: FloatArray, position: FloatArray, turns: NDArray[np.intp], model: RobotModel
+) -> tuple[str, str] | None:
+    """Return degrees where positions (T, k) of joints `turns` move too fast for radians."""
+    every = max(1, round(_SWEEP / float(np.median(np.diff(time)))))
+    time, position = time[::every], position[::every]
+    if time.size < _FEWEST_ROWS:
+        return None
+    speeds = np.abs(np.diff(position, axis=0)) / np.diff(time)[:, None]
+    for j, speed in zip(turns.tolist(), np.quantile(speeds, 0.98, axis=0).tolist(), strict=True):
+        limit = float(model.limits.velocity[j])
+        if 0 < _FASTER * limit < speed:
+            return "deg", f"in rad, joint {j + 1} would move at {speed:.3g} of {limit:.3g} rad/s"
+    return None
+
+
+def _turns(position: FloatArray, cost: _Gravity, by_speed: tuple[str, str] | None) -> Reading:
     """Say whether positions (T, n) of the joints that turn are in radians or degrees."""
+    model = cost.model
     n, slides = model.n, np.array(model.sliding)
     possible = {
         unit: _possible(position * UNITS["position"][unit], model) | slides
         for unit in ("rad", "deg")
     }
     uniform = [unit for unit, fits in possible.items() if fits.all()]
-    cost = _Gravity(model, torque)
     if len(uniform) == 1:
         unit = uniform[0]
         other = "deg" if unit == "rad" else "rad"
@@ -100,9 +174,17 @@ def _turns(position: FloatArray, torque: FloatArray | None, model: RobotModel) -
         return _unless_mixed(position, (unit,) * n, why, possible, cost)
     if len(uniform) > 1:
         rad, deg = (cost.of(position, (unit,) * n) for unit in ("rad", "deg"))
-        if abs(rad - deg) < _DECISIVE:
+        decided = abs(rad - deg) >= _DECISIVE
+        unit, other = ("rad", "deg") if rad < deg else ("deg", "rad")
+        if by_speed is not None and not (decided and by_speed[0] == other):
+            return _unless_mixed(position, (by_speed[0],) * n, by_speed[1], possible, cost)
+        if by_speed is not None:
+            why = f"the torques are those of positions in {unit}"
+            asked = f"the torques fit {unit}, but {by_speed[1]}"
+            return Reading((unit,) * n, why, f"position: are the columns in rad or deg? {asked}")
+        if not decided:
             told, fitted = "the torques fit both", "limits and torques"
-            if torque is None:
+            if cost.torque is None:
                 told, fitted = "no torque says which", "the limits, and no torque says which"
             return Reading(
                 ("rad",) * n,
@@ -110,7 +192,6 @@ def _turns(position: FloatArray, torque: FloatArray | None, model: RobotModel) -
                 f"position: are the columns in rad or deg? both fit {fitted}",
                 fits_both=True,
             )
-        unit = "rad" if rad < deg else "deg"
         return _unless_mixed(
             position, (unit,) * n, f"the torques are those of positions in {unit}", possible, cost
         )
@@ -231,8 +312,13 @@ def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) 
 class _Gravity:
     """How well the gravity of an arm explains measured torques, for any reading of positions."""
 
-    def __init__(self, model: RobotModel, torque: FloatArray | None) -> None:
+    def __init__(
+        self, model: RobotModel, torque: FloatArray | None, unit: float | None = None
+    ) -> None:
         self.model, self.torque = model, torque
+        # loads may add to what gravity makes of a torque in a known unit, though not tenfold; it
+        # may well be less, where it was measured before the gear
+        self._most = math.inf if unit is None else _WITHIN / unit
 
     def of(self, position: FloatArray, units: tuple[str, ...]) -> float:
         """Return the sum over joints of log(torque that gravity leaves / torque)."""
@@ -245,7 +331,7 @@ class _Gravity:
         for own, gravity, angle in zip(self.torque.T, load.T, position.T, strict=True):
             total = float(np.var(own))
             if total > 0 and np.isfinite(own).all():
-                rest = own - _fit(own, gravity, angle)
+                rest = own - _fit(own, gravity, angle, self._most)
                 left += 0.5 * math.log(max(float(np.var(rest)) / total, 1e-6))
         return left
 
@@ -264,10 +350,23 @@ class _Gravity:
         return np.array(found)
 
 
-def _fit(torque: FloatArray, gravity: FloatArray, position: FloatArray) -> FloatArray:
-    """Return what gravity at any scale, an offset and dry friction make of a torque, (T,)."""
-    A = np.column_stack([np.ones(torque.size), gravity, np.sign(np.gradient(position))])
-    return A @ np.linalg.lstsq(A, torque)[0]
+def _fit(
+    torque: FloatArray, gravity: FloatArray, position: FloatArray, most: float = math.inf
+) -> FloatArray:
+    """Return what gravity, an offset and dry friction make of a torque, (T,).
+
+    Args:
+        torque: In any unit, (T,).
+        gravity: [N m], (T,).
+        position: In any unit, (T,).
+        most: By which gravity may be scaled.
+    """
+    A = np.column_stack([np.ones(torque.size), np.sign(np.gradient(position)), gravity])
+    x = np.linalg.lstsq(A, torque)[0]
+    if abs(x[2]) <= most:
+        return A @ x
+    own = math.copysign(most, x[2]) * gravity
+    return own + A[:, :2] @ np.linalg.lstsq(A[:, :2], torque - own)[0]
 
 
 def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:

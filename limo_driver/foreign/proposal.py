@@ -17,6 +17,7 @@ from limo_driver.foreign.families import ColumnFamily, families_of
 from limo_driver.foreign.lerobot import KIND as LEROBOT
 from limo_driver.foreign.mapping import Channels, LogMapping
 from limo_driver.foreign.motion_units import (
+    Beside,
     other_unit_from,
     position_reading,
     torque_reading,
@@ -37,11 +38,12 @@ from limo_driver.foreign.names import (
 )
 from limo_driver.foreign.recorded_joints import recorded_part
 from limo_driver.foreign.times import time_columns
-from limo_driver.foreign.units import UNITS
+from limo_driver.foreign.units import CURRENTS, UNITS
 
 if TYPE_CHECKING:
     from limo_driver.foreign.mapping import TimeColumns
     from limo_driver.foreign.table import LogTable
+    from limo_driver.foreign.times import TimeFound
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
@@ -138,7 +140,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     draft.taken.append(Taken("time", ", ".join(time.columns.columns), time.unit, time.why))
     positions = _position_family(draft)
     torques = _torque_family(draft)
-    position = _positions(draft, positions, torques)
+    position = _positions(draft, positions, _beside(draft, time, torques))
     torque = _torques(draft, torques, position)
     velocity = _velocities(draft, time.columns, position)
     command = _commands(draft, position, torque)
@@ -157,7 +159,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
         temperature=temperature,
         robot=model.name,
         left_out=tuple(name for name in table.columns if name not in kept),
-        undecided=tuple(draft.questions),
+        undecided=tuple(dict.fromkeys(draft.questions)),
     )
     return Proposal(mapping, tuple(draft.taken), model, part.told)
 
@@ -231,7 +233,21 @@ def _torque_family(draft: _Draft) -> ColumnFamily | None:
     return found if found is not None else _best(draft, CURRENT)
 
 
-def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None) -> Channels:
+def _beside(draft: _Draft, time: TimeFound, torques: ColumnFamily | None) -> Beside:
+    """Return what may tell the unit of positions."""
+    is_timed = not time.questions and not draft.table.is_si  # which is in rad, if that fits at all
+    found = Beside(time=time.columns.read(draft.table)[0] if is_timed else None)
+    if torques is not None:
+        stated = None if torques.unit in CURRENTS else UNITS[TORQUE].get(torques.unit)
+        found = replace(found, torque=draft.values(torques), torque_unit=stated)
+    velocities = _best(draft, VELOCITY)
+    if velocities is not None and velocities.unit in UNITS[VELOCITY]:
+        scale = UNITS[VELOCITY][velocities.unit]
+        found = replace(found, velocity=scale * draft.values(velocities))
+    return found
+
+
+def _positions(draft: _Draft, family: ColumnFamily, beside: Beside) -> Channels:
     if (row := other_unit_from(draft.values(family))) is not None:
         raise RecordingError(
             f"the positions {family} jump by a factor of 57.3 at row {row}: degrees and radians in "
@@ -243,8 +259,7 @@ def _positions(draft: _Draft, family: ColumnFamily, torques: ColumnFamily | None
     stated = tuple(name.unit for name in family.names)
     if all(stated):
         return draft.take(POSITION, family, stated, "the names say so")
-    measured = None if torques is None else draft.values(torques)
-    found = position_reading(draft.values(family), measured, draft.model)
+    found = position_reading(draft.values(family), beside, draft.model)
     why = found.why
     if found.fits_both and draft.table.is_si:
         why = "messages of ROS are in SI units, and the values fit"

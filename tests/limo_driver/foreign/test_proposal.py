@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -63,7 +64,7 @@ def test_small_motion_has_its_unit_from_gravity(scale, unit):
     found = propose(table_of(log), arm())
     assert found.mapping.position.unit == (unit,) or found.mapping.undecided
     if not found.mapping.undecided:
-        assert "torques are those" in found.taken[1].why
+        assert re.search("torques are those|in rad, joint 4 would move", found.taken[1].why)
 
 
 def test_two_readings_that_fit_are_a_question():
@@ -114,6 +115,67 @@ def test_noise_about_zero_says_nothing_of_the_unit_and_is_no_question(tmp_path, 
     assert not [text for text in found.mapping.undecided if "deg" in text]
     assert found.taken[1].unit == "rad"
     assert "says nothing" in found.taken[1].why
+
+
+DEG = 180 / np.pi
+SMALL = 0.02 * POSITION  # [rad], of which the values are within the limits as degrees and radians
+
+
+@pytest.mark.parametrize("scale", [1.0, DEG], ids=["rad", "deg"])
+@pytest.mark.parametrize("named", ["dq{}_rad_s", "dq{}_deg_s"])
+def test_velocities_in_a_stated_unit_say_which_positions_have(scale, named):
+    velocity = 0.02 * VELOCITY * (DEG if "deg" in named else 1.0)
+    log = {"t": TIME, **numbered("q{}", scale * SMALL), **numbered(named, velocity)}
+    found = propose(table_of(log), arm())
+    unit = "rad" if scale == 1.0 else "deg"
+    assert (found.mapping.position.unit, found.mapping.undecided) == ((unit,), ())
+    assert f"times their rate of change in {unit}" in found.taken[1].why
+
+
+def test_velocities_in_no_stated_unit_or_of_something_else_leave_the_question():
+    log = {"t": TIME, **numbered("q{}", SMALL)}
+    for more in (numbered("dq{}", VELOCITY), numbered("dq{}_rad_s", 5 * VELOCITY)):
+        assert "rad or deg" in propose(table_of(log | more), arm()).mapping.undecided[0]
+
+
+def test_torques_and_velocities_that_contradict_each_other_are_a_question():
+    log = {"t": TIME, **numbered("q{}", POSITION), **numbered("tau{}", TORQUE)}
+    log |= numbered("dq{}_deg_s", VELOCITY)  # as if the positions were in degrees
+    (question,) = propose(table_of(log), arm()).mapping.undecided
+    assert (
+        "the torques fit rad, but the velocities are 1 times their rate of change in deg"
+        in question
+    )
+
+
+@pytest.mark.parametrize(("hertz", "asked"), [(2.0, False), (0.05, True)])
+def test_a_motion_that_would_be_too_fast_in_radians_is_in_degrees(tmp_path, hertz, asked):
+    q = 2 * np.sin(2 * np.pi * hertz * TIME[:, None] + np.arange(2))
+    log = {"t": TIME, **numbered("q{}", q)}
+    found = propose(table_of(log), chain_of(tmp_path, 2))
+    assert bool(found.mapping.undecided) == asked
+    if not asked:
+        assert found.mapping.position.unit == ("deg",)
+        assert "in rad, joint 1 would move at 23.5 of 2 rad/s" in found.taken[1].why
+
+
+@pytest.mark.parametrize(("named", "gear"), [("tau{}_Nm", 1), ("tau{}_mNm", 1e3), ("tau{}", 1)])
+def test_gravity_in_a_known_unit_is_too_much_for_a_small_motion_in_degrees(named, gear):
+    torque = arm().gravity_torque(SMALL) + np.random.default_rng(0).normal(0, 1e-3, SMALL.shape)
+    log = {"t": TIME, **numbered("q{}", SMALL), **numbered(named, gear * torque)}
+    found = propose(table_of(log), arm())
+    if named == "tau{}":  # which may be in any unit
+        assert "rad or deg" in found.mapping.undecided[0]
+    else:
+        assert (found.mapping.position.unit, found.mapping.undecided) == (("rad",), ())
+
+
+def test_a_torque_before_the_gear_does_not_make_degrees_of_radians():
+    torque = arm().gravity_torque(SMALL) / 57 + np.random.default_rng(0).normal(
+        0, 1e-5, SMALL.shape
+    )
+    log = {"t": TIME, **numbered("q{}", SMALL), **numbered("tau{}_Nm", torque)}
+    assert "rad or deg" in " ".join(propose(table_of(log), arm()).mapping.undecided)
 
 
 def test_a_small_pose_away_from_zero_is_a_question_still(tmp_path):
