@@ -22,7 +22,7 @@ from limo_driver.foreign.names import (
 )
 from limo_driver.foreign.table import LogTable
 from limo_driver.logs.joint_state_log import bag_files, read_bag
-from limo_driver.logs.message_layout import layout_of
+from limo_driver.logs.known_layouts import layout_for
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec
 from limo_driver.recordings.data_gate import SYSTEMATIC
 from limo_driver.recordings.stretches import STRETCH, Stretches
@@ -241,7 +241,7 @@ class _Found:
 
     def _add_any(self, message: LoggedMessage) -> None:
         """Add what a message of another type says of joints, by its definition."""
-        layout = layout_of(message.schema, message.definition)
+        layout = layout_for(message.schema, message.definition)
         if isinstance(layout, str):
             self.unread[message.topic] = layout
             return

@@ -313,6 +313,46 @@ def test_states_of_trajectory_controllers_have_commands(tmp_path, storage, name,
         np.testing.assert_allclose(columns.torque, TORQUE, atol=1e-12)
 
 
+BODIES = "trajectory_msgs/MultiDOFJointTrajectoryPoint"
+SIX = ("reference", "feedback", "error", "output", "desired", "actual")
+
+
+@pytest.mark.parametrize(
+    ("points", "bodies"),
+    [(("desired", "actual", "error"), False), (("desired", "actual", "error"), True), (SIX, True)],
+    ids=["Galactic", "Humble before 4.4", "Humble"],
+)
+def test_bags_without_definitions_have_the_states_of_controllers(tmp_path, points, bodies):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    text = f"{HEAD}string[] joint_names\n"
+    text += "".join(f"trajectory_msgs/JointTrajectoryPoint {name}\n" for name in points)
+    if bodies:
+        text += "string[] multi_dof_joint_names\n"
+        text += "".join(f"{BODIES} multi_dof_{name}\n" for name in points)
+    store.register(get_types_from_msg(text, JTC))
+    which = {"actual": "measured", "feedback": "measured", "error": "other", "output": "other"}
+    make = trajectory_state([which.get(name, "commanded") for name in points], torque=True)
+    path = tmp_path / "bag"
+    with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        topic = writer.add_connection("/arm/state", JTC, typestore=store)
+        Body = store.types["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"]
+        Duration = store.types["builtin_interfaces/msg/Duration"]
+        more = [[], *[Body([], [], [], Duration(0, 0)) for _ in points]] if bodies else []
+        for k, stamp in enumerate(STAMPS.tolist()):
+            header = Header(Stamp(stamp // 10**9, stamp % 10**9), "")
+            message = store.types[JTC](header, *make(store.types, k), *more)
+            writer.write(topic, stamp, store.serialize_cdr(message, JTC))
+    with sqlite3.connect(next(path.glob("*.db3"))) as file:
+        file.execute("DROP TABLE IF EXISTS message_definitions")
+    file.close()
+    table = read_table(path, joints=NAMES)
+    mapping = propose(table, arm()).mapping
+    assert mapping.undecided == ()
+    columns = mapping.columns(table, arm())
+    np.testing.assert_allclose(columns.position, POSITION, atol=1e-12)
+    np.testing.assert_allclose(columns.torque, TORQUE, atol=1e-12)
+
+
 def nested_state(types, k):
     State = types["sensor_msgs/msg/JointState"]
     Pose = types["geometry_msgs/msg/PoseStamped"]
