@@ -1,6 +1,7 @@
 """Logs that name some joints of a robot: those are taken, the others locked, and that is said."""
 
 import re
+from importlib.metadata import files
 from pathlib import Path
 
 import numpy as np
@@ -143,3 +144,26 @@ def test_a_joint_is_locked_as_near_to_zero_as_it_can_be(robot):
     model = limo.RobotModel.load(f"{robot}#shoulder,elbow")
     assert model.description.locked == {"column": 0, "back": 0.2, "claw": 0, "neck": 0}
     assert "joint back is locked at 0.2; what it carries is lumped" in model.notes
+
+
+def test_a_log_of_a_torso_and_an_arm_is_of_8_of_the_joints_of_tiago():
+    found = next(file for file in files("example-robot-data") if file.name == "tiago.urdf")
+    robot = str(found.locate())
+    arm = limo.RobotModel.load(f"{robot}#torso_lift_joint,arm_*")
+    limits, time = arm.limits, np.arange(0, 4, 0.01)
+    reach = 0.4 * (limits.position_max - limits.position_min)
+    phase = np.outer(time, 0.7 + 0.2 * np.arange(arm.n)) + np.arange(arm.n)
+    q = (limits.position_min + limits.position_max) / 2 + reach * np.sin(phase)
+    torque = arm.gravity_torque(q)
+    log = {"t": time, "gripper_pos": time}
+    for j, name in enumerate(arm.joint_names):
+        log[f"{name}_pos[{'m' if arm.sliding[j] else 'rad'}]"] = q[:, j]
+        log[f"{name}_effort"] = torque[:, j]
+    recording = limo.read(log, robot)
+    assert limo.RobotModel.load(recording.robot).joint_names == arm.joint_names
+    np.testing.assert_allclose(recording.position, q)
+    assert "of the 48 joints of tiago.urdf" in recording.warnings[0]
+    assert re.search(r"locked: hand_index_abd_joint, .* and 32 more at 0", recording.warnings[0])
+    # a slide changes no angle to gravity: where it stood is not asked
+    without = {key: values for key, values in log.items() if "torso" not in key}
+    assert limo.read(without, robot).n == 7
