@@ -5,9 +5,9 @@
 One recording of the concealed plant is diagnosed at each of several lengths, each in a process of
 its own: CPU time, peak memory, room on the disk. Then fleets of more and more rows, 100 dates an
 arm, go through what the command does around the diagnoses: knowing the recordings by their bytes,
-reading back the rows that are finished, statistics, table and page. Lines through these give the
-cost of many recordings of 60 s; beside each is the largest distance from its line, relative to
-what was measured.
+keeping rows, reading back those that are finished, statistics, table and page. Lines through these
+give the cost of many recordings of 60 s; beside each is the largest distance from its line,
+relative to what was measured.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ import limo_driver as limo
 from estimators.fleet.outcome import FleetOutcome
 from estimators.fleet.result import FleetDiagnosis
 from estimators.fleet.saving import save_fleet
-from estimators.fleet.store import FleetStore
+from estimators.fleet.store import ROW, FleetStore
 from limo_driver.workflow.fleets.job import FleetJob, diagnose_row
 from limo_driver.workflow.fleets.sources import rows_of
 
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow
 
 SECONDS = (20.0, 60.0, 120.0, 240.0)  # of a recording, at 250 Hz
+KEPT = 100  # rows, each brought to the disk before the next
 USUAL = 60.0  # [s]
 
 
@@ -82,6 +83,12 @@ def fleet_of(folder: Path, count: int, dates: int) -> dict[str, float]:
     for k in range(copies):
         assert store.finished(replace(row, key=f"copy{k}")) is not None
     found["rows read back"] = (time.perf_counter() - start) * count / copies
+    written = [path for path in store.place(row.key).iterdir() if path.name != ROW]
+    outcome = FleetOutcome(1.0, files={path.name: path.read_bytes() for path in written})
+    start = time.perf_counter()
+    for k in range(KEPT):
+        store.keep(f"kept{k}", outcome)
+    found["rows kept"] = (time.perf_counter() - start) * count / KEPT
     done = store.finished(row)
     assert done is not None
     assert done.verdict is not None

@@ -48,6 +48,7 @@ NOT_RUN = {
     "README.md": ["installs limo, and runs what runs this"],
     "diagnosis.md": ["takes hours"],
     "embedding.md": ["needs minutes of free motion"],
+    "fleet.md": ["needs a cluster"],
     "fri.md": ["needs a real arm"],
     "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
     "start.md": ["installs limo, and runs what runs this"],

@@ -55,6 +55,8 @@ def diagnose_row(job: FleetJob, row: FleetRow) -> FleetOutcome | str:
             return outcome_of(found, perf_counter() - start)
     except MemoryError:
         return "the machine had too little memory for it: give fewer `workers`"
+    except LimoError as error:  # its files could not be written
+        return str(error)
     except Exception as error:  # noqa: BLE001  # one recording does not end the others
         return f"{type(error).__name__}: {' '.join(str(error).split())}"
 

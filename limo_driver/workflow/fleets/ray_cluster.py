@@ -44,6 +44,7 @@ class RayCluster:
         except ImportError as error:
             raise ConfigError(f"Ray needs `pip install limo[fleet]`: {error}") from None
         self._workers = workers
+        self._rows: dict[Any, FleetRow] = {}  # by the reference of the task
         self._own = not self._ray.is_initialized()
         if self._own:
             self._connect()
@@ -54,7 +55,6 @@ class RayCluster:
             raise
         self._job = self._ray.put(job)
         self._task = self._ray.remote(num_cpus=1, max_retries=0)(_diagnose)
-        self._rows: dict[Any, FleetRow] = {}
 
     def has_room(self, row: FleetRow) -> bool:  # noqa: ARG002  # Ray places each where it fits
         """Say whether the cluster has less than it can begin soon."""
@@ -78,7 +78,9 @@ class RayCluster:
         return [(self._rows.pop(item), self._received(item)) for item in ready]
 
     def close(self) -> None:
-        """Leave the cluster, which ends the tasks that still run."""
+        """End the tasks that still run, and leave the cluster, if it was not the caller's."""
+        for task in self._rows:
+            self._ray.cancel(task, force=True)
         if self._own:
             self._ray.shutdown()
 
@@ -89,8 +91,10 @@ class RayCluster:
         try:
             self._ray.init(address=address, **quiet)
         except (ConnectionError, RuntimeError, ValueError) as error:
-            if address != "auto":
-                raise ConfigError(f"RAY_ADDRESS={address}: {_line(error)}") from None
+            if address != "auto" or not isinstance(error, ConnectionError):
+                raise ConfigError(
+                    f"the cluster at {address} cannot be used: {_line(error)}"
+                ) from None
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray reports its use
             self._ray.init(address="local", include_dashboard=False, **quiet)
 
@@ -113,12 +117,18 @@ class RayCluster:
             ).remote()
             for node in self._alive()
         }
-        found = {name: self._ray.get(answer, timeout=_ANSWER) for name, answer in asked.items()}
+        found = {name: self._version(answer) for name, answer in asked.items()}
         other = [f"{name} has {has}" for name, has in found.items() if has != _OWN]
         if other:
             raise ConfigError(
                 f"nodes have other versions of limo than {_OWN} here: {', '.join(other)}"
             )
+
+    def _version(self, answer: Any) -> str:  # noqa: ANN401  # Ray's reference
+        try:
+            return self._ray.get(answer, timeout=_ANSWER)
+        except self._ray.exceptions.RayError as error:
+            return f"no answer ({_line(error)})"
 
     def _received(self, task: Any) -> FleetOutcome | str:  # noqa: ANN401  # Ray's reference
         try:

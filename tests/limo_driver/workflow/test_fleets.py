@@ -120,6 +120,15 @@ def test_a_full_disk_leaves_no_row_and_is_said(fleet, tmp_path, monkeypatch):
     assert "Parquet" in done.error
 
 
+def test_a_full_disk_where_it_runs_is_no_finished_row(fleet, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    job, row = row_of(fleet, "a/2026-03-01.parquet")
+    monkeypatch.setattr("limo_driver.outputs.sync", full)
+    assert re.search("cannot be written: .*No space left", diagnose_row(job, row))
+
+
 @pytest.mark.parametrize(
     "failure",
     [OSError(errno.EIO, os.strerror(errno.EIO)), MemoryError()],
