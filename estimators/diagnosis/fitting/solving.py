@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TINY, material, sure
+from estimators.diagnosis.fitting.contribution import TINY, material, sure, without
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
@@ -146,11 +146,32 @@ def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     Every joint rubs, and which law of friction it follows is a choice that has to be made: for the
     likelier law either will do. Whether a member is a finding is another question.
     """
+    if _relieves_sensors(problem, solution, member):
+        return True
     everywhere = range(problem.observed.n)
     much = material(problem, solution, member, everywhere) >= CONTRIBUTION.material
     if rubs(problem.candidates[member].effect):
         return much or sure(problem, solution, member, everywhere)
     return much and sure(problem, solution, member, everywhere)
+
+
+def _relieves_sensors(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether sensors would have to add as much as they may without a member.
+
+    What they add is in no simulation, which then errs by it: so much, at least, as is worth naming.
+    """
+    of_sensors = ~problem.nuisance.entered
+    fits = solution.fitted, without(problem, solution, member)
+    ahead, behind = (
+        ~np.isnan(solution.search.evidence.at_limit(fit)[: of_sensors.size]) & of_sensors
+        for fit in fits
+    )
+    if not (behind & ~ahead).any():
+        return False
+    left, bare = (
+        rmse(problem.left(fit) + problem.sensed(fit), problem.observed.moving) for fit in fits
+    )
+    return bool((bare**2 - left**2 >= CONTRIBUTION.material**2 * left**2).any())
 
 
 def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:

@@ -6,7 +6,8 @@ friction, or the inertia of drives, that more than half of these joints have: th
 made. What one joint has and its siblings lack is unusual, and so is friction of a size far beyond
 that of its siblings. Presliding that is over before any row is judged is plain friction. Of any
 joint, a law of friction that predicts better, but little or not for sure, is no finding. Nor is
-plain friction of another value beside a law that was missing: it stood for both before.
+plain friction of another value beside a law that was missing: it stood for both before. Nor is what
+adds next to nothing to an effect of the same name that is stated: it makes its law more precise.
 
 Sizes are compared as parts of what a drive can do: friction over the limit of its torque, viscous
 friction at the limit of its speed. One joint is unlike its siblings where that is several times the
@@ -19,9 +20,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import coefficients, convincing
+from estimators.diagnosis.fitting.contribution import coefficients, contribution, convincing
+from estimators.diagnosis.hypotheses.responses import responses
+from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.selection.base_friction import BASE, rubs, without_friction
-from estimators.diagnosis.settings.judgement import ORDINARY
+from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
 from limo_driver.physics import Armature, PreslidingHysteresis, ViscousFriction
 from limo_driver.physics.friction import SIGN_WIDTH
@@ -65,8 +68,9 @@ def ordinary(
 def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
     """Return the members of a set that are values to identify, and no findings.
 
-    Those that are ordinary, and laws of friction that are but the likelier ones. A value beside a
-    law that is missing is none by that law, whether that is named or not.
+    Those that are ordinary, laws of friction that are but the likelier ones, and what only makes a
+    stated law more precise. A value beside a law that is missing is none by that law, whether that
+    is named or not.
 
     Args:
         problem: What was compared.
@@ -80,7 +84,32 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
     findings = [
         i for i in surely if _is_missing(candidates[i]) or candidates[i].joints not in lacking
     ]
-    return tuple(i for i in members if i in plain or (i in laws and i not in findings))
+    return tuple(
+        i
+        for i in members
+        if i in plain or (i in laws and i not in findings) or _is_detail(problem, solution, i)
+    )
+
+
+def _is_detail(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member is a small part more of an effect that the simulation states already.
+
+    Like lines of a ripple that are too faint to show before the others are stated.
+    """
+    candidate = problem.candidates[member]
+    observed, joints = problem.observed, list(candidate.joints)
+    stated = [
+        effect
+        for effect in observed.simulation.effects
+        if effect.name == candidate.effect and effect.joints == tuple(j + 1 for j in joints)
+    ]
+    if candidate.kind != "missing" or not stated:
+        return False
+    whole = np.zeros_like(observed.residual)
+    for added in responses(stated, observed):
+        whole[:, list(added.joints)] += added.values.T
+    least = (1.0 - JUDGEMENT.precise) * rmse(whole, problem.split.held_out) ** 2
+    return bool((contribution(problem, solution, member) < least)[joints].all())
 
 
 def _is_missing(candidate: Candidate) -> bool:

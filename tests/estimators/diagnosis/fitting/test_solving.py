@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
+from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.fitting.solving import pruned
 from estimators.diagnosis.judgement.judgement import acts_most
 from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import JointElasticity, Payload, Simulation, SpringLoad, TorqueOffset
 
@@ -67,6 +69,16 @@ def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carryi
     solution = fitted(problem, tuple(sorted((payload, drag))), noise)
     floor = np.array([1e9, 1e9, 1e9, 1e9, 1e9, 1e9, 1e-9])  # joint 7 would come first by far
     assert acts_most(problem, solution, drag, floor) == 5
+
+
+@pytest.mark.parametrize(("offset", "stays"), [(0.004, False), (0.008, False), (0.014, True)])
+def test_what_sensors_would_take_at_their_limit_is_no_idle_member(offset, stays):
+    """No simulation has what sensors add: it would err by an offset that seems to matter little."""
+    problem, noise = problem_of(TorqueOffset(joint=3, offset=offset))
+    solution = fitted(problem, (place_of(problem, "torque_offset", 3),), noise)
+    (member,) = solution.members
+    assert material(problem, solution, member) < CONTRIBUTION.material
+    assert pruned(problem, solution).members == ((member,) if stays else ())
 
 
 def test_of_two_that_predict_alike_the_simpler_stays():

@@ -6,13 +6,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from noisy_recordings import observed
 
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.hypotheses.ripple import ripples as hypotheses_of_ripple
 from estimators.diagnosis.judgement import ordinary as module
 from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary, to_identify
+from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.selection.candidates import entered
+from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,
     PreslidingHysteresis,
     Simulation,
+    TorqueRipple,
     ViscousFriction,
 )
 
@@ -141,3 +148,18 @@ def test_a_law_of_stated_friction_is_a_finding_if_sure_and_no_other_stands_for_i
     members = range(len(places))
     found = to_identify(problem, SimpleNamespace(members=members))
     assert list(found) == values
+
+
+@pytest.mark.parametrize(("amplitude", "detail"), [(0.07, True), (0.2, False)])
+def test_little_more_of_a_stated_effect_is_a_value_of_it(amplitude, detail):
+    stated = TorqueRipple(joint=3, cycles_per_rev=(14.0,), amplitude=(1.0,), phase=(0.3,))
+    other = TorqueRipple(joint=3, cycles_per_rev=(28.0,), amplitude=(amplitude,), phase=(0.1,))
+    recorded = observed(stated, other).beside(Simulation("iiwa14", (stated,)))
+    problem = RegressionProblem.of(recorded, quiet)
+    (line,) = hypotheses_of_ripple(recorded, recorded.residual, {})
+    candidate = entered(line, recorded, problem.columns, problem.level)
+    problem = problem.with_candidates([*problem.candidates, candidate])
+    noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
+    member = len(problem.candidates) - 1
+    found = to_identify(problem, fitted(problem, (member,), noise))
+    assert found == ((member,) if detail else ())
