@@ -346,6 +346,12 @@ class Hypothesis:
     # effects of a simulation and coefficients → its effects, where adding to them is not enough
     enter: Enter | None = field(default=None, compare=False)
 
+    @property
+    def is_list(self) -> bool:
+        """Whether its coefficients are one list, as of places, whose values are of one size."""
+        known = (item for term in self.terms for item in term.parameters())
+        return any(item.deviation == "largest" for item in known)
+
     @classmethod
     def of_one(cls, effect: Effect, name: str, **more: Any) -> Hypothesis:  # noqa: ANN401  # fields
         """Return the hypothesis of one effect that is linear in its parameter `name`.

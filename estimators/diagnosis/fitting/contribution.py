@@ -106,7 +106,8 @@ def sure(
 ) -> bool:
     """Say whether a member lowers errors of some joints, whichever blocks had been recorded.
 
-    Of what misses most of the rows that are held out, those cannot say.
+    Nor may those get worse that are held out for good, and that a report shows. Of what misses most
+    of the rows that are held out, those cannot say.
 
     Args:
         problem: What is compared.
@@ -120,6 +121,9 @@ def sure(
     if _misses(left, bare, rows, problem.observed.moving)[own].any():
         return True
     counted = own if joints is None else list(joints)
+    shown = problem.split.held_out
+    if np.sum((taken_off(left, bare, shown) / _square(left, shown))[counted]) <= 0.0:
+        return False
     return surely_better(problem, solution, solution.members, less, counted)
 
 

@@ -122,6 +122,10 @@ def _entered(
         strength = np.maximum(strength, CANDIDATES.tiny)
         if strength.max() <= CANDIDATES.tiny:
             return None
+    if hypothesis.is_list:
+        # a place that the motion hardly passed has little torque, which is no reason for its value
+        # to be anything
+        strength = np.where(strength > CANDIDATES.tiny, strength.max(), strength)
     deviation = np.where(strength > CANDIDATES.tiny, 1.0 / strength, 0.0)
     return Candidate(
         hypothesis.effect,
