@@ -9,6 +9,7 @@ import numpy as np
 from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.wording import is_of_bodies
 
 if TYPE_CHECKING:
@@ -128,9 +129,21 @@ def sure(
 
 
 def convincing(problem: RegressionProblem, solution: Solution, member: int) -> bool:
-    """Say whether a member removes enough error where it acts, and surely so, to be a finding."""
+    """Say whether a member removes enough error where it acts, and surely so, to be a finding.
+
+    What is small, and next to nothing of what the set explains there, is imprecision of the others.
+    """
     size = material(problem, solution, member)
-    return size >= CONTRIBUTION.material and sure(problem, solution, member)
+    if size < CONTRIBUTION.material or not sure(problem, solution, member):
+        return False
+    if size >= JUDGEMENT.small:
+        return True
+    none = solution.search.evidence.posterior(solution.search.prior(problem.base))
+    left, rows = problem.left(solution.fitted), problem.split.held_out
+    whole = taken_off(left, problem.left(none), rows)
+    least = (1.0 - JUDGEMENT.precise) * whole
+    own = own_joints(problem, member)
+    return bool((contribution(problem, solution, member) >= least)[own].any())
 
 
 def surely_better(

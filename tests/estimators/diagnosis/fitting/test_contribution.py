@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
-from estimators.diagnosis.fitting.contribution import material, own_joints
+from estimators.diagnosis.fitting.contribution import convincing, material, own_joints
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.stages import quiet
-from limo_driver.physics import SpringLoad
+from limo_driver.physics import QuadraticDrag, SpringLoad, TorqueOffset
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +45,15 @@ def test_what_it_does_elsewhere_by_what_is_beside_it_does_not_count(sprung):
     other = place_of(problem, "torque_offset", 6)
     alone = fitted(problem, (other,), noise)
     assert material(problem, alone, other) < 0.5
+
+
+@pytest.mark.parametrize(("drag", "named"), [(0.0, True), (5.0, False)])
+def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(drag, named):
+    there = (QuadraticDrag(joint=3, coefficient=drag), TorqueOffset(joint=3, offset=0.022))
+    problem = RegressionProblem.of(observed(*there), quiet)
+    noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
+    own = place_of(problem, "torque_offset", 3)
+    beside = [place_of(problem, "quadratic_drag", 3)] if drag else []
+    solution = fitted(problem, tuple(sorted((own, *beside))), noise)
+    assert 0.5 < material(problem, solution, own) < 1.0
+    assert convincing(problem, solution, own) == named
