@@ -45,14 +45,16 @@ class StatedArm:
 
     @property
     def doubtful(self) -> Suspect | None:
-        """What is within its own interval of nothing, or a body within the tolerance of the masses.
+        """What is within its own interval of nothing, or a body or gear within tolerances.
 
         What it explains may be another thing.
         """
         for one in self.suspects:
             if one.effect == "gear_ratio" and one.joint is not None:
                 fit = self.identified.fits[one.joint]
-                if abs(np.log(fit.value("gear"))) < FOUND * fit.deviation["gear"]:
+                tolerance = self.identified.simulation.tolerances.drive
+                reach = FOUND * float(np.hypot(fit.deviation["gear"], tolerance))
+                if abs(np.log(fit.value("gear"))) < reach:
                     return one
             name = "mass" if one.effect == "payload" else next(iter(one.names), "")
             if one.shared and name in self.shared:

@@ -139,7 +139,7 @@ _SIZES = {
     "dead_band": lambda r: float(r.uniform(0.015, 0.04)),  # [rad]
     "spring_load": lambda r: float(r.uniform(0.25, 0.6)),  # [N m/rad]
     "load_dependent_friction": lambda r: float(r.uniform(0.25, 0.5)),
-    "gear_ratio": lambda r: float(r.choice([0.43, 0.55, 0.77, 1.3])),  # of gears that are sold
+    "gear_ratio": lambda r: float(r.choice([0.43, 0.55, 1.8, 2.3])),  # of gears that are sold
     "integral_gain": lambda r: float(r.uniform(5.0, 25.0)),  # [N m/(rad s)]
     "stribeck_friction": lambda r: float(DRY * r.uniform(1.0, 2.5)),  # [N m]
 }
