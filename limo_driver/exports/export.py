@@ -13,14 +13,14 @@ import numpy as np
 from limo_driver.descriptions.description import DOWN
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
+from limo_driver.exports.changes.joints import sharp
+from limo_driver.exports.changes.target import target_of
 from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
-from limo_driver.exports.isaac_lab import actuators
-from limo_driver.exports.joints import sharp
-from limo_driver.exports.mjcf import FIRMNESS, assets_of, edited_mjcf, rubs_anew
+from limo_driver.exports.mjcf.file import FIRMNESS, assets_of, edited_mjcf, rubs_anew
 from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders
-from limo_driver.exports.target import target_of
-from limo_driver.exports.urdf import edited_urdf
+from limo_driver.exports.urdf.file import edited_urdf
+from limo_driver.exports.urdf.isaac_lab import actuators
 from limo_driver.exports.usd import files_of, write_layer
 from limo_driver.outputs import require_apart, require_folder, whole
 from limo_driver.physics import GravityDirection

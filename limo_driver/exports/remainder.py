@@ -11,7 +11,7 @@ from limo_driver.physics import Backlash, PreslidingHysteresis, SensorEffect, sp
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from limo_driver.exports.joints import EffectSplit
+    from limo_driver.exports.changes.joints import EffectSplit
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, Simulation
 

@@ -16,12 +16,12 @@ import numpy as np
 
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.descriptions.usd import axis_of, bodies_of, joints_of, open_stage, scale_of
-from limo_driver.exports.parts import parts_of
+from limo_driver.exports.changes.parts import parts_of
 from limo_driver.model import Inertial
 from limo_driver.outputs import require_apart, whole
 
 if TYPE_CHECKING:
-    from limo_driver.exports.target import Target
+    from limo_driver.exports.changes.target import Target
 
 _SAME: Final = 1e-7  # relative: attributes are floats of 32 bits
 _COPIED: Final = ("defaultPrim", "metersPerUnit", "kilogramsPerUnit", "upAxis")

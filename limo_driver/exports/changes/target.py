@@ -1,20 +1,22 @@
 """The file that a simulation is written into: found, and checked to be of the same arm."""
 
+# MuJoCo ships no stubs.
+# pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.bodies import shared
+from limo_driver.exports.changes.bodies import shared
+from limo_driver.exports.changes.joints import EffectSplit, split
+from limo_driver.exports.changes.kept import dropped_lines, kept_effects, kept_lines
+from limo_driver.exports.changes.origin import FileOrigin
+from limo_driver.exports.changes.parts import parts_of
 from limo_driver.exports.formats import MJCF, USD, edited_format
-from limo_driver.exports.joints import EffectSplit, split
-from limo_driver.exports.kept import dropped_lines, kept_effects, kept_lines
-from limo_driver.exports.origin import FileOrigin
-from limo_driver.exports.parts import parts_of
-from limo_driver.exports.play import can_have_play
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model import RobotModel
 from limo_driver.physics.described import described_effects
@@ -76,11 +78,16 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     dropped = dropped_lines(simulation, described_effects(model), described_effects(model, users))
     whole = replace(simulation, effects=(*simulation.effects, *kept))
     lines = kept_lines(kept, model.joint_names)
-    with_play = kind == MJCF and (can_have_play(into) or bool(model.description.plays))
+    with_play = kind == MJCF and (_can_have_play(into) or bool(model.description.plays))
     parts_split = split(whole, kind, with_play=with_play)
     return Target(
         model, whole, parts_split, changes, list(parts)[-1], lines, users, origin, dropped
     )
+
+
+def _can_have_play(into: Path) -> bool:
+    """Say whether joints can be added to an MJCF file: keyframes list positions by number."""
+    return not mujoco.MjSpec.from_file(str(into)).keys
 
 
 def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from limo_driver.exports.bodies import BodyPart, inertial_of, pseudo_inertia, shared
+from limo_driver.exports.changes.bodies import BodyPart, inertial_of, pseudo_inertia, shared
 from limo_driver.model import Inertial
 
 HAND = Inertial(2.0, (0.1, 0.0, 0.05), (0.02, 0.001, 0.0, 0.03, 0.002, 0.025))

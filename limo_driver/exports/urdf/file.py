@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Final
 
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.errors import ConfigError
-from limo_driver.exports.drake import write_rotors
+from limo_driver.exports.changes.origin import write_origin
 from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
-from limo_driver.exports.origin import write_origin
+from limo_driver.exports.urdf.drake import write_rotors
 from limo_driver.exports.xml_edits import Element, XmlText, as_attribute, as_list, differ
 
 if TYPE_CHECKING:
-    from limo_driver.exports.target import Target
+    from limo_driver.exports.changes.target import Target
     from limo_driver.model import Inertial
     from limo_driver.physics import Payload
 

@@ -12,17 +12,17 @@ import numpy as np
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
-from limo_driver.exports.mjcf_servos import write_servos
-from limo_driver.exports.motors import append_motors, write_motors
-from limo_driver.exports.origin import alike, write_origin
-from limo_driver.exports.play import write_play
+from limo_driver.exports.changes.origin import alike, write_origin
+from limo_driver.exports.mjcf.backlash import write_play
+from limo_driver.exports.mjcf.motors import append_motors, write_motors
+from limo_driver.exports.mjcf.servos import write_servos
 from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from limo_driver.exports.target import Target
+    from limo_driver.exports.changes.target import Target
     from limo_driver.model import Inertial
     from limo_driver.physics import Payload
 

@@ -74,15 +74,6 @@ def write_play(
     )
 
 
-def can_have_play(into: Path) -> bool:
-    """Say whether joints can be added to a file: keyframes list the positions of all by number.
-
-    Args:
-        into: MJCF file.
-    """
-    return not mujoco.MjSpec.from_file(str(into)).keys
-
-
 def _found(texts: Sequence[XmlText], name: str, into: Path) -> tuple[XmlText, Element]:
     for text in texts:
         if (element := text.find("joint", name)) is not None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from limo_driver.exports.target import Target
+    from limo_driver.exports.changes.target import Target
     from limo_driver.exports.xml_edits import Element, XmlText
 
 

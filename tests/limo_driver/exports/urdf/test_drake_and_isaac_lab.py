@@ -9,8 +9,8 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.descriptions.description import JointDynamics
-from limo_driver.exports.drake import rotors_of
-from limo_driver.exports.isaac_lab import actuators
+from limo_driver.exports.urdf.drake import rotors_of
+from limo_driver.exports.urdf.isaac_lab import actuators
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.physics import (
     Armature,
