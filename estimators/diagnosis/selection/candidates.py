@@ -125,7 +125,8 @@ def _entered(
     if hypothesis.is_list:
         # a place that the motion hardly passed has little torque, which is no reason for its value
         # to be anything
-        strength = np.where(strength > CANDIDATES.tiny, strength.max(), strength)
+        least = CANDIDATES.seldom * strength.max()
+        strength = np.where(strength > CANDIDATES.tiny, np.maximum(strength, least), strength)
     deviation = np.where(strength > CANDIDATES.tiny, 1.0 / strength, 0.0)
     return Candidate(
         hypothesis.effect,

@@ -39,6 +39,8 @@ class CandidateSettings:
         "smaller misses very wrong values; larger costs evidence")
     wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
     tiny: float = setting(1e-12, "", "strength below which a column is zero", "numerical")
+    seldom: float = setting(0.1, "of the strongest", "of a list of places, that each counts as",
+        "higher holds values where motion seldom is; lower lets them be anything there")
     together: int = setting(20, "hypotheses", "that pass the filter in one go",
         "more need memory; fewer cost time")
     payload: float = setting(0.08, "of the mass that moves", "1 sigma of the mass of a payload",
