@@ -54,7 +54,7 @@ def diagnose(
 
     Example:
         limo fleet diagnose "recordings/**/*.parquet" --sim sim.yaml --out fleet
-        limo fleet diagnose "s3://logs/**.mcap" --sim sim.yaml --out fleet --on ray
+        limo fleet diagnose "s3://logs/**" --sim sim.yaml --out fleet --on ray
     """
     from estimators.fleet.saving import PAGE, TABLE
     from limo_driver.console.terminal import terminal
