@@ -45,7 +45,8 @@ def run(source: Path) -> None:
         manager = AsyncKernelManager(kernel_name="python3", transport="ipc", ip=socket)
         places = {"metadata": {"path": folder}}
         try:
-            NotebookClient(notebook, km=manager, timeout=LONGEST, resources=places).execute()
+            client = NotebookClient(notebook, km=manager, timeout=LONGEST, resources=places)
+            client.execute(cleanup_kc=True)  # else its sockets are closed by whoever comes next
         finally:
             run_sync(manager.shutdown_kernel)(now=True)
     kept = OUT / source.stem
