@@ -67,6 +67,13 @@ def contribution(problem: RegressionProblem, solution: Solution, member: int) ->
     return taken_off(left, bare, problem.split.held_out)
 
 
+def contribution_of_all(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the held-out mean square that a set removes beyond its base, (n,) [N² m²]."""
+    base = solution.search.evidence.posterior(solution.search.prior(problem.base))
+    left = problem.left(solution.fitted)
+    return taken_off(left, problem.left(base), problem.split.held_out)
+
+
 def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
     """Return by how much the mean square of one residual is below another's, (n,) [N² m²]."""
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
@@ -138,10 +145,7 @@ def convincing(problem: RegressionProblem, solution: Solution, member: int) -> b
         return False
     if size >= JUDGEMENT.small:
         return True
-    none = solution.search.evidence.posterior(solution.search.prior(problem.base))
-    left, rows = problem.left(solution.fitted), problem.split.held_out
-    whole = taken_off(left, problem.left(none), rows)
-    least = (1.0 - JUDGEMENT.precise) * whole
+    least = (1.0 - JUDGEMENT.precise) * contribution_of_all(problem, solution)
     own = own_joints(problem, member)
     return bool((contribution(problem, solution, member) >= least)[own].any())
 

@@ -10,10 +10,10 @@ import numpy as np
 from estimators.diagnosis.fitting.contribution import (
     TINY,
     contribution,
+    contribution_of_all,
     convincing,
     left_by_tolerances,
     own_joints,
-    taken_off,
     without,
 )
 from estimators.diagnosis.judgement.ordinary import to_identify
@@ -150,9 +150,7 @@ def abstained(
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
     """
-    search = solution.search
-    none = search.evidence.posterior(search.prior(problem.base))
-    removed = taken_off(problem.left(solution.fitted), problem.left(none), problem.split.held_out)
+    removed = contribution_of_all(problem, solution)
     explained = removed / np.maximum(removed + remaining.predictable**2, TINY**2)
     unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
     small = remaining.predictable < JUDGEMENT.small * remaining.floor
