@@ -9,9 +9,9 @@ import sys
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from fleet_recordings import record_swing
 
 import limo_driver as limo
 from estimators.fleet.outcome import FleetOutcome
@@ -43,14 +43,8 @@ def fleet(tmp_path_factory, two_links_urdf):
     folder = tmp_path_factory.mktemp("fleet")
     simulation = limo.Simulation(str(two_links_urdf))
     simulation.save(folder / "sim.yaml")
-    time = np.arange(0.0, 6.0, 0.01)
     for k, name in enumerate(("a/2026-03-01", "a/2026-03-02", "b/2026-03-01")):
-        random = np.random.default_rng(k)
-        position = np.stack([0.8 * np.sin((1 + 0.1 * k) * time), 0.7 * np.cos(1.3 * time)], axis=1)
-        still = limo.Recording.from_arrays(time, position, np.zeros_like(position))
-        torque = simulation.predict(still) + 0.02 * random.standard_normal(position.shape)
-        (folder / name).parent.mkdir(exist_ok=True)
-        limo.Recording.from_arrays(time, position, torque).save(folder / f"{name}.parquet")
+        record_swing(simulation, k, folder / f"{name}.parquet")
     (folder / "b" / "2026-03-02.parquet").write_text("none")
     return folder
 

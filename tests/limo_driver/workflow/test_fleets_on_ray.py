@@ -9,9 +9,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from fleet_recordings import record_swing
 from ports import free_port
 
 import limo_driver as limo
@@ -22,8 +22,9 @@ pytestmark = [
 ]
 
 DRIVER = """
-import os, signal, sys
+import os, signal, sys, time
 import limo_driver as limo
+import ray
 
 told = []
 
@@ -34,6 +35,8 @@ def tell(row, done, total):
         os.kill(os.getpid(), signal.SIGKILL)
     elif len(told) == 2 and sys.argv[4] != "nobody":
         os.killpg(int(sys.argv[4]), signal.SIGKILL)
+        while sum(node["Alive"] for node in ray.nodes()) > 1:  # else all may be done before
+            time.sleep(0.1)
 
 if __name__ == "__main__":
     found = limo.diagnose_fleet(*sys.argv[1:4], on="ray", progress=tell)
@@ -56,15 +59,9 @@ def fleet(tmp_path_factory, two_links_urdf):
     folder = tmp_path_factory.mktemp("fleet")
     simulation = limo.Simulation(str(two_links_urdf))
     simulation.save(folder / "sim.yaml")
-    time = np.arange(0.0, 6.0, 0.01)
     for k in range(8):
-        random = np.random.default_rng(k)
-        position = np.stack([0.8 * np.sin((1 + 0.1 * k) * time), 0.7 * np.cos(1.3 * time)], axis=1)
-        still = limo.Recording.from_arrays(time, position, np.zeros_like(position))
-        torque = simulation.predict(still) + 0.02 * random.standard_normal(position.shape)
         place = folder / "recordings" / "ab"[k % 2]
-        place.mkdir(exist_ok=True, parents=True)
-        limo.Recording.from_arrays(time, position, torque).save(place / f"2026-03-0{k + 1}.parquet")
+        record_swing(simulation, k, place / f"2026-03-0{k + 1}.parquet")
     return folder
 
 
