@@ -24,6 +24,7 @@ _LATEST: Final = 0.5  # [s], by which command and position may be shifted
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
+_AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
 _FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
 _SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions themselves
@@ -165,7 +166,7 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
         asked, did = command[part], position[part]
         error, moved = np.abs(asked - did), float(np.ptp(did))
         where = f"{name}, {time[start]:.1f} s"
-        if moved < 0.002 and float(error.min()) > span:  # noqa: PLR2004  # [rad], at rest
+        if moved < _AT_REST and float(error.min()) > span:
             if _left(command[: start + 1], position[: start + 1]):
                 yield (
                     f"joint {j + 1} moved away from its command and rests {error.mean():.2f} rad "

@@ -233,7 +233,9 @@ class _Planner:
         for j in range(self.model.n):
             tried = self.random.permutation(len(self.poses))[: _POSES // 2]
             rooms = [self._room(self.poses[k], j) for k in tried]
-            scores = [self._shows(self.poses[k], j, *room) for k, room in zip(tried, rooms)]  # noqa: B905
+            scores = [
+                self._shows(self.poses[k], j, *room) for k, room in zip(tried, rooms, strict=True)
+            ]
             best = int(np.argmax(scores))
             low, high = rooms[best]
             if high - low < _LEAST:
