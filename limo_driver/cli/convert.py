@@ -137,8 +137,8 @@ def _to_recording_layout(files: list[Path], out: Path) -> None:
 
 
 def _is_bag(path: Path) -> bool:
-    from limo_driver.foreign.lerobot import is_dataset
-    from limo_driver.foreign.reading import ARRAYS, PARQUET, TEXTS
+    from limo_driver.foreign.formats.lerobot import is_dataset
+    from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS
 
     if path.is_dir():
         return not is_dataset(path)

@@ -13,12 +13,12 @@ import pyarrow as pa
 
 from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.arrow import numbers_of
-from limo_driver.foreign.delimited import DelimitedText
-from limo_driver.foreign.motion_units import other_unit_from
-from limo_driver.foreign.npz import npz_blocks, rows_of_npz
-from limo_driver.foreign.reading import ARRAYS, PARQUET, TEXTS
-from limo_driver.foreign.times import refuse_two_units
+from limo_driver.foreign.formats.arrow import numbers_of
+from limo_driver.foreign.formats.delimited import DelimitedText
+from limo_driver.foreign.formats.npz import npz_blocks, rows_of_npz
+from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS
+from limo_driver.foreign.proposals.motion_units import other_unit_from
+from limo_driver.foreign.proposals.times import refuse_two_units
 from limo_driver.recordings.batches import LONG_TEXT, blocks_of, parquet_batches
 from limo_driver.recordings.stretches import MOST
 

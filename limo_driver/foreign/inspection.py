@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from limo_driver.foreign.mapping import LogMapping
-    from limo_driver.foreign.proposal import Proposal
+    from limo_driver.foreign.proposals.proposal import Proposal
     from limo_driver.foreign.table import LogTable
     from limo_driver.recordings.recording import Recording
 

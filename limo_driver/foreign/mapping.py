@@ -23,7 +23,7 @@ import yaml
 from limo_driver.declarations import read_yaml
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.foreign.units import CURRENTS, SECONDS, UNITS
+from limo_driver.foreign.columns.units import CURRENTS, SECONDS, UNITS
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
 from limo_driver.recordings.data_gate import Columns

@@ -9,10 +9,10 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError, LimoError, RecordingError
-from limo_driver.foreign.bag import read_bags, topic_with
 from limo_driver.foreign.blocks import check_units, long_log
-from limo_driver.foreign.proposal import propose
-from limo_driver.foreign.recorded_joints import mapped_part
+from limo_driver.foreign.formats.bag import read_bags, topic_with
+from limo_driver.foreign.proposals.proposal import propose
+from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.logs.joint_state_log import joint_state_blocks
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.data_gate import LeftOut, inspect

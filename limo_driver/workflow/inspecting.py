@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import LimoError
 from limo_driver.foreign.inspection import Inspection
-from limo_driver.foreign.proposal import propose, without_questions
+from limo_driver.foreign.proposals.proposal import propose, without_questions
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import model_of
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.foreign.proposal import Proposal
+    from limo_driver.foreign.proposals.proposal import Proposal
     from limo_driver.model import RobotModel
 
 

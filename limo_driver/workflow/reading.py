@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from limo_driver.display import shortened
 from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.foreign.formats.reading import ARRAYS, BAGS, PARQUET, TEXTS, read_table
 from limo_driver.foreign.mapping import LogMapping
-from limo_driver.foreign.proposal import propose
-from limo_driver.foreign.reading import ARRAYS, BAGS, PARQUET, TEXTS, read_table
-from limo_driver.foreign.recorded_joints import mapped_part
+from limo_driver.foreign.proposals.proposal import propose
+from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.foreign.table import LogTable, table_of
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import expected, model_for, model_of, unexpected
@@ -19,7 +19,7 @@ from limo_driver.workflow.inputs import expected, model_for, model_of, unexpecte
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from limo_driver.foreign.proposal import Proposal
+    from limo_driver.foreign.proposals.proposal import Proposal
     from limo_driver.model import RobotModel
     from limo_driver.recordings.data_gate import Columns
 
@@ -119,7 +119,7 @@ def column_names(path: Path) -> list[str]:
         RecordingError: It cannot be read.
     """
     if path.suffix.lower() == ".csv":
-        from limo_driver.foreign.delimited import dialect_of
+        from limo_driver.foreign.formats.delimited import dialect_of
 
         found = dialect_of(path)
         own = found.separator == "," and found.decimal == "."

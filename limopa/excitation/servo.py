@@ -24,7 +24,7 @@ import numpy as np
 
 from limo_driver.display import Displayed
 from limo_driver.errors import InfeasiblePathError
-from limo_driver.foreign.lerobot_actions import write_actions
+from limo_driver.foreign.formats.lerobot_actions import write_actions
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory

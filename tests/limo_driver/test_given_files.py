@@ -10,7 +10,7 @@ import pytest
 
 from limo_driver.declarations import read_json, read_yaml
 from limo_driver.errors import ConfigError, LimoError, RecordingError
-from limo_driver.foreign.reading import read_table
+from limo_driver.foreign.formats.reading import read_table
 from limo_driver.given_files import check_file
 from limo_driver.logs.mcap_file import read_mcap
 from limo_driver.model import RobotModel

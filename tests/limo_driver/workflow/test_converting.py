@@ -9,7 +9,8 @@ import pytest
 from logged import arm, measured, numbered, written
 
 from limo_driver.errors import RecordingError
-from limo_driver.foreign import blocks, delimited, npz
+from limo_driver.foreign import blocks
+from limo_driver.foreign.formats import delimited, npz
 from limo_driver.logs import joint_state_log
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec

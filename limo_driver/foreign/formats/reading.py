@@ -48,17 +48,17 @@ def read_table(
         return _read_folder(path, topic, episode, joints)
     ending = path.suffix.lower()
     if ending in BAGS:
-        from limo_driver.foreign.bag import read_bags
+        from limo_driver.foreign.formats.bag import read_bags
 
         return read_bags([path], topic, joints)
     if ending in ARRAYS:
-        from limo_driver.foreign.npz import read_npz
+        from limo_driver.foreign.formats.npz import read_npz
 
         return read_npz(path)
-    from limo_driver.foreign.arrow import kept_numbers, read_parquet
+    from limo_driver.foreign.formats.arrow import kept_numbers, read_parquet
 
     if ending in TEXTS:
-        from limo_driver.foreign.delimited import read_delimited
+        from limo_driver.foreign.formats.delimited import read_delimited
 
         text, notes = read_delimited(path)
         found = kept_numbers(text, str(path), "delimited text")
@@ -71,12 +71,12 @@ def read_table(
 def _read_folder(
     path: Path, topic: str | None, episode: int | None, joints: Sequence[str]
 ) -> LogTable:
-    from limo_driver.foreign.lerobot import is_dataset, read_dataset
+    from limo_driver.foreign.formats.lerobot import is_dataset, read_dataset
 
     if is_dataset(path):
         return read_dataset(path, episode)
     if any(file.suffix in BAGS for file in path.iterdir()):
-        from limo_driver.foreign.bag import read_bags
+        from limo_driver.foreign.formats.bag import read_bags
 
         return read_bags([path], topic, joints)
     raise RecordingError(

@@ -11,8 +11,8 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.foreign.lerobot_actions import write_actions
-from limo_driver.foreign.reading import read_table
+from limo_driver.foreign.formats.lerobot_actions import write_actions
+from limo_driver.foreign.formats.reading import read_table
 
 FPS, ROWS = 50, 600
 NAMES = ("turn", "lift")

@@ -13,17 +13,8 @@ import numpy as np
 
 from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.families import ColumnFamily, families_of
-from limo_driver.foreign.lerobot import KIND as LEROBOT
-from limo_driver.foreign.mapping import Channels, LogMapping
-from limo_driver.foreign.motion_units import (
-    Beside,
-    other_unit_from,
-    position_reading,
-    torque_reading,
-    velocity_unit,
-)
-from limo_driver.foreign.names import (
+from limo_driver.foreign.columns.families import ColumnFamily, families_of
+from limo_driver.foreign.columns.names import (
     COMMAND,
     COMMANDED,
     CURRENT,
@@ -36,14 +27,23 @@ from limo_driver.foreign.names import (
     strange_words,
     words_of,
 )
-from limo_driver.foreign.recorded_joints import recorded_part
-from limo_driver.foreign.times import time_columns
-from limo_driver.foreign.units import CURRENTS, UNITS
+from limo_driver.foreign.columns.units import CURRENTS, UNITS
+from limo_driver.foreign.formats.lerobot import KIND as LEROBOT
+from limo_driver.foreign.mapping import Channels, LogMapping
+from limo_driver.foreign.proposals.motion_units import (
+    Beside,
+    other_unit_from,
+    position_reading,
+    torque_reading,
+    velocity_unit,
+)
+from limo_driver.foreign.proposals.recorded_joints import recorded_part
+from limo_driver.foreign.proposals.times import time_columns
 
 if TYPE_CHECKING:
     from limo_driver.foreign.mapping import TimeColumns
+    from limo_driver.foreign.proposals.times import TimeFound
     from limo_driver.foreign.table import LogTable
-    from limo_driver.foreign.times import TimeFound
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from limo_driver.descriptions.description import split_reference
 from limo_driver.display import shortened
-from limo_driver.foreign.families import families_of
-from limo_driver.foreign.names import (
+from limo_driver.foreign.columns.families import families_of
+from limo_driver.foreign.columns.names import (
     CURRENT,
     MEASURED,
     PLAIN,
@@ -24,12 +24,12 @@ from limo_driver.foreign.names import (
     TORQUE,
     words_of,
 )
-from limo_driver.foreign.units import UNITS
+from limo_driver.foreign.columns.units import UNITS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from limo_driver.foreign.families import ColumnFamily
+    from limo_driver.foreign.columns.families import ColumnFamily
     from limo_driver.foreign.mapping import LogMapping
     from limo_driver.foreign.table import LogTable
     from limo_driver.model import RobotModel

@@ -6,7 +6,7 @@ import pytest
 from logged import arm, measured, numbered
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.foreign.proposal import propose
+from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.foreign.table import table_of
 from limo_driver.model import RobotModel
 from limo_driver.workflow.inspecting import inspect

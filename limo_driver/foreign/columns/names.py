@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.foreign.units import CURRENTS, SECONDS, UNITS, WRITTEN, quantity_of
+from limo_driver.foreign.columns.units import CURRENTS, SECONDS, UNITS, WRITTEN, quantity_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

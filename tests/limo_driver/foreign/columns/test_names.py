@@ -1,6 +1,6 @@
 import pytest
 
-from limo_driver.foreign.names import (
+from limo_driver.foreign.columns.names import (
     COMMANDED,
     CURRENT,
     DERIVED,

@@ -16,8 +16,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.foreign.proposal import propose
-from limo_driver.foreign.reading import read_table
+from limo_driver.foreign.formats.reading import read_table
+from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.logs.message_layout import MessageLayout
 
 TIME, POSITION, VELOCITY, TORQUE = measured(2.0)

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.foreign.dynamic_joint_state import DYNAMIC_JOINT_STATE, decode_dynamic
-from limo_driver.foreign.families import families_of
-from limo_driver.foreign.names import (
+from limo_driver.foreign.columns.families import families_of
+from limo_driver.foreign.columns.names import (
     POSITION,
     TORQUE,
     VELOCITY,
@@ -20,6 +19,7 @@ from limo_driver.foreign.names import (
     read_name,
     words_of,
 )
+from limo_driver.foreign.formats.dynamic_joint_state import DYNAMIC_JOINT_STATE, decode_dynamic
 from limo_driver.foreign.table import LogTable
 from limo_driver.logs.joint_state_log import bag_files, read_bag
 from limo_driver.logs.known_layouts import layout_for

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.foreign.units import UNITS
+from limo_driver.foreign.columns.units import UNITS
 from limo_driver.recordings.data_gate import velocity_factor
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.arrow import numbers_of, read_parquet
+from limo_driver.foreign.formats.arrow import numbers_of, read_parquet
 from limo_driver.foreign.table import LogTable
 
 if TYPE_CHECKING:

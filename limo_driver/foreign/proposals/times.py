@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError
+from limo_driver.foreign.columns.names import COMMANDED, TIME, read_name
+from limo_driver.foreign.columns.units import SECONDS
 from limo_driver.foreign.mapping import TimeColumns
-from limo_driver.foreign.names import COMMANDED, TIME, read_name
-from limo_driver.foreign.units import SECONDS
 from limo_driver.recordings.recorded_time import RATES, unit_of
 
 if TYPE_CHECKING:

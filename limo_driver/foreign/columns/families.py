@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from limo_driver.display import shortened
-from limo_driver.foreign.names import COMMANDED, DERIVED, MEASURED, PLAIN, TIME, read_name
+from limo_driver.foreign.columns.names import COMMANDED, DERIVED, MEASURED, PLAIN, TIME, read_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from limo_driver.foreign.names import Name
+    from limo_driver.foreign.columns.names import Name
 
 _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "derived"}
 

@@ -1,0 +1,1 @@
+"""What the name of a column says: which quantity of which joint, and in which unit."""

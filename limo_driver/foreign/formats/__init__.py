@@ -1,0 +1,1 @@
+"""Files of logs as tables: text, Parquet, arrays, bags of ROS 2, LeRobotDatasets."""
