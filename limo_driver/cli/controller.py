@@ -82,11 +82,11 @@ def command(
         limo controller --io FRI.Clock:bool:input:1 --transformation PickPos
     """
     from backends.fri.codec.version import FriVersion
+    from backends.fri.simulator.client.signals import check_signal_name, parse_io
+    from backends.fri.simulator.connection.port import Address
     from backends.fri.simulator.controller import SimulatedController
-    from backends.fri.simulator.port import Address
     from backends.fri.simulator.scenario import ControllerScenario
     from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
-    from backends.fri.simulator.signals import check_signal_name, parse_io
     from limo_driver.physics import Simulation
     from limo_driver.robot.interrupts import interrupts
 

@@ -6,12 +6,12 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from backends.fri.codec.messages import SafetyState, SessionState
-from backends.fri.simulator.link import Channel
+from backends.fri.simulator.connection.link import Channel
+from backends.fri.simulator.connection.port import UdpPort
+from backends.fri.simulator.connection.quality import ConnectionQuality
 from backends.fri.simulator.listener import Listener
 from backends.fri.simulator.monitoring import MonitoringWriter, Standing
 from backends.fri.simulator.motion import CommandedArm
-from backends.fri.simulator.port import UdpPort
-from backends.fri.simulator.quality import ConnectionQuality
 from backends.fri.simulator.report import ClientObservations, ControllerReport
 from backends.fri.simulator.scenario import ControllerScenario, Now, ScenarioClock
 from backends.fri.simulator.session import Circumstances, ControllerSession

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Final
 
 from backends.fri.codec.messages import SessionState
 from backends.fri.codec.template import CommandTemplate
-from backends.fri.simulator.judge import MOST_INTERVALS, CommandJudge
-from backends.fri.simulator.ledger import Arrival, Ledger
-from backends.fri.simulator.link import Channel
-from backends.fri.simulator.signals import Signals
-from backends.fri.simulator.spoken import monitored_as_of, spoken
+from backends.fri.simulator.client.judge import MOST_INTERVALS, CommandJudge
+from backends.fri.simulator.client.ledger import Arrival, Ledger
+from backends.fri.simulator.client.signals import Signals
+from backends.fri.simulator.client.spoken import monitored_as_of, spoken
+from backends.fri.simulator.connection.link import Channel
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
     from backends.fri.codec.messages import Command
-    from backends.fri.simulator.judge import Wanted
-    from backends.fri.simulator.link import Delivered, Disturbance
+    from backends.fri.simulator.client.judge import Wanted
+    from backends.fri.simulator.connection.link import Delivered, Disturbance
+    from backends.fri.simulator.connection.port import Address, UdpPort
     from backends.fri.simulator.motion import CommandedArm
-    from backends.fri.simulator.port import Address, UdpPort
     from backends.fri.simulator.report import ClientObservations
     from backends.fri.simulator.session import ControllerSession
     from backends.fri.simulator.settings import ControllerSettings

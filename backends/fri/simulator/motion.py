@@ -8,7 +8,7 @@ import numpy as np
 
 from backends.fri.codec.messages import JOINTS, ControlMode
 from backends.fri.simulator.arm import ControlledArm
-from backends.fri.simulator.judge import Wanted
+from backends.fri.simulator.client.judge import Wanted
 from backends.fri.simulator.path import SetpointPath
 
 if TYPE_CHECKING:

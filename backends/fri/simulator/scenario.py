@@ -21,6 +21,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
+from backends.fri.simulator.connection.link import UNDISTURBED, Disturbance
 from backends.fri.simulator.events import (
     EVENTS,
     ControllerEvent,
@@ -36,7 +37,6 @@ from backends.fri.simulator.events import (
     Silence,
     SimulatedPush,
 )
-from backends.fri.simulator.link import UNDISTURBED, Disturbance
 from limo_driver.declarations import read_yaml
 from limo_driver.parameters import Declared, parameter
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from backends.fri.codec.version import FriVersion
+from backends.fri.simulator.connection.port import Address
+from backends.fri.simulator.connection.quality import QualityModel
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.port import Address
-from backends.fri.simulator.quality import QualityModel
 from backends.fri.simulator.session import SessionTimes
 from backends.fri.simulator.settings import MODES, ControllerSettings
 

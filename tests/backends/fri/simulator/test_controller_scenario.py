@@ -5,6 +5,7 @@ from controller_runs import PATIENT, last_line, started_client
 from ports import free_port
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
+from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.events import (
     Delay,
@@ -19,7 +20,6 @@ from backends.fri.simulator.events import (
     Silence,
     SimulatedPush,
 )
-from backends.fri.simulator.port import Address
 from backends.fri.simulator.scenario import ControllerScenario
 from backends.fri.simulator.settings import ControllerSettings
 

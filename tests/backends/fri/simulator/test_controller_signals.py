@@ -16,8 +16,8 @@ from backends.fri.codec.messages import (
     Transformation,
 )
 from backends.fri.codec.version import FriVersion, Generation
-from backends.fri.simulator.signals import Signals, check_signal_name, parse_io
-from backends.fri.simulator.spoken import monitored_as_of, spoken
+from backends.fri.simulator.client.signals import Signals, check_signal_name, parse_io
+from backends.fri.simulator.client.spoken import monitored_as_of, spoken
 from limo_driver.errors import ConfigError
 
 SEVEN = (0.1,) * 7
