@@ -4,9 +4,9 @@ The torque of a drive, a function of command, position and velocity, takes the p
 one. Masses that are known, and the gravity on them, give the scale.
 """
 
-from estimators.drives.diagnosis import diagnose_drives
-from estimators.drives.forward import free_run
-from estimators.drives.identification import identify_drives
+from estimators.drives.fitting.identification import identify_drives
+from estimators.drives.pipeline import diagnose_drives
 from estimators.drives.result import DriveDiagnosis
+from estimators.drives.simulation.free_run import free_run
 
 __all__ = ["DriveDiagnosis", "diagnose_drives", "free_run", "identify_drives"]

@@ -11,7 +11,7 @@ from limo_driver.pages.figures import AFTER, layout, numbers
 from limo_driver.pages.markup import columns, header, listed, next_steps, section
 
 if TYPE_CHECKING:
-    from estimators.drives.identification import DriveIdentification
+    from estimators.drives.fitting.identification import DriveIdentification
     from limo_driver.pages.markup import Figure
 
 _LEAD: Final = (

@@ -289,7 +289,7 @@ class _Judged:
 def _doubts(columns: Columns, model: RobotModel) -> tuple[str, ...]:
     """Return what makes one doubt rows that are written all the same: they may be mended later."""
     from estimators.diagnosis.residuals.plausibility import doubts_about
-    from estimators.drives.checks import check_commands
+    from estimators.drives.checks.commands import check_commands
 
     try:
         recording = Recording.from_columns(columns)

@@ -83,7 +83,7 @@ def _asking(proposal: Proposal, refused: str) -> Proposal:
 def _judged(recording: Recording, model: RobotModel) -> tuple[tuple[str, ...], str]:
     """Return what a recording is worth, and why identification and diagnosis would refuse it."""
     from estimators.diagnosis.residuals.plausibility import doubts_about
-    from estimators.drives.checks import check_commands
+    from estimators.drives.checks.commands import check_commands
     from estimators.telemetry import telemetry_of
 
     try:

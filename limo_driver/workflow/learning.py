@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from estimators.base import Estimate
-    from estimators.drives.identification import DriveIdentification
+    from estimators.drives.fitting.identification import DriveIdentification
     from estimators.evaluation import Evaluation
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
@@ -146,7 +146,7 @@ def identify_drives(
             set-points in rad.
     """
     from estimators.drives import identify_drives as identified
-    from estimators.drives.checks import check_commands
+    from estimators.drives.checks.commands import check_commands
     from estimators.recordings import check_different
 
     measured = recordings_of(recordings)

@@ -12,9 +12,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.columns import DELAY, geared
-from estimators.drives.forward import ROUNDING, commands_of
-from estimators.drives.joint_step import commanded, error_of, integrated, led, next_velocity, slack
+from estimators.drives.simulation.columns import DELAY, geared
+from estimators.drives.simulation.free_run import ROUNDING, commands_of
+from estimators.drives.simulation.joint_step import (
+    commanded,
+    error_of,
+    integrated,
+    led,
+    next_velocity,
+    slack,
+)
 from limo_driver.compiled import compiled
 from limo_driver.recordings.bandwidth import bandwidth_for
 

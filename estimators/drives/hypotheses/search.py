@@ -1,4 +1,4 @@
-"""What an arm may have beyond what is stated, and the search for it: without torque.
+"""The search for what an arm has beyond what is stated, without torque.
 
 Beginning with the stated drives and friction within their tolerances, whatever explains most joins
 the fit, one after the other, as long as it is worth it.
@@ -7,19 +7,33 @@ the fit, one after the other, as long as it is worth it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.arm_fit import ArmFit, ArmGuess, ArmProblem, Weights, at_bound, fit_arm
-from estimators.drives.arm_loads import ArmChange
-from estimators.drives.fit import BASE, COULOMB, DAMPING, BelievedValue, value_in, with_values
+from estimators.drives.fitting.arm import (
+    ArmFit,
+    ArmGuess,
+    ArmProblem,
+    Weights,
+    at_bound,
+    fit_arm,
+)
+from estimators.drives.fitting.joint import (
+    BASE,
+    COULOMB,
+    DAMPING,
+    BelievedValue,
+    value_in,
+    with_values,
+)
+from estimators.drives.hypotheses.suspects import COUNTED, Suspect, suspects_of
+from estimators.drives.simulation.loads import ArmChange
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
-    from estimators.drives.arm_loads import ArmLoads
+    from estimators.drives.simulation.loads import ArmLoads
     from limo_driver.types import FloatArray
 
 OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
@@ -29,120 +43,12 @@ _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
 _SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
 _MASS: Final = 1.0  # of the arm's own
-_START_MASS: Final = 0.05  # of the arm's own
 _WORTH: Final = 16.0  # [nat], that a suspect has to explain
 _EACH: Final = 2.0  # [nat], for each of its constants
 _MOST: Final = 4
-COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
-NEUTRAL: Final = {
-    "speed": np.inf,
-    "v_s": 1.0,
-    "gear": 1.0,
-}  # constants that are not 0 where there is nothing
 _FIRST, _GLANCE, _TRY, _THEN = 12, 2, 4, 8  # steps of fits
 _PAIRS: Final = 1  # of joints, that may be exchanged
 _LIKELY: Final = 2  # suspects that are looked at longer, of either kind
-
-
-_EFFECTS: Final = {
-    "kp": "position_servo",
-    DAMPING: "viscous_friction",
-    COULOMB: "coulomb_friction",
-    "delay": "drive_delay",
-    "inertia": "armature",
-    "offset": "torque_offset",
-}
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """Something that may be there."""
-
-    effect: str
-    joint: int | None  # 0-based; None: the whole arm
-    start: tuple[tuple[str, float], ...]  # constants, and where their fit begins
-    shared: bool = False  # whether these are of the arm
-    freed: str = ""  # a stated constant that is another
-    other: int | None = None  # the second of two joints, 0-based
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Its constants."""
-        return tuple(name for name, _ in self.start)
-
-    @property
-    def affects(self) -> tuple[int, ...] | None:
-        """Joints that it acts on, 0-based; None: all."""
-        return None if self.shared or self.joint is None else (self.joint,)
-
-    def counted(self, change: ArmChange) -> ArmChange:
-        """Return an arm in which a joint counts the other way, or two are exchanged."""
-        j = self.joint or 0
-        if self.other is None:
-            sign = list(change.sign)
-            sign[j] *= -1
-            return replace(change, sign=tuple(sign))
-        order = list(change.order or range(len(change.sign)))
-        order[j], order[self.other] = order[self.other], order[j]
-        return replace(change, order=() if order == sorted(order) else tuple(order))
-
-    def added(self, guess: ArmGuess) -> ArmGuess:
-        """Return a guess that has it."""
-        if self.freed:
-            return replace(guess, free=guess.free | {(self.joint or 0, self.freed)})
-        if self.effect in COUNTED:
-            return replace(guess, change=self.counted(guess.change))
-        if self.shared:
-            change = guess.change
-            for name, value in self.start:
-                change = change.with_value(name, value)
-            return replace(guess, change=change, shared=(*guess.shared, *self.names))
-        rows, names = guess.rows.copy(), list(guess.names)
-        j = self.joint or 0
-        rows[j] = with_values(rows[j], dict(self.start))
-        names[j] = (*names[j], *self.names)
-        return replace(guess, rows=rows, names=tuple(names))
-
-    def removed(self, guess: ArmGuess) -> ArmGuess:
-        """Return a guess that has it no longer."""
-        if self.freed:
-            return replace(guess, free=guess.free - {(self.joint or 0, self.freed)})
-        if self.effect in COUNTED:
-            return self.added(guess)  # twice is not at all
-        if self.shared:
-            change = guess.change
-            for name in self.names:
-                change = change.with_value(name, 0.0)
-            shared = tuple(name for name in guess.shared if name not in self.names)
-            return replace(guess, change=change, shared=shared)
-        rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
-        rows[j] = with_values(rows[j], {name: NEUTRAL.get(name, 0.0) for name in self.names})
-        names[j] = tuple(name for name in names[j] if name not in self.names)
-        return replace(guess, rows=rows, names=tuple(names))
-
-
-def suspects_of(loads: ArmLoads) -> Iterator[Suspect]:
-    """Yield what may be there in any arm."""
-    mass = sum(own.mass for own in loads.body.inertials.values())
-    com = tuple((f"com_{axis}", 0.0) for axis in "xyz")
-    yield Suspect("payload", None, (("mass", _START_MASS * mass), *com), shared=True)
-    if loads.shows_supply:
-        yield Suspect("supply_sag", None, (("sag", 0.2),), shared=True)
-    for j, k in combinations(range(loads.n), 2):
-        yield Suspect("swapped_joints", j, (), shared=True, other=k)
-    for j in range(loads.n):
-        yield Suspect("encoder_offset", j, ((f"zero_{j + 1}", 0.0),), shared=True)
-        yield Suspect("joint_sign", j, (), shared=True)
-        for name, effect in _EFFECTS.items():
-            yield Suspect(effect, j, (), freed=name)
-        yield Suspect("stribeck_friction", j, (("stribeck", 0.05), ("v_s", 0.05)))
-        yield Suspect("load_dependent_friction", j, (("by_load", 0.1),))
-        yield Suspect("dead_band", j, (("dead_band", 0.01),))
-        yield Suspect("profile_speed", j, (("speed", 1.0),))
-        yield Suspect("spring_load", j, (("spring", 0.1),))
-        yield Suspect("backlash", j, (("play", 0.01),))
-        yield Suspect("gear_ratio", j, (("gear", 1.0),))
-        yield Suspect("integral_gain", j, (("ki", 1.0),))
 
 
 @dataclass(frozen=True)

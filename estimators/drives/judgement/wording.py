@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.columns import geared
-from estimators.drives.fit import value_in
-from estimators.drives.plant import most_torque, rows_of
+from estimators.drives.fitting.joint import value_in
+from estimators.drives.simulation.columns import geared
+from estimators.drives.simulation.plant import most_torque, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimators.drives.identification import DriveIdentification
+    from estimators.drives.fitting.identification import DriveIdentification
+    from estimators.drives.hypotheses.suspects import Suspect
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
@@ -78,3 +79,29 @@ def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterat
             "supply_sag",
             "the drives state no `torque_limit`: how far the supply is loaded is not known",
         )
+
+
+def about_counting(one: Suspect) -> str:
+    """Say how recordings count against the description."""
+    joint = (one.joint or 0) + 1
+    if one.other is not None:
+        return (
+            f"Columns of joints {joint} and {one.other + 1} are exchanged, positions and commands; "
+            "the improved simulation is of recordings in which they are not."
+        )
+    return (
+        f"position_{joint} and command_{joint} count against the description; the improved "
+        "simulation is of recordings in which both have the other sign."
+    )
+
+
+def about_scale(final: DriveIdentification) -> tuple[str, ...]:
+    """Say at which joints only ratios are known."""
+    joints = [j for j, scaled in enumerate(final.scaled, start=1) if not scaled]
+    if not joints:
+        return ()
+    named = ", ".join(map(str, joints))
+    return (
+        f"Gravity never loads joint{'s' * (len(joints) > 1)} {named}: of kp, friction, damping and "
+        "inertia only the ratios are known there; kp is taken from the other joints.",
+    )

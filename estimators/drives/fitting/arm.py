@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fit import SIGNED, BelievedValue, independent, value_in, with_values
+from estimators.drives.fitting.joint import (
+    SIGNED,
+    BelievedValue,
+    independent,
+    value_in,
+    with_values,
+)
 from limo_driver.physics.drives import MOST_SAG
 from limo_driver.physics.sensing import FARTHEST_ZERO
 
@@ -22,8 +28,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.drives.arm_loads import ArmChange, ArmLoads
-    from estimators.drives.one_joint import LoadedJoint
+    from estimators.drives.simulation.loads import ArmChange, ArmLoads
+    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
 _STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over

@@ -10,13 +10,12 @@ from one_file import check_page, drawn
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run, identify_drives
-from estimators.drives.conventions import conventions_of
-from estimators.drives.diagnosis import removes, split
-from estimators.drives.fit import errors, fit_joint, independent, left_out, with_values
-from estimators.drives.identification import with_servos
-from estimators.drives.one_joint import loaded_joints
+from estimators.drives.checks.conventions import conventions_of
+from estimators.drives.fitting.identification import with_servos
+from estimators.drives.fitting.joint import errors, fit_joint, independent, left_out, with_values
 from estimators.drives.page import drives_page
-from estimators.drives.plant import rows_of
+from estimators.drives.simulation.one_joint import loaded_joints
+from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import GravityDirection, Simulation
 
 RATE = 100.0
@@ -177,22 +176,3 @@ def test_a_gain_that_differs_from_motion_to_motion_is_less_sure(found, recording
     assert low < fit_joint(parts[:1], row, ("kp", "coulomb")).value("kp") < high
     of_same = left_out(same, loaded_joints(body, [one] * 4)[0])
     assert of_same.deviation["kp"] < told.deviation["kp"] / 3
-
-
-def test_the_fastest_motion_is_fitted_to(recordings):
-    fast, slow = recordings
-
-    assert split([slow, fast]) == ([fast], [slow])
-    assert split([fast, slow]) == ([fast], [slow])
-
-
-def test_confidence_is_how_often_a_finding_removes_a_tenth():
-    rng = np.random.default_rng(0)
-    without = rng.normal(size=4000) ** 2
-    once = without.copy()
-    once[:200] *= 0.1  # one of the blocks
-
-    assert removes(0.5 * without, without) == 0.99
-    assert removes(0.95 * without, without) == 0.0
-    assert removes(without, without) == 0.0
-    assert removes(once, without) < 0.3

@@ -9,7 +9,7 @@ import pytest
 from servo_arms import commands, recorded, write_arm
 
 from estimators.drives import free_run
-from estimators.drives.timing import check_timing
+from estimators.drives.checks.timing import check_timing
 from limo_driver.errors import RecordingError
 from limo_driver.physics import Simulation
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from servo_arms import commands, recorded
 
-from estimators.drives.checks import check_commands
+from estimators.drives.checks.commands import check_commands
 from limo_driver.errors import RecordingError
 
 TIME, COMMAND = commands(20.0, 50.0)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.optimize import nnls
 
-from estimators.drives.forward import commands_of
+from estimators.drives.simulation.free_run import commands_of
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:

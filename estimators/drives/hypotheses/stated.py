@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.stats import t as student_t
 
-from estimators.drives.arm_fit import ArmFit, fit_arm, inner
-from estimators.drives.arm_loads import ArmChange, ArmLoads
-from estimators.drives.columns import SAG
-from estimators.drives.conventions import conventions_of
-from estimators.drives.fit import NORMAL, JointFit, blocks, fit_joint, value_in, with_values
-from estimators.drives.identification import DriveIdentification, typical_start, with_rows
-from estimators.drives.plant import rows_of
-from estimators.drives.suspects import COUNTED, Searched, Suspect, reweighted
+from estimators.drives.checks.conventions import conventions_of
+from estimators.drives.fitting.arm import ArmFit, fit_arm, inner
+from estimators.drives.fitting.identification import DriveIdentification, typical_start, with_rows
+from estimators.drives.fitting.joint import (
+    NORMAL,
+    JointFit,
+    blocks,
+    fit_joint,
+    value_in,
+    with_values,
+)
+from estimators.drives.hypotheses.search import Searched, reweighted
+from estimators.drives.hypotheses.suspects import COUNTED, Suspect
+from estimators.drives.simulation.columns import SAG
+from estimators.drives.simulation.loads import ArmChange, ArmLoads
+from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import EncoderOffset, Payload, PositionServo
 
 if TYPE_CHECKING:

@@ -12,11 +12,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.drives.columns import geared
-from estimators.drives.extras import every_joint
-from estimators.drives.fit import BASE, COULOMB, DAMPING, BelievedValue, value_in, with_values
-from estimators.drives.one_joint import loaded_joints
-from estimators.drives.plant import rows_of
+from estimators.drives.fitting.extras import every_joint
+from estimators.drives.fitting.joint import (
+    BASE,
+    COULOMB,
+    DAMPING,
+    BelievedValue,
+    value_in,
+    with_values,
+)
+from estimators.drives.simulation.columns import geared
+from estimators.drives.simulation.one_joint import loaded_joints
+from estimators.drives.simulation.plant import rows_of
 from limo_driver.display import Displayed
 from limo_driver.physics import (
     Armature,
@@ -34,7 +41,7 @@ from limo_driver.physics import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.drives.fit import JointFit
+    from estimators.drives.fitting.joint import JointFit
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, JointDrive, Simulation
     from limo_driver.recordings.recording import Recording

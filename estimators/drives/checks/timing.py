@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.arm_loads import ArmChange, ArmLoads
-from estimators.drives.fit import errors, fit_joint, value_in, with_values
-from estimators.drives.identification import typical_start
-from estimators.drives.plant import rows_of
+from estimators.drives.fitting.identification import typical_start
+from estimators.drives.fitting.joint import errors, fit_joint, value_in, with_values
+from estimators.drives.simulation.loads import ArmChange, ArmLoads
+from estimators.drives.simulation.plant import rows_of
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.forward import commands_of
+from estimators.drives.simulation.free_run import commands_of
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.columns import (
+from estimators.drives.simulation.columns import (
     ACCELERATION,
     BY_LOAD,
     CUBIC,

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
-from estimators.drives.fit import NORMAL
-from estimators.drives.forward import commands_of
-from estimators.drives.suspects import COUNTED
+from estimators.drives.fitting.joint import NORMAL
+from estimators.drives.hypotheses.suspects import COUNTED
+from estimators.drives.simulation.free_run import commands_of
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from estimators.drives.against_stated import StatedArm
-    from estimators.drives.arm_loads import ArmChange
-    from estimators.drives.suspects import Suspect
+    from estimators.drives.hypotheses.stated import StatedArm
+    from estimators.drives.hypotheses.suspects import Suspect
+    from estimators.drives.simulation.loads import ArmChange
 
 _AXES: Final = "xyz"
 

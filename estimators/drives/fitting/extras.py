@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fit import DAMPING, errors, fit_joint, left_out, with_values
+from estimators.drives.fitting.joint import DAMPING, errors, fit_joint, left_out, with_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.drives.fit import BelievedValue, JointFit
-    from estimators.drives.one_joint import LoadedJoint
+    from estimators.drives.fitting.joint import BelievedValue, JointFit
+    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
 

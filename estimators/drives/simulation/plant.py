@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.drives.columns import NAMES, STALL, TORQUE_LIMIT, UNLIMITED
+from estimators.drives.simulation.columns import NAMES, STALL, TORQUE_LIMIT, UNLIMITED
 from estimators.rigid_body.newton_euler import link_parameters
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import ConfigError

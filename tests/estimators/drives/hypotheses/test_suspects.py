@@ -9,12 +9,12 @@ import pytest
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run
-from estimators.drives.against_stated import StatedArm
-from estimators.drives.arm_loads import ArmChange
-from estimators.drives.fit import JointFit, with_values
-from estimators.drives.identification import DriveIdentification
-from estimators.drives.plant import rows_of
-from estimators.drives.suspects import Suspect
+from estimators.drives.fitting.identification import DriveIdentification
+from estimators.drives.fitting.joint import JointFit, with_values
+from estimators.drives.hypotheses.stated import StatedArm
+from estimators.drives.hypotheses.suspects import Suspect
+from estimators.drives.simulation.loads import ArmChange
+from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
 from limo_driver.physics.simulation_file import Tolerances
 

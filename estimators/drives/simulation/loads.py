@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.drives.columns import DELAY
-from estimators.drives.forward import commands_of
-from estimators.drives.joint_step import draws
-from estimators.drives.one_joint import LoadedJoint
-from estimators.drives.plant import most_torque
+from estimators.drives.simulation.columns import DELAY
+from estimators.drives.simulation.free_run import commands_of
+from estimators.drives.simulation.joint_step import draws
+from estimators.drives.simulation.one_joint import LoadedJoint
+from estimators.drives.simulation.plant import most_torque
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.types import Motion

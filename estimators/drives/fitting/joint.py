@@ -10,14 +10,14 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
-from estimators.drives.columns import NAMES
+from estimators.drives.simulation.columns import NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from estimators.drives.one_joint import LoadedJoint
+    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
 DAMPING, COULOMB = "damping", "coulomb"  # columns that recordings cannot tell apart, as one

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.columns import DELAY, SAG, ZERO
-from estimators.drives.joint_step import (
+from estimators.drives.simulation.columns import DELAY, SAG, ZERO
+from estimators.drives.simulation.joint_step import (
     commanded,
     driven,
     error_of,
@@ -25,7 +25,7 @@ from estimators.drives.joint_step import (
     sagged,
     slack,
 )
-from estimators.drives.plant import ServoArm
+from estimators.drives.simulation.plant import ServoArm
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError, RecordingError

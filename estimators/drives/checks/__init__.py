@@ -1,0 +1,1 @@
+"""Commands: whether they are set-points in rad that caused the motion, and how joints count."""

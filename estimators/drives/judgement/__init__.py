@@ -1,0 +1,1 @@
+"""Findings of drives, judged on held-out motion: what each removes, and what does not show."""

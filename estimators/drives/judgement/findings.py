@@ -1,0 +1,156 @@
+"""Findings of single joints: what differs from what is stated, or is there beyond it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
+from estimators.drives.fitting.identification import SURE
+from estimators.drives.fitting.joint import COULOMB, DAMPING, errors, value_in, with_values
+from estimators.drives.hypotheses.search import OFFSET
+from estimators.drives.hypotheses.stated import FOUND
+from estimators.drives.judgement.held_out import CONFIDENT, LEAST, removes
+from estimators.drives.simulation.plant import rows_of
+
+if TYPE_CHECKING:
+    from estimators.drives.fitting.joint import JointFit
+    from estimators.drives.judgement.evidence import DriveEvidence
+    from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray
+
+# What is said of each: the effect, the constants that are its values, with their units.
+KINDS: Final[dict[str, dict[str, str]]] = {
+    "position_servo": {"kp": "N m/rad"},
+    "drive_delay": {"delay": "s"},
+    "coulomb_friction": {COULOMB: "N m"},
+    "viscous_friction": {DAMPING: "N m s/rad"},
+    "armature": {"inertia": "kg m^2"},
+    "torque_offset": {"offset": "N m"},
+    "stribeck_friction": {"stribeck": "N m", "v_s": "rad/s"},
+    "load_dependent_friction": {"by_load": "1"},
+    "dead_band": {"dead_band": "rad"},
+    "profile_speed": {"speed": "rad/s"},
+    "spring_load": {"spring": "N m/rad"},
+    "backlash": {"play": "rad"},
+    "gear_ratio": {"gear": "1"},
+    "integral_gain": {"ki": "N m/(rad s)"},
+}
+_NAMES: Final = {
+    COULOMB: "tau_c",
+    DAMPING: "f_v",
+    "by_load": "coefficient",
+    "stribeck": "tau_s",
+    "spring": "stiffness",
+    "play": "gap",
+    "gear": "ratio",
+}
+
+
+def findings_of(
+    stated: Simulation,
+    given: Simulation,
+    evidence: DriveEvidence,
+    reducible: float,
+) -> tuple[Finding, ...]:
+    """Return what differs from what is stated, and what each takes of the held-out error."""
+    proof, final = evidence.proof, evidence.final
+    parts, nominal = evidence.parts(given), rows_of(given)
+    served = {drive.joint for drive in stated.drives}
+    period = max(1.0 / r.rate for r in evidence.recordings)
+    found = [*evidence.of_the_arm(given)]
+    for j, fit in enumerate(final.fits):
+        best = proof.fits[j].row
+        squared = errors(parts[j], best) ** 2
+        full = float(squared.mean())
+        for effect, units in KINDS.items():
+            extra = effect in final.extras[j]
+            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, stated, period)
+            size = next(iter(units))  # others give its shape, which matters less
+            shown = effect in proof.extras[j] and is_known(fit, {size: ""})
+            if not (shown if extra else wrong):
+                continue
+            without = errors(parts[j], _without(best, nominal[j], effect, units)) ** 2
+            lost = float(without.mean()) - full
+            confidence = removes(squared, without)
+            if confidence < CONFIDENT:
+                continue
+            n = given.model.n
+            rmse = np.zeros((2, n))
+            rmse[:, j] = np.sqrt([full + lost, full])
+            finding = Finding(
+                effect=effect,
+                kind="missing" if extra else "wrong_parameter",
+                joints=(j + 1,),
+                equivalent=("asymmetric_friction",) if effect == "torque_offset" else (),
+                confidence=confidence,
+                parameters=parameters_of(fit, units),
+                where=Where(),
+                share=lost,
+                heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
+                evidence=(
+                    f"without it, the held-out error of joint {j + 1} is "
+                    f"{np.sqrt(full + lost):.4f} rad, with it {np.sqrt(full):.4f} rad"
+                ),
+            )
+            found.append((lost, finding))
+    total = max(sum(lost for lost, _ in found), reducible, LEAST)
+    ranked = sorted(found, key=lambda item: -item[0])
+    return tuple(replace(finding, share=lost / total) for lost, finding in ranked)
+
+
+def _is_wrong(
+    fit: JointFit,
+    nominal: FloatArray,
+    units: dict[str, str],
+    stated: Simulation,
+    period: float,
+) -> bool:
+    """Say whether stated values are beyond their tolerance."""
+    tolerance = stated.tolerances.drive
+    for name in units:
+        if not is_known(fit, {name: ""}):
+            return False
+        value, believed = fit.value(name), value_in(nominal, name)
+        if name == DAMPING:
+            believed += value_in(nominal, "kd")
+        if name == "delay" and abs(value - believed) < period:
+            return False  # no recording tells delays within a sample
+        if not np.isfinite(believed):  # stated to be without limit
+            return True
+        deviation = fit.deviation[name]
+        if name == "offset":
+            if abs(value - believed) > FOUND * float(np.hypot(deviation, OFFSET)):
+                return True
+        else:
+            apart = abs(np.log(max(value, LEAST) / max(believed, 1e-3 * value, LEAST)))
+            if apart > FOUND * float(np.hypot(deviation, tolerance)):
+                return True
+    return False
+
+
+def is_known(fit: JointFit, units: dict[str, str]) -> bool:
+    """Say whether values were fitted, and the motion shows them."""
+    return all(0.0 < fit.deviation.get(name, 0.0) < SURE for name in units)
+
+
+def _without(
+    row: FloatArray, nominal: FloatArray, effect: str, units: dict[str, str]
+) -> FloatArray:
+    """Return the constants with those of one effect as they are stated."""
+    values = {name: value_in(nominal, name) for name in units}
+    if effect == "viscous_friction":
+        values[DAMPING] += value_in(nominal, "kd")
+    if effect == "stribeck_friction":
+        values["v_s"] = 1.0
+    return with_values(row, values)
+
+
+def parameters_of(fit: JointFit, units: dict[str, str]) -> dict[str, Interval]:
+    """Return fitted values with their intervals, as a verdict names them."""
+    return {
+        _NAMES.get(name, name): Interval(fit.value(name), unit, fit.interval(name))
+        for name, unit in units.items()
+    }

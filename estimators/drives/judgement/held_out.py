@@ -1,0 +1,79 @@
+"""Motion that is held out, errors there, and what a finding removes of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.drives.simulation.free_run import commands_of, free_run
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+LEAST: Final = 1e-9
+CONFIDENT: Final = 0.95  # share of resampled held-out motion in which a finding has to remove it
+_SEEN: Final = 0.1  # of a joint's squared held-out error, that a finding has to remove at least
+_BLOCKS, _DRAWN = 20, 1000  # of held-out motion, and resamples of them
+
+
+def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """Return what is fitted to and what is held out: every other recording, or halves of one.
+
+    Recordings go by the speed of their commands, and the fastest is fitted to: slow motion does not
+    show what limits a servo's speed, and predicts none of a fast one.
+    """
+    if len(recordings) > 1:
+        by_speed = sorted(recordings, key=_speed, reverse=True)
+        return by_speed[0::2], by_speed[1::2]
+    (one,) = recordings
+    middle = len(one) // 2
+    return [one[:middle]], [one[middle:]]
+
+
+def _speed(recording: Recording) -> float:
+    """Return how fast commands move, as their root mean square [rad/s]."""
+    change = np.diff(commands_of(recording), axis=0) / np.diff(recording.time)[:, None]
+    return float(np.sqrt(np.mean(change**2)))
+
+
+def position_errors(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArray:
+    """Return free-running position errors of all rows, (K, n) [rad]."""
+    return np.concatenate([free_run(simulation, r) - r.position for r in recordings])
+
+
+def removes(squared: FloatArray, without: FloatArray) -> float:
+    """Return in which share of resampled motion a finding removes a tenth of the error, or more.
+
+    Args:
+        squared: Errors of the held-out rows with it, (K,) [rad²].
+        without: The same without it.
+    """
+    gain = without - squared - _SEEN * without
+    blocks = np.array([block.sum() for block in np.array_split(gain, _BLOCKS)])
+    drawn = np.random.default_rng(0).integers(0, _BLOCKS, (_DRAWN, _BLOCKS))
+    return min(0.99, float(np.mean(blocks[drawn].sum(axis=1) > 0.0)))
+
+
+def resolution_of(recordings: Sequence[Recording], j: int) -> float:
+    """Return the step of an encoder [rad]; 0 if it has none that shows."""
+    steps = np.concatenate([np.abs(np.diff(r.position[:, j])) for r in recordings])
+    steps = steps[steps > LEAST]
+    return float(np.percentile(steps, 1)) if steps.size else 0.0
+
+
+def by_recording(
+    before: FloatArray, after: FloatArray, rows: Sequence[int], floor: FloatArray
+) -> tuple[float, float]:
+    """Return the 95 % interval of what is removed, from resampled recordings held out."""
+    bounds = np.cumsum([0, *rows])
+    gain = np.add.reduceat((before**2 - after**2).sum(axis=1), bounds[:-1])
+    reducible = np.add.reduceat((before**2 - floor**2).sum(axis=1), bounds[:-1])
+    drawn = np.random.default_rng(0).integers(0, len(rows), (1000, len(rows)))
+    share = gain[drawn].sum(axis=1) / np.maximum(reducible[drawn].sum(axis=1), LEAST)
+    low, high = np.percentile(share, (2.5, 97.5))
+    return float(low), float(high)

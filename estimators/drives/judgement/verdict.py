@@ -1,0 +1,102 @@
+"""The verdict of an arm that tells no torque, with errors in rad."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.verdict import (
+    Fit,
+    Identified,
+    NotObservable,
+    RowCount,
+    Unexplained,
+    Verdict,
+)
+from estimators.drives.judgement.findings import KINDS, findings_of, is_known, parameters_of
+from estimators.drives.judgement.held_out import LEAST, by_recording, resolution_of
+from estimators.drives.judgement.wording import undecided
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from estimators.drives.judgement.evidence import DriveEvidence
+    from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray
+
+_NEAR_FLOOR: Final = 3.0  # floors, below which nothing is left to be explained
+
+
+def verdict_of(
+    stated: Simulation,
+    given: Simulation,
+    evidence: DriveEvidence,
+    before: FloatArray,
+    after: FloatArray,
+    notes: tuple[str, ...],
+    hidden: Iterable[tuple[str, str]],
+) -> Verdict:
+    """Return the verdict.
+
+    Args:
+        stated: The simulation as it was given.
+        given: The same with a position servo at each joint.
+        evidence: What was identified.
+        before: Free-running errors of the held-out rows, as given, (K, n) [rad].
+        after: The same with what was identified.
+        notes: To be told.
+        hidden: Effects that these recordings cannot show, and why.
+    """
+    final, recordings, unseen = evidence.final, evidence.recordings, evidence.unseen
+    rmse_before, rmse_after = (np.sqrt(np.mean(e**2, axis=0)) for e in (before, after))
+    floor = np.array([resolution_of(recordings, j) for j in range(given.model.n)]) / np.sqrt(12.0)
+    reducible = float(np.sum(np.maximum(rmse_before**2 - floor**2, 0.0)))
+    removed = float(np.sum(rmse_before**2) - np.sum(rmse_after**2)) / max(reducible, LEAST)
+    findings = findings_of(stated, given, evidence, reducible)
+    left = np.flatnonzero(rmse_after > _NEAR_FLOOR * floor)
+    summary = "consistent" if not findings else "partly_explained" if left.size else "explained"
+    if findings and removed <= 0.0:
+        summary = "unexplained"
+    rows = [len(r) for r in unseen]
+    blocks = by_recording(before, after, rows, floor)
+    return Verdict(
+        verdict=summary,
+        findings=findings,
+        unexplained=Unexplained(
+            tuple(int(j) + 1 for j in left),
+            tuple(
+                float(min(1.0, rmse_after[j] ** 2 / max(rmse_before[j] ** 2, LEAST))) for j in left
+            ),
+        ),
+        not_observable=tuple(
+            NotObservable(effect, reason)
+            for effect, reason in (
+                *undecided(final, min(r.rate for r in recordings)),
+                *hidden,
+            )
+        ),
+        next_motion=None,
+        fit=Fit(
+            tuple(rmse_before.tolist()),
+            tuple(rmse_after.tolist()),
+            tuple(floor.tolist()),
+            removed,
+            blocks,
+            unit="rad",
+        ),
+        rows=RowCount(
+            used=sum(map(len, recordings)),
+            left_out={item.reason: len(item.rows) for r in recordings for item in r.left_out},
+            total=sum(map(len, recordings)),
+            held_out=sum(rows),
+            judged=(sum(rows),) * given.model.n,
+        ),
+        notes=notes,
+        identified=tuple(
+            Identified(effect, joint, parameters_of(fit, KINDS[effect]))
+            for joint, fit in enumerate(final.fits, start=1)
+            for effect in list(KINDS)[:6]
+            if is_known(fit, KINDS[effect])
+        ),
+    )

@@ -1,0 +1,155 @@
+"""Diagnosis of an arm that tells no torque: its drives and friction, and what each of them removes.
+
+The score is what users see: the position error of the closed loop simulated forward from the
+commands alone, on motion that nothing was fitted to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.stages import quiet
+from estimators.drives.checks.commands import check_commands
+from estimators.drives.checks.conventions import conventions_of
+from estimators.drives.checks.timing import check_timing
+from estimators.drives.fitting.identification import identify_drives, with_servos
+from estimators.drives.hypotheses.search import leaving_out, search
+from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm, with_intervals
+from estimators.drives.judgement.evidence import DriveEvidence
+from estimators.drives.judgement.held_out import position_errors, resolution_of, split
+from estimators.drives.judgement.of_the_arm import as_described
+from estimators.drives.judgement.verdict import verdict_of
+from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, sags
+from estimators.drives.result import DriveDiagnosis
+from estimators.drives.simulation.loads import ArmLoads
+from estimators.drives.simulation.plant import rows_of
+from estimators.recordings import check_different
+from limo_driver.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.stages import Progress
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+
+_TURNS: Final = 2  # findings of how joints count, after each of which all is looked for anew
+
+
+def diagnose_drives(
+    simulation: Simulation, recordings: Sequence[Recording], progress: Progress = quiet
+) -> DriveDiagnosis:
+    """Find which drives and which friction an arm has, from commands and positions alone.
+
+    Args:
+        simulation: The rigid body, and what is believed of the drives.
+        recordings: One or more of that arm, with commands.
+        progress: Told the stage and the part that is done.
+
+    Returns:
+        The verdict, and a simulation that can be run forward from commands.
+
+    Raises:
+        ConfigError: The simulation has an effect that cannot be run forward.
+        RecordingError: A recording is of another robot, given twice, or its commands are not
+            set-points of its joints in rad.
+    """
+    progress("reading motion", 0.0)
+    if not recordings:
+        raise RecordingError("no recording to diagnose")
+    for recording in recordings:
+        recording.check_robot(simulation.model)
+    check_different(recordings)
+    odd = check_commands(recordings)
+    given = with_servos(simulation)
+    odd = (*odd, *check_timing(given, recordings))
+    seen, unseen = split(recordings)
+    progress("fitting drives and friction", 0.05)
+    stated = is_stated(simulation, seen)
+    evidence = (
+        _beside_stated(given, seen, unseen, recordings, progress)
+        if stated
+        else _identified(given, seen, unseen, recordings, progress)
+    )
+    proof, final = evidence.proof, evidence.final
+    before = position_errors(given, unseen)
+    after = position_errors(proof.simulation, evidence.unseen)
+    progress("comparing", 0.9)
+    delay = float(np.median([fit.value("delay") for fit in final.fits]))
+    conventions = conventions_of(given.body, evidence.recordings, delay)
+    notes = (
+        *odd,
+        conventions.sentence(),
+        *(about_counting(one) for one in evidence.turned),
+        *about_scale(final),
+        *sags(final),
+    )
+    hidden = not_shown(given, conventions.joints, stated=stated)
+    verdict = verdict_of(simulation, given, evidence, before, after, notes, hidden)
+    progress("done", 1.0)
+    return DriveDiagnosis(
+        verdict,
+        simulation,
+        final.simulation,
+        tuple(recordings),
+        held_out_error=(
+            tuple(np.abs(before).mean(axis=0).tolist()),
+            tuple(np.abs(after).mean(axis=0).tolist()),
+        ),
+    )
+
+
+def _identified(
+    given: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    recordings: Sequence[Recording],
+    progress: Progress,
+) -> DriveEvidence:
+    """Identify drives of which nothing is believed, from a part of the recordings and from all."""
+    proof = identify_drives(given, seen, intervals=False)
+    progress("fitting to all motion", 0.5)
+    final = identify_drives(given, recordings)
+    return DriveEvidence(proof, final, tuple(recordings), tuple(unseen))
+
+
+def _beside_stated(
+    given: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    recordings: Sequence[Recording],
+    progress: Progress,
+    turns: int = 0,
+) -> DriveEvidence:
+    """Look for what the arm has beyond what is stated, and prove it on a part of the recordings."""
+    tick = max(resolution_of(recordings, j) for j in range(given.model.n))
+    loads = ArmLoads(given.body, recordings, rows_of(given))
+    searched = search(loads, rows_of(given), given.tolerances.drive, tick)
+    arm = stated_arm(given, searched, searched.fit)
+    if (other := arm.counted_otherwise) and turns < _TURNS:
+        as_recorded = tuple(unseen)
+        seen, unseen, every = (
+            [as_described(r, arm.change) for r in x] for x in (seen, unseen, recordings)
+        )
+        evidence = _beside_stated(given, seen, unseen, every, progress, turns + 1)
+        counted = DriveEvidence(
+            arm.identified,
+            arm.identified,
+            tuple(recordings),
+            as_recorded,
+            shared=(arm, arm),
+            counted=evidence.counted,
+        )
+        return replace(evidence, turned=(*evidence.turned, *other), counted=counted)
+    progress("proving on held-out motion", 0.6)
+    final = with_intervals(given, searched)
+    while (doubtful := final.doubtful) is not None:
+        searched = leaving_out(searched, doubtful, tick)
+        final = with_intervals(given, searched)
+    proof = proven(given, seen, searched, tick)
+    return DriveEvidence(
+        proof.identified, final.identified, tuple(recordings), tuple(unseen), shared=(proof, final)
+    )
