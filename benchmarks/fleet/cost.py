@@ -34,7 +34,7 @@ from estimators.fleet.outcome import FleetOutcome
 from estimators.fleet.result import FleetDiagnosis
 from estimators.fleet.saving import save_fleet
 from estimators.fleet.store import ROW, FleetStore
-from limo_driver.workflow.fleets.job import FleetJob, diagnose_row
+from limo_driver.workflow.fleets.job import FleetJob
 from limo_driver.workflow.fleets.sources import rows_of
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def diagnose_one(folder: Path) -> None:
     (row,) = rows_of([file], "")
     job = FleetJob(limo.Simulation.load(folder / "sim.yaml"), None)
     start = time.process_time()
-    outcome = diagnose_row(job, row)
+    outcome = job.do(row)
     took = time.process_time() - start
     assert isinstance(outcome, FleetOutcome), outcome
     store = FleetStore(folder / "fleet")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError
 from limo_driver.workflow.fleets.sources import matched, rows_of
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow
     from estimators.fleet.store import FleetStore
     from limo_driver.physics import Simulation
-    from limo_driver.workflow.fleets.job import FleetJob
-    from limo_driver.workflow.fleets.running import FleetExecutor
+    from limo_driver.workflow.executors.running import Place
 
 
 def diagnose_fleet(
@@ -30,7 +28,7 @@ def diagnose_fleet(
     *,
     bandwidth: float | None = None,
     workers: int | None = None,
-    on: Literal["processes", "ray"] = "processes",
+    on: Place = "processes",
     progress: Callable[[FleetRow | None, int, int], None] | None = None,
 ) -> FleetDiagnosis:
     """Diagnose many recordings of one kind of arm side by side, and compare the arms.
@@ -69,14 +67,11 @@ def diagnose_fleet(
     from estimators.fleet.saving import save_fleet
     from estimators.fleet.store import FleetStore, digest_of
     from limo_driver.outputs import only_writer, require_folder
+    from limo_driver.workflow.executors.running import check_place, executor_of, run_all
     from limo_driver.workflow.fleets.job import FleetJob
-    from limo_driver.workflow.fleets.running import run_fleet
 
     known, folder = simulation_of(simulation), Path(out)
-    if workers is not None and workers < 1:
-        raise ConfigError(f"workers is {workers}, expected at least 1")
-    if on not in {"processes", "ray"}:
-        raise ConfigError(f"on is {on}, expected processes or ray")
+    check_place(workers, on)
     found = matched(recordings)
     require_folder(folder, "the fleet", inputs=[item for item in found if isinstance(item, Path)])
     store = FleetStore(folder)
@@ -90,8 +85,8 @@ def diagnose_fleet(
         left = [row for row in rows if row.recording not in ended]
         if progress is not None:
             progress(None, len(ended), len(rows))
-        executor = _executor(FleetJob(known, bandwidth), workers, on) if left else None
-        for row, outcome in run_fleet(executor, left) if executor else ():
+        executor = executor_of(FleetJob(known, bandwidth), workers, on) if left else None
+        for row, outcome in run_all(executor, left) if executor else ():
             done = _kept(store, row, outcome)
             ended[row.recording] = done
             if progress is not None:
@@ -107,16 +102,6 @@ def diagnose_fleet(
             f"{place}: fits none of {len(rows)} recordings; {first.recording}: {first.error}"
         )
     return fleet
-
-
-def _executor(job: FleetJob, workers: int | None, on: str) -> FleetExecutor:
-    if on == "ray":
-        from limo_driver.workflow.fleets.ray_cluster import RayCluster
-
-        return RayCluster(job, workers)
-    from limo_driver.workflow.fleets.processes import ProcessPool
-
-    return ProcessPool(job, workers or len(os.sched_getaffinity(0)))
 
 
 def _kept(store: FleetStore, row: FleetRow, outcome: FleetOutcome | str) -> FleetRow:

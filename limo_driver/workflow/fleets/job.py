@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import LimoError
+from limo_driver.workflow.executors.job import attempted
 
 if TYPE_CHECKING:
     from estimators.fleet.outcome import FleetOutcome
     from estimators.fleet.row import FleetRow
     from limo_driver.physics import Simulation
+
+# As `benchmarks/fleet/cost.py` finds them, of seven joints and Parquet.
+_BASE: Final = 0.45e9  # [bytes] of a process that diagnoses
+_BY_SIZE: Final = 110.0  # [bytes] more for each of a recording's file
+_LARGEST: Final = 5e9  # [bytes] more, whatever the length: longer ones are thinned out
+_READ: Final = 6.0  # [bytes] more for each, while it is read in full
 
 
 @dataclass(frozen=True)
@@ -21,53 +28,38 @@ class FleetJob:
     simulation: Simulation
     bandwidth: float | None  # [Hz]; what suits a recording, if none
 
+    def do(self, row: FleetRow) -> FleetOutcome | str:
+        """Diagnose one recording on one thread.
 
-def diagnose_row(job: FleetJob, row: FleetRow) -> FleetOutcome | str:
-    """Diagnose one recording of a fleet on one thread.
+        Args:
+            row: Whose recording is read.
 
-    Args:
-        job: What all share.
-        row: Whose recording is read.
+        Returns:
+            How it ended; or, if it was the machine or limo itself that failed, why.
+        """
+        from estimators.fleet.outcome import FleetOutcome
 
-    Returns:
-        How it ended; or, if it was the machine or limo itself that failed, why. Then another try
-        may end otherwise.
-    """
-    from threadpoolctl import threadpool_limits
+        start = perf_counter()
+        return attempted(
+            lambda: self._diagnosed(row, start),
+            lambda line: FleetOutcome(perf_counter() - start, line),
+        )
 
-    from estimators.fleet.outcome import FleetOutcome, outcome_of
-    from limo_driver.workflow.diagnosing import diagnose
-    from limo_driver.workflow.fleets.sources import at_hand
-    from limo_driver.workflow.reading import read
+    def memory_of(self, row: FleetRow) -> float:
+        """Return how much memory a diagnosis takes at most [bytes], by its recording's size."""
+        return _BASE + min(_BY_SIZE * row.bytes, _LARGEST) + _READ * row.bytes
 
-    start = perf_counter()
-    try:
-        with threadpool_limits(1), at_hand(row.recording) as path:
+    def _diagnosed(self, row: FleetRow, start: float) -> FleetOutcome:
+        from estimators.fleet.outcome import outcome_of
+        from limo_driver.workflow.diagnosing import diagnose
+        from limo_driver.workflow.fleets.sources import at_hand
+        from limo_driver.workflow.reading import read
+
+        with at_hand(row.recording) as path:
             try:
-                recording = read(path, job.simulation.model)
-                recording = replace(recording, source=str(row.recording))  # not of a copy
-                found = diagnose(job.simulation, recording, bandwidth=job.bandwidth)
-            except LimoError as error:
-                line = " ".join(str(error).split()).removeprefix(f"{path}: ")
-                if _is_of_the_machine(error):
-                    return line
-                return FleetOutcome(perf_counter() - start, line)
+                recording = read(path, self.simulation.model)
+            except LimoError as error:  # the row names the recording, and not where its copy lay
+                raise LimoError(str(error).removeprefix(f"{path}: ")) from error
+            recording = replace(recording, source=str(row.recording))
+            found = diagnose(self.simulation, recording, bandwidth=self.bandwidth)
             return outcome_of(found, perf_counter() - start)
-    except MemoryError:
-        return "the machine had too little memory for it: give fewer `workers`"
-    except LimoError as error:  # its files could not be written
-        return str(error)
-    except Exception as error:  # noqa: BLE001  # one recording does not end the others
-        return f"{type(error).__name__}: {' '.join(str(error).split())}"
-
-
-def _is_of_the_machine(error: BaseException | None) -> bool:
-    """Say whether an error came from one of the operating system, or from a want of memory.
-
-    Arrow tells damaged files as errors of the operating system, too, but those have no number.
-    """
-    while error is not None:
-        if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno):
-            return True
-        error = error.__cause__ or error.__context__
-    return False

@@ -19,8 +19,8 @@ from estimators.fleet.result import FleetDiagnosis
 from estimators.fleet.row import FleetRow
 from estimators.fleet.store import FleetStore, digest_of, key_of
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.workflow.fleets.job import FleetJob, diagnose_row
-from limo_driver.workflow.fleets.running import memory_of, run_fleet
+from limo_driver.workflow.executors.running import run_all
+from limo_driver.workflow.fleets.job import FleetJob
 from limo_driver.workflow.fleets.sources import matched, rows_of
 
 DRIVER = """
@@ -102,7 +102,7 @@ def test_a_full_disk_leaves_no_row_and_is_said(fleet, tmp_path, monkeypatch):
     def full(self, *_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self))
 
-    outcome = diagnose_row(job, row)
+    outcome = job.do(row)
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_text", full)
         with pytest.raises(ConfigError, match="No space left"):
@@ -120,7 +120,7 @@ def test_a_full_disk_where_it_runs_is_no_finished_row(fleet, monkeypatch):
 
     job, row = row_of(fleet, "a/2026-03-01.parquet")
     monkeypatch.setattr("limo_driver.outputs.sync", full)
-    assert re.search("cannot be written: .*No space left", diagnose_row(job, row))
+    assert re.search("cannot be written: .*No space left", job.do(row))
 
 
 @pytest.mark.parametrize(
@@ -139,8 +139,8 @@ def test_what_the_machine_failed_is_no_finished_row(fleet, monkeypatch, failure)
 
     with monkeypatch.context() as patch:
         patch.setattr("limo_driver.workflow.reading.read", read)
-        assert re.search("Input/output error|too little memory", diagnose_row(job, row))
-    assert "Parquet" in diagnose_row(job, row).error  # the file itself is at fault now
+        assert re.search("Input/output error|too little memory", job.do(row))
+    assert "Parquet" in job.do(row).error  # the file itself is at fault now
 
 
 def test_rows_of_other_versions_are_set_aside_and_told(tmp_path, monkeypatch):
@@ -193,13 +193,13 @@ class Machine:
 def test_what_a_machine_fails_is_tried_twice_after_the_others():
     machine = Machine({"a": 0, "b": 1, "c": 2})
     rows = [FleetRow(Path(key), key, "arm", None) for key in "cba"]
-    ended = [(row.key, outcome) for row, outcome in run_fleet(machine, rows)]
+    ended = [(row.key, outcome) for row, outcome in run_all(machine, rows)]
     assert ended == [("a", FleetOutcome(1.0)), ("c", "died"), ("b", FleetOutcome(1.0))]
     assert machine.closed
 
 
 def test_a_pool_runs_no_more_than_memory_bears(fleet, monkeypatch):
-    from limo_driver.workflow.fleets import processes
+    from limo_driver.workflow.executors import processes
 
     class Worker:
         def __init__(self, *_):
@@ -209,8 +209,8 @@ def test_a_pool_runs_no_more_than_memory_bears(fleet, monkeypatch):
             self.task = row
 
     job, row = row_of(fleet, "a/2026-03-01.parquet")
-    monkeypatch.setattr(processes, "WorkerProcess", {"FleetRow": Worker})
-    monkeypatch.setattr(processes, "_available", lambda: 2.5 * memory_of(row))
+    monkeypatch.setattr(processes, "WorkerProcess", Worker)
+    monkeypatch.setattr(processes, "_available", lambda: 2.5 * job.memory_of(row))
     pool = processes.ProcessPool(job, 8)
     for _ in range(2):
         assert pool.has_room(row)
@@ -233,9 +233,7 @@ def test_objects_of_a_store_are_recordings_too(fleet, tmp_path):
     ]
     assert len({row.key for row in rows} | {row.key for row in rows_of(found, "y")}) == 4
     (_, own) = row_of(fleet, "a/2026-03-01.parquet")
-    from_file, from_store = (
-        diagnose_row(FleetJob(simulation, 10.0), row) for row in (own, rows[0])
-    )
+    from_file, from_store = (FleetJob(simulation, 10.0).do(row) for row in (own, rows[0]))
     assert from_store.files["verdict.json"] == from_file.files["verdict.json"]
     assert from_store.files["report.html"].count(b"zip://a/2026-03-01.parquet") == 1
     with pytest.raises(ConfigError, match=r"zip://\*.csv::.*: matches no file"):

@@ -1,4 +1,4 @@
-"""A cluster of Ray, each diagnosis a task where there is a core and memory for it."""
+"""A cluster of Ray, each task where there is a core and memory for it."""
 
 from __future__ import annotations
 
@@ -8,29 +8,27 @@ import socket
 from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Generic
 
 from limo_driver.errors import ConfigError
-from limo_driver.workflow.fleets.job import FleetJob, diagnose_row
-from limo_driver.workflow.fleets.running import memory_of
+from limo_driver.workflow.executors.job import OutcomeT, TaskT
 
 if TYPE_CHECKING:
-    from estimators.fleet.outcome import FleetOutcome
-    from estimators.fleet.row import FleetRow
+    from limo_driver.workflow.executors.job import Job
 
 _OWN: Final = version("limo")
 _AHEAD: Final = 2  # tasks for each core of the cluster, so that none waits for the next
 _ANSWER: Final = 60.0  # [s] that a cluster, or a node that is asked for its limo, has to answer
 
 
-class RayCluster:
+class RayCluster(Generic[TaskT, OutcomeT]):
     """A cluster of Ray, or this machine as one where there is none.
 
     `RAY_ADDRESS` names it; without that, one that was started on this machine is taken. It may grow
     and shrink meanwhile.
 
     Args:
-        job: What all diagnoses share.
+        job: What all tasks share.
         workers: How many run side by side at most; as many as there are cores, if none.
 
     Raises:
@@ -38,13 +36,13 @@ class RayCluster:
             limo.
     """
 
-    def __init__(self, job: FleetJob, workers: int | None) -> None:
+    def __init__(self, job: Job[TaskT, OutcomeT], workers: int | None) -> None:
         try:
             self._ray: Any = import_module("ray")
         except ImportError as error:
             raise ConfigError(f"Ray needs `pip install limo[fleet]`: {error}") from None
         self._workers = workers
-        self._rows: dict[Any, FleetRow] = {}  # by the reference of the task
+        self._tasks: dict[Any, TaskT] = {}  # by Ray's reference
         self._own = not self._ray.is_initialized()
         if self._own:
             self._connect()
@@ -53,34 +51,35 @@ class RayCluster:
         except BaseException:
             self.close()
             raise
+        self._memory_of = job.memory_of
         self._job = self._ray.put(job)
-        self._task = self._ray.remote(num_cpus=1, max_retries=0)(_diagnose)
+        self._remote = self._ray.remote(num_cpus=1, max_retries=0)(_done)
 
-    def has_room(self, row: FleetRow) -> bool:  # noqa: ARG002  # Ray places each where it fits
+    def has_room(self, task: TaskT) -> bool:  # noqa: ARG002  # Ray places each where it fits
         """Say whether the cluster has less than it can begin soon."""
         cores = int(self._ray.cluster_resources().get("CPU", 0))
-        return len(self._rows) < (self._workers or max(1, _AHEAD * cores))
+        return len(self._tasks) < (self._workers or max(1, _AHEAD * cores))
 
-    def submit(self, row: FleetRow) -> None:
-        """Have a node with enough memory left diagnose a row."""
+    def submit(self, task: TaskT) -> None:
+        """Have a node with enough memory left do a task."""
         nodes = [node["Resources"].get("memory", 0.0) for node in self._alive()]
-        needed = min(memory_of(row), max(nodes, default=0.0))  # else it would wait for ever
-        task = self._task.options(memory=int(needed)).remote(self._job, row, _OWN, os.getcwd())
-        self._rows[task] = row
+        needed = min(self._memory_of(task), max(nodes, default=0.0))  # else it would wait for ever
+        sent = self._remote.options(memory=int(needed)).remote(self._job, task, _OWN, os.getcwd())
+        self._tasks[sent] = task
 
-    def ended(self) -> list[tuple[FleetRow, FleetOutcome | str]]:
+    def ended(self) -> list[tuple[TaskT, OutcomeT | str]]:
         """Wait for tasks to end; one that was lost with its node has ended, too.
 
         Raises:
             ConfigError: A node that joined meanwhile has another version of limo.
         """
-        ready, _ = self._ray.wait(list(self._rows), num_returns=1)
-        return [(self._rows.pop(item), self._received(item)) for item in ready]
+        ready, _ = self._ray.wait(list(self._tasks), num_returns=1)
+        return [(self._tasks.pop(item), self._received(item)) for item in ready]
 
     def close(self) -> None:
         """End the tasks that still run, and leave the cluster, if it was not the caller's."""
-        for task in self._rows:
-            self._ray.cancel(task, force=True)
+        for sent in self._tasks:
+            self._ray.cancel(sent, force=True)
         if self._own:
             self._ray.shutdown()
 
@@ -130,9 +129,9 @@ class RayCluster:
         except self._ray.exceptions.RayError as error:
             return f"no answer ({_line(error)})"
 
-    def _received(self, task: Any) -> FleetOutcome | str:  # noqa: ANN401  # Ray's reference
+    def _received(self, sent: Any) -> OutcomeT | str:  # noqa: ANN401  # Ray's reference
         try:
-            other, outcome = self._ray.get(task)
+            other, outcome = self._ray.get(sent)
         except self._ray.exceptions.RayError as error:  # its process or node died
             return _line(error)
         if other:
@@ -140,23 +139,21 @@ class RayCluster:
         return outcome
 
 
-def _diagnose(
-    job: FleetJob, row: FleetRow, limo: str, folder: str
-) -> tuple[str, FleetOutcome | str]:
-    """Diagnose a row on a node, unless that has another version of limo, which is said instead.
+def _done(job: Job[Any, Any], task: object, limo: str, folder: str) -> tuple[str, object]:
+    """Do a task on a node, unless that has another version of limo, which is said instead.
 
     Args:
         job: What all share.
-        row: Whose recording is read.
+        task: To be done.
         limo: Version that is wanted.
         folder: That relative paths start from.
     """
     node = f"node {socket.gethostname()}"
     if limo != _OWN:
         return f"{node} has limo {_OWN}", ""
-    with suppress(OSError):  # a node may lack it, where the recordings are objects
+    with suppress(OSError):  # a node may lack it, where the inputs are objects of a store
         os.chdir(folder)
-    outcome = diagnose_row(job, row)
+    outcome = job.do(task)
     return "", f"{node}: {outcome}" if isinstance(outcome, str) else outcome
 
 

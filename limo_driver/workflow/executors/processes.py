@@ -5,51 +5,49 @@ from __future__ import annotations
 from contextlib import suppress
 from multiprocessing import connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Generic
 
 from limo_driver.worker_process import WorkerProcess, end_with_parent
-from limo_driver.workflow.fleets.job import FleetJob, diagnose_row
-from limo_driver.workflow.fleets.running import memory_of
+from limo_driver.workflow.executors.job import OutcomeT, TaskT
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-    from estimators.fleet.outcome import FleetOutcome
-    from estimators.fleet.row import FleetRow
+    from limo_driver.workflow.executors.job import Job
 
 _MEMINFO: Final = Path("/proc/meminfo")
 _LIMIT: Final = Path("/sys/fs/cgroup/memory.max")  # of a container
 
 
-class ProcessPool:
-    """Processes that diagnose rows one after the other, each its own.
+class ProcessPool(Generic[TaskT, OutcomeT]):
+    """Processes that do tasks one after the other, each its own.
 
     Args:
-        job: What all diagnoses share.
+        job: What all tasks share.
         workers: How many run side by side at most.
     """
 
-    def __init__(self, job: FleetJob, workers: int) -> None:
+    def __init__(self, job: Job[TaskT, OutcomeT], workers: int) -> None:
         self._job, self._workers = job, workers
         self._memory = _available()  # [bytes]
-        self._idle: list[WorkerProcess[FleetRow]] = []
-        self._busy: dict[Connection[Any, Any], WorkerProcess[FleetRow]] = {}
+        self._idle: list[WorkerProcess[TaskT]] = []
+        self._busy: dict[Connection[Any, Any], WorkerProcess[TaskT]] = {}
 
-    def has_room(self, row: FleetRow) -> bool:
-        """Say whether a process is free, and memory for what runs and this row."""
-        taken = sum(memory_of(worker.task) for worker in self._busy.values())
+    def has_room(self, task: TaskT) -> bool:
+        """Say whether a process is free, and memory for what runs and this task."""
+        taken = sum(self._job.memory_of(worker.task) for worker in self._busy.values())
         return not self._busy or (
-            len(self._busy) < self._workers and taken + memory_of(row) <= self._memory
+            len(self._busy) < self._workers and taken + self._job.memory_of(task) <= self._memory
         )
 
-    def submit(self, row: FleetRow) -> None:
-        """Have a process diagnose a row."""
-        worker = self._idle.pop() if self._idle else WorkerProcess["FleetRow"](_work, self._job)
-        worker.start(row)
+    def submit(self, task: TaskT) -> None:
+        """Have a process do a task."""
+        worker = self._idle.pop() if self._idle else WorkerProcess(_work, self._job)
+        worker.start(task)
         self._busy[worker.connection] = worker
 
-    def ended(self) -> list[tuple[FleetRow, FleetOutcome | str]]:
-        """Wait for processes to end a row, or to die."""
+    def ended(self) -> list[tuple[TaskT, OutcomeT | str]]:
+        """Wait for processes to end a task, or to die."""
         ready = connection.wait(list(self._busy))
         return [self._received(self._busy.pop(item)) for item in ready]  # type: ignore[arg-type]
 
@@ -58,7 +56,7 @@ class ProcessPool:
         for worker in (*self._idle, *self._busy.values()):
             worker.stop()
 
-    def _received(self, worker: WorkerProcess[FleetRow]) -> tuple[FleetRow, FleetOutcome | str]:
+    def _received(self, worker: WorkerProcess[TaskT]) -> tuple[TaskT, OutcomeT | str]:
         try:
             outcome = worker.connection.recv()
         except (EOFError, OSError):
@@ -67,12 +65,12 @@ class ProcessPool:
         return worker.task, outcome
 
 
-def _work(main: Connection[Any, Any], job: FleetJob) -> None:
-    """Diagnose what comes through the pipe until its other end is closed."""
+def _work(main: Connection[Any, Any], job: Job[Any, Any]) -> None:
+    """Do what comes through the pipe until its other end is closed."""
     end_with_parent()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
-            main.send(diagnose_row(job, main.recv()))
+            main.send(job.do(main.recv()))
 
 
 def _available() -> float:
