@@ -10,9 +10,9 @@ found.save("diagnosis/")
 ```
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
-and commands. What to do with them: inspect, read, plan, excite, excite_servos, run, identify,
-predict, predict_forward, train, evaluate, diagnose, diagnose_fleet, export, serve. Requests and
-settings say how: PlanRequest, Rows, ...
+and commands. What to do with them: inspect, read, plan, excite, excite_servos, run, simulate,
+simulate_dataset, identify, predict, predict_forward, train, evaluate, diagnose, diagnose_fleet,
+export, serve. Requests and settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         TorqueCommand,
         WrenchCommand,
     )
+    from limo_driver.workflow.datasets import simulate_dataset
     from limo_driver.workflow.diagnosing import diagnose
     from limo_driver.workflow.embedding import export_c, export_onnx
     from limo_driver.workflow.exporting import export
@@ -125,6 +126,7 @@ _HOME = {
     "run": "limo_driver.workflow.running",
     "serve": "limo_driver.workflow.serving",
     "simulate": "limo_driver.workflow.simulating",
+    "simulate_dataset": "limo_driver.workflow.datasets",
     "train": "limo_driver.workflow.learning",
 }
 
@@ -177,6 +179,7 @@ __all__ = [
     "run",
     "serve",
     "simulate",
+    "simulate_dataset",
     "train",
 ]
 

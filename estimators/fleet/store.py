@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 import yaml
 
 from estimators.diagnosis.reading import verdict_in
-from estimators.diagnosis.verdict import IMPROVED, VERDICT
+from estimators.diagnosis.verdict import IMPROVED
 from limo_driver.errors import ConfigError
 from limo_driver.outputs import sync, whole
 
@@ -124,7 +124,7 @@ def key_of_object(known: str, simulation: str) -> str:
     return sha256(f"{simulation} {known}".encode()).hexdigest()[:_SHOWN]
 
 
-def digest_of(simulation: Simulation, bandwidth: float | None) -> str:
+def digest_of(simulation: Simulation, *use: object) -> str:
     """Return the digest of a simulation, wherever its files lie, its use, and limo's version."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sim.yaml"
@@ -132,5 +132,5 @@ def digest_of(simulation: Simulation, bandwidth: float | None) -> str:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     del content["robot"]  # a path, which may have moved; what the file says is in the text below
     model = simulation.model
-    parts = [content, model.name, model.description.text, bandwidth, version("limo"), VERDICT]
+    parts = [content, model.name, model.description.text, *use, version("limo")]
     return sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()

@@ -234,7 +234,12 @@ def read_header(table: pa.Table) -> dict[str, Any]:
     Raises:
         RecordingError: There is a header, but it is no JSON object.
     """
-    text = (table.schema.metadata or {}).get(METADATA_KEY, b"{}")
+    return header_of(table.schema)
+
+
+def header_of(schema: pa.Schema) -> dict[str, Any]:
+    """Return the metadata of a recording by its schema, as `read_header` does of its table."""
+    text = (schema.metadata or {}).get(METADATA_KEY, b"{}")
     try:
         header: object = json.loads(text)
     except (ValueError, RecursionError):

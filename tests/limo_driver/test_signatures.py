@@ -37,12 +37,14 @@ PUBLIC = (
     "estimators.drives",
     "estimators.fleet",
     "estimators.service",
+    "limo_driver.workflow.datasets",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
 # What runs for longer than a moment, needs the network, or a model that was trained before.
 LONG = (
     "diagnose",
     "diagnose_fleet",
+    "simulate_dataset",
     "identify",
     "nominal",
     "train",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter, deque
 from contextlib import closing
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from limo_driver.errors import ConfigError
 from limo_driver.workflow.executors.job import OutcomeT, OutcomeT_co, TaskT
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from limo_driver.workflow.executors.job import Job
 
-Place = Literal["processes", "ray"]
 _TRIES: Final = 2  # of a task that a machine fails
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from limo_driver.errors import ConfigError
 from limo_driver.workflow.fleets.sources import matched, rows_of
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow
     from estimators.fleet.store import FleetStore
     from limo_driver.physics import Simulation
-    from limo_driver.workflow.executors.running import Place
 
 
 def diagnose_fleet(
@@ -28,7 +27,7 @@ def diagnose_fleet(
     *,
     bandwidth: float | None = None,
     workers: int | None = None,
-    on: Place = "processes",
+    on: Literal["processes", "ray"] = "processes",
     progress: Callable[[FleetRow | None, int, int], None] | None = None,
 ) -> FleetDiagnosis:
     """Diagnose many recordings of one kind of arm side by side, and compare the arms.

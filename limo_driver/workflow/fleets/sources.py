@@ -1,4 +1,4 @@
-"""Where recordings of a fleet lie: files by pattern, or objects of a store by URL."""
+"""Where recordings and trajectories lie: files by pattern, or objects of a store by URL."""
 
 from __future__ import annotations
 
@@ -16,21 +16,26 @@ if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow
 
 
-def matched(recordings: Path | str | Iterable[Path | str]) -> tuple[Path | str, ...]:
+def matched(
+    given: Path | str | Iterable[Path | str], wanted: str = "recordings"
+) -> tuple[Path | str, ...]:
     """Return the files and URLs that names and patterns stand for, each once, in order.
+
+    Args:
+        given: Names and patterns.
+        wanted: What they should stand for.
 
     Raises:
         ConfigError: A pattern matches nothing, or its store cannot be listed.
     """
-    given = [recordings] if isinstance(recordings, (Path, str)) else list(recordings)
     found: dict[Path | str, None] = {}
-    for item in given:
+    for item in [given] if isinstance(given, (Path, str)) else given:
         places = _objects(item) if isinstance(item, str) and _is_url(item) else _files(item)
         if not places:
-            raise ConfigError(f"{item}: matches no file, expected recordings")
+            raise ConfigError(f"{item}: matches no file, expected {wanted}")
         found |= dict.fromkeys(places)
     if not found:
-        raise ConfigError("no recordings given, expected files or patterns")
+        raise ConfigError(f"no {wanted} given, expected files or patterns")
     return tuple(found)
 
 
@@ -42,18 +47,13 @@ def rows_of(recordings: Iterable[Path | str], simulation: str) -> list[FleetRow]
         simulation: Digest of the simulation and how it is used.
     """
     from estimators.fleet.row import FleetRow, arm_of, date_of
-    from estimators.fleet.store import key_of, key_of_object
 
     rows: list[FleetRow] = []
     first: dict[str, Path | str] = {}
     for place in recordings:
         key, size, error = "", 0, ""
         try:
-            if isinstance(place, Path):
-                key, size = key_of(place, simulation), place.stat().st_size
-            else:
-                store, path = _store_of(place)
-                key, size = key_of_object(store.ukey(path), simulation), store.size(path) or 0
+            key, size = key_and_size(place, simulation)
         except OSError as failure:
             error = f"cannot be read: {failure.strerror or failure}"
         else:
@@ -64,13 +64,31 @@ def rows_of(recordings: Iterable[Path | str], simulation: str) -> list[FleetRow]
     return rows
 
 
+def key_and_size(place: Path | str, shared: str) -> tuple[str, int]:
+    """Return the key of a file or object, which changes with it, and how large it is [bytes].
+
+    Args:
+        place: File or URL.
+        shared: Digest of all else that its result depends on.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    from estimators.fleet.store import key_of, key_of_object
+
+    if isinstance(place, Path):
+        return key_of(place, shared), place.stat().st_size
+    store, path = _store_of(place)
+    return key_of_object(store.ukey(path), shared), store.size(path) or 0
+
+
 @contextmanager
-def at_hand(recording: Path | str) -> Generator[Path]:
-    """Give a recording as a file on this machine; that of an object is removed in the end."""
-    if isinstance(recording, Path):
-        yield recording
+def at_hand(place: Path | str) -> Generator[Path]:
+    """Give what lies at a place as a file on this machine; that of an object goes in the end."""
+    if isinstance(place, Path):
+        yield place
         return
-    store, path = _store_of(recording)
+    store, path = _store_of(place)
     with TemporaryDirectory() as folder:
         copy = Path(folder) / Path(path).name
         store.get_file(path, str(copy))
