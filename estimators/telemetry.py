@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _JITTER: Final = 0.2  # of a period, above which steps of time are uneven
+_EVEN: Final = 0.005  # of a period, up to which nothing is worth a figure
 _SLOWER: Final = (
     0.5  # of the rows that repeat a value, above which a channel is slower than the log
 )
@@ -113,7 +114,7 @@ def sampling_of(recording: Recording) -> list[str]:
     even = (
         f"unevenly: 90 % of the steps spread over {spread:.0%} of a period"
         if spread > _JITTER
-        else f"evenly to {spread:.1%} of a period"
+        else "evenly" + (f" to {spread:.0%} of a period" if spread > _EVEN else "")
     )
     told = [f"sampled at {1 / period:.4g} Hz for {recording.duration:.4g} s, {even}"]
     gaps = len(recording.segments) - 1

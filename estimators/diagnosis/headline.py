@@ -191,7 +191,7 @@ def _unknown(verdict: Verdict, n: int) -> list[str]:
     if not joints:
         return []
     region = (items[0].where.region if items else "") or verdict.unexplained.where.region
-    # such a region reads: joint 4, large |speed| (half of it above 0.4 rad/s), and so on
+    # such a region reads: joint 4: at high speed (half of it above 0.4 rad/s), and so on
     half = re.search(r"\((half of it [^)]+)\)", region) if len(joints) == 1 else None
     return [f"{of_several(joints, n)}: something unknown" + (f", {half[1]}" if half else "")]
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 NOT_JUDGED = "near rest, at reversals or under a push"
 WORSE = (
-    "* Worse than as given: values are moved to fit other rows, on all joints at once, and bend "
-    "towards effects that are missing. The improved simulation is judged by itself."
+    "* Worse than given: without the effects that are missing, values move to make up for them on "
+    "the rows fitted, and do harm on others. The improved simulation has values of its own."
 )
 
 

@@ -21,6 +21,8 @@ REPORT = "report.html"
 NEXT_MOTION = "next_motion.parquet"
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
 
+_WORSE = 1.05  # of an error, from which on a larger one is called worse
+
 Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]
 Value: TypeAlias = "float | str | tuple[Value, ...]"
 
@@ -132,13 +134,13 @@ class Fit:
 
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:
-        """Joints, 1-based, on which values moved inside their tolerances do worse than as given.
+        """Joints, 1-based, on which values moved inside their tolerances do clearly worse.
 
         They are fitted to other rows, to all joints at once, and whitened: without the effects that
         are missing, they bend towards those, and a joint may pay for what another gains.
         """
         pairs = zip(self.heldout_rmse_before, self.heldout_rmse_tolerances, strict=False)
-        return tuple(j for j, (given, moved) in enumerate(pairs, start=1) if moved > given)
+        return tuple(j for j, (given, moved) in enumerate(pairs, start=1) if moved > _WORSE * given)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from limo_driver.recordings.recording import Recording
 
-_COUNTED = 1e6  # odds beyond which a figure says no more than words
+COUNTED = 1e6  # odds beyond which a figure says no more than words
 
 LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 _OTHERWISE = {
@@ -58,7 +58,7 @@ def listed(texts: Sequence[str]) -> str:
 
 def likelier(lead: float) -> str:
     """Say evidence [nat] as odds; completes "the recordings are …"."""
-    if lead > math.log(_COUNTED):
+    if lead > math.log(COUNTED):
         return "beyond doubt likelier"
     odds = math.exp(lead)
     digits = max(0, math.floor(math.log10(odds)) - 1)

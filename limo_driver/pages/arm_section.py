@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.pages.markup import paragraph
-from limo_driver.pages.still import SCALE, still
+from limo_driver.pages.markup import paragraph, typeset
+from limo_driver.pages.still import still
 
 if TYPE_CHECKING:
     from limo_driver.pages.arm import ArmView, PlayedMotion
@@ -30,25 +30,37 @@ def arm_section(view: ArmView, title: str, lead: str) -> str:
     start = 0 if motion is None else int(np.argmin(np.abs(motion.position - view.pose).sum(axis=1)))
     return (
         f'<section id="arm" class="arm" data-first="{start}"><h2>{escape(title)}</h2>'
-        f"{paragraph(lead, 'lead')}"
+        f"{paragraph(lead, 'lead screen')}"
         f'<div class="stage"><svg class="leaders" aria-hidden="true"></svg>{still(view, first)}'
-        f"</div>{_colours(view, first)}{_player(motion) if motion else ''}</section>"
+        f"</div>{_pins(view)}{_colours(view, first)}{_player(motion) if motion else ''}</section>"
     )
+
+
+def _pins(view: ArmView) -> str:
+    """Return the texts of the arm as a list, for a stage on which they would hide it."""
+    items = "".join(
+        f'<li><a href="{escape(pin.link)}">{escape(typeset(pin.text))}</a></li>'
+        if pin.link
+        else f"<li>{escape(typeset(pin.text))}</li>"
+        for pin in view.pins
+    )
+    return f'<ul class="pins">{items}</ul>' if items else ""
 
 
 def _colours(view: ArmView, first: str) -> str:
     if not view.errors:
         return ""
-    moving = [f"now {ghost.name}" for ghost in view.motion.ghosts] if view.motion else []
-    names = [name for name, _ in view.errors] + moving
+    shown = {name: name for name, _ in view.errors}
+    if view.motion:
+        shown |= {f"now {one.name}": f"{one.name}, at this moment" for one in view.motion.ghosts}
     buttons = "".join(
-        f'<label><input type="radio" name="colour" value="{escape(name)}"'
-        f"{' checked' if name == first else ''}> {escape(name)}</label>"
-        for name in names
+        f'<label><input type="radio" name="colour" value="{escape(value)}"'
+        f"{' checked' if value == first else ''}> {escape(name)}</label>"
+        for value, name in shown.items()
     )
     return (
         f'<fieldset class="controls"><legend>Rings show the error of</legend>{buttons}'
-        f'<span class="scale"><i style="background:linear-gradient(90deg,{",".join(SCALE)})"></i>'
+        f'<span class="scale"><i></i>'
         "1 to 100 times the noise floor</span></fieldset>"
     )
 
@@ -59,7 +71,7 @@ def _player(motion: PlayedMotion) -> str:
     if moved:
         boxes = "".join(
             f'<label><input type="checkbox" name="ghost" value="{escape(ghost.name)}" checked>'
-            f'<i class="dot" style="background:{ghost.colour}"></i> {escape(ghost.name)}</label>'
+            f'<i class="dot" data-colour="{ghost.colour}"></i> {escape(ghost.name)}</label>'
             for ghost in moved
         )
         times = _magnified(motion)

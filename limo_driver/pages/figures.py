@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
-MEASURED, BEFORE, AFTER, FLOOR = "#a3abb3", "#d9730d", "#0b559f", "#8a939c"
+MEASURED, BEFORE, AFTER, FLOOR = "#868f98", "#d9730d", "#0b559f", "#868f98"
+OTHER: Final = "#75899d"  # what is neither before nor after
 # Of joints: none of the colours that tell simulations apart.
 JOINTS: Final = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#66707a")
 DRAWN: Final = 1200  # samples of a curve: more cannot be seen
@@ -32,7 +33,7 @@ def layout(x: str, y: str) -> Figure:
             "ticks": "outside", "ticklen": 3, "tickcolor": "#c9ced4",
             "exponentformat": "none"}  # fmt: skip
     return {
-        "xaxis": axis | {"title": {"text": x, "standoff": 8}},
+        "xaxis": axis | {"title": {"text": x, "standoff": 8}, "automargin": True},
         "yaxis": axis | {"title": {"text": y, "standoff": 6}, "automargin": True},
         "font": {"family": "inherit", "size": 11.5, "color": "#3d4650"},
         "margin": {"l": 52, "r": 12, "t": 8, "b": 44},
@@ -80,12 +81,13 @@ def joint_motion(trajectory: Trajectory) -> Figure:
 
 
 def rounded_ticks(values: FloatArray) -> Figure:
-    """Return ticks of a logarithmic axis at 1, 2, 5 of each decade; over many, at 1 alone."""
+    """Return ticks of a logarithmic axis: 1, 2, 5 of a decade, more within one, less over many."""
     known = values[np.isfinite(values) & (values > 0)]
     if not known.size:
         return {}
     low, high = np.log10(known.min()), np.log10(known.max())
     steps = (1, 2, 5) if high - low < _MANY_DECADES else (1,)
+    steps = (1, 2, 3, 4, 5, 7) if high - low < 1 else steps
     decades = range(int(np.floor(low)) - 1, int(np.ceil(high)) + 1)
     ticks = [float(f"{step}e{k}") for k in decades for step in steps]
     return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}

@@ -20,6 +20,7 @@ _NBSP = "\N{NO-BREAK SPACE}"
 _WHOLE = re.compile(
     r"(?<=\d) (?:N m|N|kg|g|rad|mm|m|s|min|Hz|%)(?!\w)|\bN m\b(?: s)?|\[[^\]\s]+, [^\]\s]+\]"
 )
+_CODE = re.compile(r"`([^`]+)`")
 _NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
 
 
@@ -66,7 +67,7 @@ def section(title: str, body: str, anchor: str, lead: str = "") -> str:
     """Return a section with a heading; empty if it has no content."""
     if not body:
         return ""
-    intro = f'<p class="lead">{escape(lead)}</p>' if lead else ""
+    intro = paragraph(lead, "lead") if lead else ""
     return f'<section id="{anchor}"><h2>{escape(title)}</h2>{intro}{body}</section>'
 
 
@@ -93,9 +94,14 @@ def typeset(text: str) -> str:
     return kept.replace("^2", "\N{SUPERSCRIPT TWO}")
 
 
+def prose(text: str) -> str:
+    """Return a text as HTML: typeset, and what stands in backticks as code."""
+    return _CODE.sub(r"<code>\1</code>", escape(typeset(text)))
+
+
 def listed(items: Iterable[str]) -> str:
     """Return texts as a list; empty if there are none."""
-    points = "".join(f"<li>{escape(item)}</li>" for item in items)
+    points = "".join(f"<li>{prose(item)}</li>" for item in items)
     return f"<ul>{points}</ul>" if points else ""
 
 
@@ -137,7 +143,7 @@ def grid(items: Iterable[str], kind: str = "two") -> str:
 
 def paragraph(text: str, kind: str = "") -> str:
     """Return a paragraph."""
-    return f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>"
+    return f"<p{f' class={kind!r}' if kind else ''}>{prose(text)}</p>"
 
 
 def meter(share: float) -> str:
@@ -161,7 +167,7 @@ def percent(share: float) -> str:
     if 0 < share < _HARDLY_ANY:
         return "less than 1\N{NO-BREAK SPACE}%"
     value = min(floor(1000 * share) / 10, 99.9) if _NEARLY_ALL < share < 1 else round(100 * share)
-    return f"{value}\N{NO-BREAK SPACE}%"
+    return f"{value:g}\N{NO-BREAK SPACE}%"
 
 
 def _cell(value: object) -> str:

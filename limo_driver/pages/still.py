@@ -24,8 +24,9 @@ _LONGEST: Final = 34  # characters of a line
 _LINES: Final = 3  # of a text, at most
 _PATH: Final = "#d9730d"  # as in arm.js
 _MOST: Final = 100.0  # floors of an error that has the last colour
-# From an error at the noise floor to a hundred times that; told apart by any colour vision.
-SCALE: Final = ("#8fa3b5", "#e3b04b", "#d9730d", "#b3261e")
+# From an error at the noise floor to a hundred times that: told apart by any colour vision, and
+# three times as dark as the stage.
+SCALE: Final = ("#75899d", "#ab7c0a", "#c95d00", "#9e1b16")
 
 
 def still(view: ArmView, name: str) -> str:

@@ -24,6 +24,7 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
+from estimators.diagnosis.wording import rounded
 from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
@@ -177,8 +178,8 @@ def not_observable(
     return tuple(
         NotObservable(
             effect,
-            f"at joint {joint + 1} it would have to add {torque * remaining.floor[joint]:.2g} N m "
-            "RMS to be distinguishable from the nuisance parameters within their tolerances",
+            f"less than {rounded(torque * float(remaining.floor[joint]), 2)} N m RMS of it at "
+            f"joint {joint + 1} could not be told from values that move within their tolerances",
         )
         for effect, (torque, joint) in sorted(least.items())
         if torque > OBSERVABLE.hidden

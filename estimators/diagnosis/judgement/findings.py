@@ -135,7 +135,7 @@ def _sentence(
         f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} N m "
         f"(noise floor {rounded(floor, 3)} N m), and "
         + (
-            f"makes the recordings {likelier(lead)} than the next explanation does."
+            f"is {likelier(lead)} than the next explanation."
             if lead > 0
             else "the next explanation does as well."
         )
@@ -238,10 +238,9 @@ def _stand_in_sentence(stand_ins: Sequence[Candidate]) -> str:
     names = _placed(stand_ins)
     if not names:
         return ""
-    one = len(names) == 1
     return (
-        f" Until it is understood, {listed(names)} {'stands' if one else 'stand'} in for part of "
-        f"it in the improved simulation, and {'is no name' if one else 'are no names'} for it."
+        f" Until it is understood, the improved simulation has {listed(names)} in place of a part "
+        "of it, which does not mean that this is what acts."
     )
 
 

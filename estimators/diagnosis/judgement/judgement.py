@@ -223,7 +223,7 @@ def worse(
 
 def _moved(shift: Shift) -> str:
     limit = " (as far as it may)" if abs(shift.sigmas) > REACH - JUDGEMENT.at_limit else ""
-    return f"{shift.name} by {shift.sigmas:+.1f} sigma{limit}"
+    return f"{shift.name} by {shift.sigmas:+.1f} standard deviations{limit}"
 
 
 def remarks(
@@ -234,7 +234,7 @@ def remarks(
     if moved and not harmful:
         said = "; ".join(map(_moved, moved))
         sensed = any(" of sensor " in shift.name for shift in moved)
-        yield f"Values moved inside their tolerances, too, and the fit has both: {said}." + (
+        yield f"The fit also moved stated values within their tolerances: {said}." + (
             " What a sensor adds is written into no simulation." if sensed else ""
         )
     if members >= SEARCH.largest:

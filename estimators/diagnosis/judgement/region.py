@@ -8,12 +8,18 @@ import numpy as np
 
 from estimators.diagnosis.settings.judgement import REGION
 from estimators.diagnosis.verdict import Where
+from estimators.diagnosis.wording import rounded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
+
+
+_SPEED = ("at low speed", "at high speed")
+_REVERSAL = ("soon after reversals", "long after reversals")
+_LOAD = ("at low load", "at high load")
 
 
 def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
@@ -31,9 +37,9 @@ def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
         return Where(region=f"joint {joint + 1}", figure=figure)
     samples = observed.kept[rows]
     said = [
-        *_side("|speed|", "rad/s", np.abs(observed.slow.velocity[rows, joint]), energy),
-        *_side("distance since reversal", "rad", observed.since_reversal[samples, joint], energy),
-        *_side("|load|", "N m", np.abs(observed.load[samples, joint]), energy),
+        *_side(_SPEED, "rad/s", np.abs(observed.slow.velocity[rows, joint]), energy),
+        *_side(_REVERSAL, "rad", observed.since_reversal[samples, joint], energy),
+        *_side(_LOAD, "N m", np.abs(observed.load[samples, joint]), energy),
         *_range(observed.slow.position[rows, joint], energy),
     ]
     recordings, time = _stretches(observed, rows, energy)
@@ -43,16 +49,23 @@ def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
     return Where(time=time, recording=recordings, region=text, figure=figure)
 
 
-def _side(name: str, unit: str, values: FloatArray, energy: FloatArray) -> list[str]:
-    """Say whether the energy lies at small or at large values (R,), if it does."""
+def _side(names: tuple[str, str], unit: str, values: FloatArray, energy: FloatArray) -> list[str]:
+    """Say whether the energy lies at small or at large values (R,), if it does.
+
+    Args:
+        names: Of small and of large values.
+        unit: Of them.
+        values: In which each row was.
+        energy: Of each row.
+    """
     order = np.argsort(values)
     total = np.cumsum(energy[order])
     half = float(values[order][min(np.searchsorted(total, 0.5 * total[-1]), len(order) - 1)])
     usual = float(np.median(values))
     if usual <= 0 or REGION.narrow < half / usual < REGION.wide:
         return []
-    size, side = ("small", "below") if half < usual else ("large", "above")
-    return [f"{size} {name} (half of it {side} {half:.2g} {unit})"]
+    name, side = (names[0], "below") if half < usual else (names[1], "above")
+    return [f"{name} (half of it {side} {rounded(half, 2)} {unit})"]
 
 
 def _range(position: FloatArray, energy: FloatArray) -> list[str]:

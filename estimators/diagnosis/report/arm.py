@@ -50,13 +50,15 @@ def arm(diagnosis: Diagnosis, charts: Charts) -> tuple[ArmView, str]:
     j = int(np.argmax(np.nan_to_num(excess)))
     caption = f"Joint {j + 1}: recorded minus simulated torque"
     drawn = charts.place(
-        figures.error_over_time(traces, j, recording), caption, "click to move the arm there",
+        figures.error_over_time(traces, j, recording),
+        caption,
+        "pale: near rest, not scored; click to move the arm there",
         follows=True,
-    )  # fmt: skip
+    )
     lead = (
-        "Drag to turn. Each ring is a joint; its colour says how many noise floors the simulated "
-        "torque is off, on motion that nothing was fitted to. “Now” shows the error at the time of "
-        "the slider, by colour and size."
+        "Drag to turn. The ring around each joint is coloured by the torque error there, in "
+        "multiples of its noise floor: over the held-out motion, or at the moment of the slider, "
+        "where its size shows it, too."
     )
     return view, arm_section(view, "Where on the arm", lead) + grid([drawn], "one")
 
@@ -89,7 +91,7 @@ def _motion(diagnosis: Diagnosis, recording: int) -> PlayedMotion:
         said += (
             f" Translucent, from {replay.time[0]:.1f} to {replay.time[-1]:.1f} s: the simulated "
             "robot, told to follow that motion by its own drives; its distance from the recorded "
-            "pose is drawn many times larger than it is."
+            "pose is enlarged as chosen above."
         )
     pushes = _pushes(diagnosis.verdict.findings, recording)
     if pushes:
@@ -129,6 +131,9 @@ def _worst(diagnosis: Diagnosis, time: FloatArray, recording: int) -> int:
     floor = np.maximum(np.array(diagnosis.verdict.fit.noise_floor), 1e-12)
     error = np.abs(traces.measured - traces.before) * traces.moving / floor
     own = traces.recording == recording
+    for replay in diagnosis.replay:  # there the simulated arms can be seen beside the recorded one
+        if replay.recording == recording:
+            own &= (traces.time >= replay.time[0]) & (traces.time <= replay.time[-1])
     worst = traces.time[own][int(np.argmax(error[own].max(axis=1)))]
     return int(np.argmin(np.abs(time - worst)))
 

@@ -24,6 +24,7 @@ from limo_driver.pages.figures import (
     FLOOR,
     JOINTS,
     MEASURED,
+    OTHER,
     curve,
     dots,
     layout,
@@ -198,7 +199,7 @@ def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
             *_SIDES[side],
         )
     ]
-    axes = layout("time [s]", "difference [N m]")
+    axes = layout("time [s]", "torque error [N m]")
     return {"data": data, "layout": axes | {"showlegend": True}, "height": 240}
 
 
@@ -227,17 +228,19 @@ def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
 
 
 def explanations(
-    candidates: Sequence[Explanation], names: Sequence[str], chosen: Explanation
+    candidates: Sequence[Explanation], names: Sequence[str], chosen: Explanation, most: float
 ) -> Figure:
-    """Odds of the chosen explanation against what else competed, in powers of ten."""
+    """Odds of the chosen explanation against what else competed, in powers of ten up to `most`."""
     behind = np.array([chosen.log_evidence - item.log_evidence for item in candidates])
+    shown = np.clip(behind / np.log(10.0), -most, most)
     bars = {
         "type": "bar", "orientation": "h", "y": list(names),
-        "x": numbers(behind / np.log(10.0)),
-        "marker": {"color": [AFTER if c is chosen else "#b8c4d0" for c in candidates]},
-        "hovertemplate": "%{y}: 10^%{x} to 1<extra></extra>",
+        "x": numbers(shown),
+        "marker": {"color": [AFTER if c is chosen else OTHER for c in candidates]},
+        "hovertemplate": "%{y}: 10^%{x} times<extra></extra>",
     }  # fmt: skip
-    axes = layout("how much likelier the chosen one is [powers of ten]", "")
+    axes = layout("the chosen one is likelier by [powers of ten]", "")
+    axes["xaxis"] |= {"range": [min(0.0, float(shown.min())), most]}
     axes["yaxis"] |= {"autorange": "reversed", "automargin": True, "showgrid": False}
     axes["bargap"] = 0.35
     return {"data": [bars], "layout": axes, "height": 80 + 28 * len(names)}
@@ -253,7 +256,7 @@ def shifts(moved: Sequence[Shift]) -> Figure:
         "text": [f"{s.nominal:.4g} to {s.fitted:.4g} {s.unit}" for s in moved],
         "hovertemplate": "%{y}: %{text}, %{x} sigma<extra></extra>",
     }  # fmt: skip
-    axes = layout("shift from the nominal value [standard deviations of its tolerance]", "")
+    axes = layout("moved by [standard deviations of its tolerance]", "")
     axes["yaxis"] |= {"autorange": "reversed", "automargin": True}
     reach = max(2.5, 1.1 * max((abs(item.sigmas) for item in moved), default=0.0))
     axes["xaxis"] |= {"range": [-reach, reach], "zeroline": True}
@@ -286,7 +289,7 @@ def replay_error(replay: Replay, j: int) -> Figure:
         for side in _BOTH
         for curve in _faded(time, _residual(replay, side, j)[rows], moving, *_SIDES[side])
     ]
-    axes = layout("time [s]", "measured minus robot [N m]")
+    axes = layout("time [s]", "torque error [N m]")
     return {"data": data, "layout": axes | {"showlegend": True}, "height": 290}
 
 

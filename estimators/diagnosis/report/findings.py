@@ -12,7 +12,7 @@ from estimators.diagnosis.headline import headline, place_of, to_interval
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.summary import WORSE, columns_of, coverage
-from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN, Interval
 from estimators.diagnosis.wording import is_of_bodies, names_of, rounded
 from limo_driver.pages.markup import (
     UNSAID,
@@ -20,10 +20,12 @@ from limo_driver.pages.markup import (
     folded,
     grid,
     header,
+    listed,
     meter,
     number,
     paragraph,
     percent,
+    prose,
     table,
 )
 from limo_driver.physics import spoken
@@ -32,13 +34,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.result import Diagnosis
-    from estimators.diagnosis.verdict import Finding, Fit, Interval, Value, Verdict
+    from estimators.diagnosis.verdict import Finding, Fit, Value, Verdict
 
 VERDICTS = {
-    "consistent": "consistent",
-    "explained": "explained",
-    "partly_explained": "partly explained",
-    "unexplained": "unexplained",
+    "consistent": "simulation and recording agree",
+    "explained": "the difference is explained",
+    "partly_explained": "the difference is explained in part",
+    "unexplained": "the difference is not explained",
 }
 _KINDS = {
     "missing": "left out of the simulation",
@@ -52,6 +54,7 @@ _MOST = 3  # joints of a finding whose errors are shown; the table above has all
 _LISTED = 6  # values of a parameter that are shown before they are folded
 _FLOOR = 1.15  # noise floors up to which an error is at the floor: that is an estimate itself
 _WORTH_SAYING = 0.05  # part of the reducible error
+_AXES = {"com": ("x", "y", "z"), "inertia": ("xx", "xy", "xz", "yy", "yz", "zz")}  # of bodies
 
 
 def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
@@ -67,13 +70,13 @@ def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
     head = header(
         f"Diagnosis of a simulation of {_robot(diagnosis)}",
         headline(verdict),
+        removed(verdict.fit),
         _sources(diagnosis, names),
         badge=(VERDICTS[verdict.verdict], verdict.verdict),
     )
     chart = charts.place(
         figures.summary(verdict.fit),
-        "Error on motion that nothing was fitted to",
-        "per joint, on the rows that count",
+        "Torque error of each joint on held-out motion",
     )
     beside = grid([chart, _removed(verdict)])
     errors = f'<section id="errors">{beside}{_errors(verdict)}</section>'
@@ -102,6 +105,9 @@ def _put(diagnosis: Diagnosis) -> str:
     values = diagnosis.after.changes_from(diagnosis.before)
     if not values:
         return ""
+    if not diagnosis.verdict.findings and not diagnosis.verdict.identified:
+        said = "Nothing has to change in your simulation."
+        return f'<aside class="put">{paragraph(said)}</aside>'
     kind = diagnosis.before.model.description.kind.lower()
     command = f"limo export {IMPROVED} --to {kind} --out improved/"
     where = "In the folder of this report; writes a copy of your own file with the values in it:"
@@ -121,8 +127,7 @@ def _notes(notes: Sequence[str]) -> str:
     """Return what a reader has to know before trusting the figures."""
     if not notes:
         return ""
-    listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return f'<section id="notes"><h2>To be known</h2><ul>{listed}</ul></section>'
+    return f'<section id="notes"><h2>Before you use the values</h2>{listed(notes)}</section>'
 
 
 def _sources(diagnosis: Diagnosis, names: Sequence[str]) -> str:
@@ -145,35 +150,52 @@ def _errors(verdict: Verdict) -> str:
     fit, worse = verdict.fit, verdict.fit.worse_within_tolerances
     columns = columns_of(verdict)
     ratio = np.array(fit.heldout_rmse_after) / np.maximum(np.array(fit.noise_floor), 1e-12)
-    columns["improved, of floor"] = ratio.tolist()
+    columns[_RATIO] = ratio.tolist()
     rows = [
         [str(j), *(_cell(name, value, marked=j in worse) for name, value in errors.items())]
         for j, errors in enumerate(_by_joint(columns), start=1)
     ]
-    headings = ("joint", *(name if name in _PLAIN else f"{name} [N m]" for name in columns))
+    headings = (
+        "joint",
+        *(name if name in _PLAIN else f"{name} [{verdict.fit.unit}]" for name in columns),
+    )
     return table(headings, rows, numeric=1) + (paragraph(WORSE, "small") if worse else "")
 
 
 def _removed(verdict: Verdict) -> str:
     """Say how much of the error is gone, and what the errors count."""
-    fit = verdict.fit
-    low, high = fit.ci95
-    removed = (
-        f"The improved simulation removes {percent(fit.reducible_error_removed)} of the reducible "
-        f"error (95\N{NO-BREAK SPACE}% interval {percent(low)} to {percent(high)})."
-        if np.isfinite(fit.reducible_error_removed)
-        else "There is no reducible error to remove."
+    meanings = {
+        "Held-out": "parts of the recordings that no parameter was fitted to.",
+        "Noise floor": "an estimate of the error that stays whatever the model. An error near it, "
+        "or below, cannot be told from noise.",
+        "Reducible error": "the mean square of the error above the noise floor.",
+        "Within tolerances": "the given simulation with its values moved as far as they may be "
+        "wrong, and no effect added.",
+    }
+    said = "".join(f"<dt>{name}</dt><dd>{prose(text)}</dd>" for name, text in meanings.items())
+    told = (_by_tolerances(verdict.fit, findings=bool(verdict.findings)), coverage(verdict))
+    return f'<div>{"".join(map(paragraph, filter(None, told)))}<dl class="small">{said}</dl></div>'
+
+
+def removed(fit: Fit) -> str:
+    """Say in a sentence how much of the torque error the improved simulation removes."""
+    before, after = np.array(fit.heldout_rmse_before), np.array(fit.heldout_rmse_after)
+    ratio = np.nan_to_num(before / np.maximum(np.array(fit.noise_floor), 1e-12))
+    (low, high), part = fit.ci95, fit.reducible_error_removed
+    if ratio.max(initial=0.0) <= _FLOOR:
+        return (
+            "On held-out motion the given simulation is at the noise floor of every joint: there "
+            "is no error that another one could remove."
+        )
+    if not np.isfinite(part):
+        return "There is no reducible error to remove."
+    j = int(np.argmax(ratio))
+    return (
+        f"On held-out motion the improved simulation removes {percent(part)} of the reducible "
+        f"error (95\N{NO-BREAK SPACE}% interval {percent(low)} to {percent(high)}), at joint "
+        f"{j + 1} from {rounded(before[j], 3)} to {rounded(after[j], 3)} {fit.unit} RMSE (noise "
+        f"floor {rounded(fit.noise_floor[j], 3)} {fit.unit})."
     )
-    meaning = (
-        "Held-out: rows of the recordings that no parameter was fitted to. "
-        "Noise floor: an estimate of the error that would stay whatever the model; an improved "
-        "error near it, also below, cannot be told from noise. Reducible: mean square above the "
-        "noise floor. Within tolerances: the given "
-        "simulation with its values moved within their tolerances, no effect added."
-    )
-    removed += _by_tolerances(fit, findings=bool(verdict.findings))
-    small = "".join(paragraph(text, "small") for text in (coverage(verdict), meaning) if text)
-    return f"<div>{paragraph(removed)}{small}</div>"
 
 
 def _by_joint(columns: Mapping[str, Sequence[float]]) -> Iterator[dict[str, float]]:
@@ -186,7 +208,8 @@ def _of_floor(ratio: float) -> str:
     return "at the floor" if ratio <= _FLOOR else f"{ratio:.1f} times"
 
 
-_PLAIN = {"rows judged": percent, "improved, of floor": _of_floor}  # columns without a unit
+_RATIO = "improved, beside the floor"
+_PLAIN = {"rows judged": percent, _RATIO: _of_floor}  # columns without a unit
 
 
 def _cell(heading: str, value: float, *, marked: bool) -> str:
@@ -203,8 +226,8 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
     taken = reducible_removed(*map(np.array, errors))
     if taken < _WORTH_SAYING:
         return ""
-    said = f" Moving values within their tolerances removes {percent(taken)} of it"
-    return said + ("; the findings are about the error that remains." if findings else ".")
+    said = f"Moving values within their tolerances alone removes {percent(taken)} of the error"
+    return said + ("; the findings are about what remains." if findings else ".")
 
 
 def _rmse(value: float) -> str:
@@ -223,10 +246,10 @@ def _card(order: int, item: Finding, fit: Fit, recordings: Sequence[str]) -> str
         ("confidence", meter(item.confidence)),
     ]
     if drop := _drop(item):
-        facts.append(("held-out RMSE without → with it", drop))
+        facts.append(("held-out RMSE, fitted without → with it", drop))
     if item.share > 0:  # of a push nothing is: its rows are not scored
-        does = "stays" if unknown else "takes"
-        facts.insert(1, (does, f"{meter(item.share)} of the error that remains within tolerances"))
+        does = "leaves" if unknown else "removes"
+        facts.insert(1, (does, f"{meter(item.share)} of the error that tolerances leave"))
     if item.equivalent:
         names = ", ".join(spoken(e) for e in item.equivalent)
         facts.append(("cannot be told from", escape(names)))
@@ -278,11 +301,26 @@ def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
 
 def _parameters(item: Finding) -> str:
     rows = [
-        [escape(name), *_value_and_interval(known, _unit(known.unit))]
+        [escape(part), *_value_and_interval(one, _unit(one.unit))]
         for name, known in item.parameters.items()
-        if known.value != ()
+        if known.value != () and not _is_left_out(known)
+        for part, one in _components(name, known)
     ]
     return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
+
+
+def _is_left_out(known: Interval) -> bool:
+    """Say whether a parameter is a part of the law that the data did not ask for."""
+    return known.value == 0 and not known.ci95
+
+
+def _components(name: str, known: Interval) -> list[tuple[str, Interval]]:
+    """Return a vector as its components; anything else as it is."""
+    axes, values, ends = _AXES.get(name), known.value, known.ci95 or ()
+    if axes is None or not isinstance(values, tuple) or not len(axes) == len(values) == len(ends):
+        return [(name, known)]
+    parts = zip(axes, values, ends, strict=True)
+    return [(f"{name} {axis}", Interval(one, known.unit, pair)) for axis, one, pair in parts]
 
 
 def _value_and_interval(known: Interval, unit: str) -> tuple[str, str, str]:
@@ -290,7 +328,7 @@ def _value_and_interval(known: Interval, unit: str) -> tuple[str, str, str]:
     values = list(_numbers(known.value))
     pairs = list(_pairs(known.ci95)) if known.ci95 else []
     ends = [(low, high) for low, high in pairs if low is not None and high is not None]
-    if len(values) != len(ends):
+    if not values or len(values) != len(ends):
         return _value(known.value), unit, _interval(known)
     said = [to_interval(value, *pair) for value, pair in zip(values, ends, strict=True)]
     ranges = [f"{low} to {high}" for _, low, high in said]

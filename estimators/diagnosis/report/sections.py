@@ -15,7 +15,14 @@ from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import coverage, identified_columns
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
-from estimators.diagnosis.wording import likelier, names_of, of_joints, rounded
+from estimators.diagnosis.wording import (
+    COUNTED,
+    is_of_bodies,
+    likelier,
+    names_of,
+    of_joints,
+    rounded,
+)
 from limo_driver.pages.figures import joint_motion
 from limo_driver.pages.markup import (
     UNSAID,
@@ -35,7 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.result import Diagnosis, Explanation, Replay, Shift
-    from estimators.diagnosis.verdict import Verdict
+    from estimators.diagnosis.verdict import Finding, Verdict
 
 OPEN = 3  # joints whose maps are open from the start
 LOOP = 8.0  # [s] of motion drawn as loops
@@ -77,12 +84,12 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
         if j not in shown
     )
     lead = (
-        "Residual: recorded minus simulated torque, mean (line) and one standard deviation (band) "
-        "in bins. Orange: the given simulation. Green: that with its values moved within their "
-        "tolerances. Blue: the improved simulation. Dotted: noise floor. "
-        "Torque curves show, less the rigid-body torque, 8 s in which the remaining error is large "
-        "and the joint moves little. Rows near rest are neither fitted nor scored: they are not in "
-        "the bins, and pale in the curves."
+        "Residual: recorded minus simulated torque; line: mean of a bin, band: one standard "
+        "deviation, dotted: noise floor. Orange: the given simulation. Blue: the improved one. "
+        "Green: the given one with its values moved within their tolerances. The curves are 8 s in "
+        "which the error is large and the joint moves little, without the torque of the rigid "
+        "body. Near rest, where friction takes any value, nothing is fitted or scored: those rows "
+        "are pale in the curves and not in the bins."
     )
     return section("Where the difference is", opened + rest, "where", lead)
 
@@ -134,13 +141,11 @@ def _beyond(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
     ]
     said = (
         "Green: the given simulation with its values moved within their tolerances, and no effect "
-        "added; the findings explain its residual. Blue: the improved simulation; nothing "
-        "explains its residual."
+        "added. The findings are what explains the difference to blue, the improved simulation."
     )
-    return (
-        f'<div id="beyond-{j + 1}"><h4>Joint {j + 1} beyond tolerances</h4>'
-        f"{paragraph(said, 'small')}{grid(drawn, 'three')}{grid(maps)}</div>"
-    )
+    body = f"{paragraph(said, 'small')}{grid(drawn, 'three')}{grid(maps)}"
+    title = f"Joint {j + 1}: what is left when values move within their tolerances"
+    return f'<div id="beyond-{j + 1}">{folded(title, body)}</div>'
 
 
 def _anchored(j: int, body: str) -> str:
@@ -160,9 +165,17 @@ def _affected(diagnosis: Diagnosis) -> set[int]:
     """Return the joints that the verdict speaks of, 1-based; pushes have a section of their own."""
     verdict = diagnosis.verdict
     found = [item for item in verdict.findings if item.effect != CONTACT]
-    named = {j for item in found for j in item.joints} | {*verdict.unexplained.joints}
+    named = {j for item in found for j in _shown_at(item)} | {*verdict.unexplained.joints}
     whole_arm = any(not item.joints for item in found)
     return set(range(1, len(verdict.fit.noise_floor) + 1)) if whole_arm else named
+
+
+def _shown_at(item: Finding) -> tuple[int, ...]:
+    """Return the joints at which a finding shows; a body is felt by others than it hangs on."""
+    shows = item.where.figure.removeprefix("joint-")
+    if is_of_bodies(item.effect) and shows.isdigit():
+        return (int(shows),)
+    return item.joints
 
 
 def _by_excess(diagnosis: Diagnosis) -> list[int]:
@@ -174,30 +187,66 @@ def _by_excess(diagnosis: Diagnosis) -> list[int]:
 
 
 def competing(diagnosis: Diagnosis, charts: Charts) -> str:
-    """Return the explanations that competed and the tests that narrowed them down."""
+    """Return the explanations that competed with the chosen one."""
     best = diagnosis.explanations[:_CANDIDATES]
-    body = ""
-    if best:
-        chosen = next((item for item in best if item.note == CHOSEN), best[0])
+    if not best:
+        return ""
+    chosen = next((item for item in best if item.note == CHOSEN), best[0])
+    top, body = chosen.log_evidence, ""
+    twins = [item for item in best if _looks_like(item, chosen, diagnosis.verdict.findings)]
+    if _tells_apart(best, chosen):
         names = [f"{k}. {_short(item)}" for k, item in enumerate(best, start=1)]
-        body = charts.place(figures.explanations(best, names, chosen), "Explanations that competed")
-        top = chosen.log_evidence
-        rows = [
-            [escape(_name(item)), _compared_to(item.log_evidence - top), meter(item.share),
-             escape(_note(item, top))]
-            for item in diagnosis.explanations
-        ]  # fmt: skip
-        headings = ("explanation", "beside the chosen", "removes of the remaining error", "note")
-        body += table(headings, rows)
-    tellable = CONTRIBUTION.tellable
+        drawn = figures.explanations(best, names, chosen, np.log10(COUNTED))
+        body = charts.place(drawn, "How much less likely the others are", _BEYOND)
+    rows = [
+        [escape(_name(item)), _compared_to(item.log_evidence - top), _removes(item.share),
+         escape(_note(item, top) or (_TWIN if item in twins else ""))]
+        for item in diagnosis.explanations
+    ]  # fmt: skip
+    headings = ("explanation", "likelihood", "removes of what tolerances leave", "note")
+    others = [item for item in best if item not in twins]
+    listed = folded(f"All {len(rows)} explanations", table(headings, rows))
     lead = (
-        "How likely each explanation makes the recordings, beside the chosen one. They "
-        f"cannot distinguish explanations within odds of {np.exp(tellable):.0f} to 1. A likelier "
-        "one than the chosen is rejected where held-out motion speaks against it. "
-        "The remaining error is that of the given simulation with its values moved within their "
-        "tolerances."
+        f"Sets of effects that were tried. {_closest(others, chosen)}These recordings cannot tell "
+        f"apart what is within odds of {np.exp(CONTRIBUTION.tellable):.0f} to 1."
     )
-    return section("What competed", body, "competing", lead)
+    return section("What else could explain it", body + listed, "competing", lead)
+
+
+_TWIN = "looks the same; what is known of its values speaks against it"
+_BEYOND = "bars at the end of the axis: beyond doubt"
+
+
+def _tells_apart(tried: Sequence[Explanation], chosen: Explanation) -> bool:
+    """Say whether bars show a difference: some explanation is in doubt, and not all are alike."""
+    behind = [chosen.log_evidence - item.log_evidence for item in tried if item is not chosen]
+    return bool(behind) and min(behind) < np.log(COUNTED) and np.ptp(behind) > 1.0
+
+
+def _looks_like(item: Explanation, chosen: Explanation, findings: Sequence[Finding]) -> bool:
+    """Say whether one effect of the chosen is exchanged for one that cannot be told from it."""
+    own, other = set(chosen.effects) - set(item.effects), set(item.effects) - set(chosen.effects)
+    same = {e for finding in findings if finding.effect in own for e in finding.equivalent}
+    return len(own) == len(other) == 1 and item.joints == chosen.joints and other <= same
+
+
+def _closest(tried: Sequence[Explanation], chosen: Explanation) -> str:
+    """Say which explanation comes closest to the chosen one."""
+    others = [item for item in tried if item is not chosen]
+    less = [item for item in others if item.log_evidence <= chosen.log_evidence]
+    said = f"Chosen: {_name(chosen)}. "
+    if less:
+        best = max(less, key=lambda item: item.log_evidence)
+        lead = _compared_to(best.log_evidence - chosen.log_evidence)
+        said += f"The next best, {_name(best)}, is {lead}. "
+    if len(less) < len(others):
+        said += "What is likelier was rejected: held-out motion speaks against it. "
+    return said
+
+
+def _removes(share: float) -> str:
+    """Show the part of an error that an explanation removes, or that it adds to it."""
+    return meter(share) if share >= 0 else f"none, adds {percent(-share)}"
 
 
 def _compared_to(lead: float) -> str:
@@ -258,8 +307,8 @@ def doubts(diagnosis: Diagnosis, charts: Charts) -> str:
     ]
     body = ""
     if unseen:
-        body += "<h3>Not observable</h3>" + table(("effect", "why these recordings say nothing"),
-                                                  unseen)  # fmt: skip
+        heads = ("effect", "how large it would have to be")
+        body += "<h3>What these recordings cannot show</h3>" + table(heads, unseen)
     if diagnosis.shifts:
         body += _moved(diagnosis.shifts, charts)
     return section("What is unsure", body, "unsure")
@@ -269,8 +318,8 @@ def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
     ranked = sorted(shifts, key=lambda item: -abs(item.sigmas))
     chart = charts.place(
         figures.shifts(ranked[:_SHIFTS]),
-        "Nuisance parameters",
-        "shaded: one standard deviation of what the simulation says it knows",
+        "Values that moved most",
+        "shaded: one standard deviation of the tolerance",
     )
     rows = [
         [escape(item.name), number(item.nominal, 4), number(item.fitted, 4), escape(item.unit),
@@ -279,9 +328,9 @@ def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
     ]  # fmt: skip
     listed = table(("parameter", "nominal", "fitted", "unit", "sigmas"), rows)
     said = (
-        "Nuisance parameters: inertias, friction and sensor errors are fitted beside every effect, "
-        "within their stated tolerances, so that a slightly wrong value is not taken for missing "
-        "physics."
+        "Inertias, friction and sensor errors (nuisance parameters) are fitted beside every "
+        "effect, within their stated tolerances, so that a slightly wrong value is not taken for "
+        "missing physics."
     )
     return (
         "<h3>How far nominal values moved</h3>"
@@ -317,11 +366,10 @@ def replay(diagnosis: Diagnosis, charts: Charts) -> str:
     if diagnosis.replay_note:
         body += paragraph(diagnosis.replay_note)
     lead = (
-        "The proof in the other direction: the simulated robot, with its own drives and servo, "
-        "follows the recorded motion, and its torque sensors are compared with the recorded "
-        "torque. It moves by itself, so that small differences of motion, most of all where an "
-        "effect jumps, come on top of those of the prediction. Rows near rest, where friction "
-        "holds any torque in its band, are pale and not scored."
+        "A check in the other direction: a simulated robot with drives of its own follows the "
+        "recorded motion, and its torque is compared with the recorded one. Its motion differs a "
+        "little from the recorded one, which adds to the error, most of all where friction "
+        "reverses. Near rest, where friction takes any value, curves are pale and not scored."
     )
     return section("Replay on the simulated robot", body, "replay", lead)
 
@@ -348,7 +396,7 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     floor = diagnosis.verdict.fit.noise_floor
     rows = [
         [str(j + 1), *(rounded(error[j]) if moves else UNSAID for error in (before, after, floor)),
-         f"{1e3 * float(item.tracking[j]):.2f}", percent(moves)]
+         rounded(1e3 * float(item.tracking[j]), 2), percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip
     headings = (
@@ -356,7 +404,7 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
         "RMSE given [N m]",
         "RMSE improved [N m]",
         "noise floor [N m]",
-        "tracking [mrad]",
+        "motion differs by [mrad]",
         "rows not near rest",
     )
     return grid(drawn) + table(headings, rows, numeric=1)
@@ -402,7 +450,7 @@ def _compared(verdict: Verdict) -> str:
     if not rows:
         return ""
     said = (
-        f"All is compared on {_count(count.total)} rows of a slow grid, of which "
+        f"All is compared on {_count(count.total)} rows, thinned behind the filter, of which "
         f"{_count(count.held_out)} lie in blocks of time that nothing was fitted to. "
         f"{coverage(verdict)}"
     )

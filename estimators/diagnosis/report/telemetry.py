@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
+from estimators.diagnosis.wording import names_of
 from estimators.telemetry import telemetry_in
 from limo_driver.pages.markup import section
 
@@ -27,20 +28,22 @@ def telemetry(diagnosis: Diagnosis) -> tuple[str, str]:
         A line that leads to the details, and the section that holds them.
     """
     said = {
-        recording.source or f"recording {number}": telemetry_in(diagnosis.after, recording)
-        for number, recording in enumerate(diagnosis.recordings, start=1)
+        name: telemetry_in(diagnosis.after, recording)
+        for name, recording in zip(
+            names_of(diagnosis.recordings), diagnosis.recordings, strict=True
+        )
     }
     items = "".join(
         f"<li>{escape(name)}: {escape('; '.join(lines))}.</li>" for name, lines in said.items()
     )
-    return _line(said), section("Telemetry", f"<ul>{items}</ul>", _ANCHOR)
+    return _line(said), section("What the recordings are worth", f"<ul>{items}</ul>", _ANCHOR)
 
 
 def _line(said: Mapping[str, Sequence[str]]) -> str:
-    """Return the first sentence of the first recordings, and how much more there is to know."""
-    first = "; ".join(lines[0] for lines in list(said.values())[:_SHOWN])
-    more = sum(map(len, said.values())) - min(len(said), _SHOWN)
+    """Return the first sentence of the first recordings, and the way to the others."""
+    first = "; ".join(dict.fromkeys(lines[0] for lines in list(said.values())[:_SHOWN]))
+    many = "Recordings" if len(said) > 1 else "Recording"
     return (
-        f'<p class="lead">Telemetry: {escape(first)}. '
-        f'<a href="#{_ANCHOR}">{more} more to know of the data</a></p>'
+        f'<p class="lead">{many}: {escape(first)}. '
+        f'<a href="#{_ANCHOR}">What the data are worth</a></p>'
     )

@@ -158,7 +158,15 @@ def _inertias(observed: Observations, columns: ColumnTable, stated: Simulation) 
     return parts
 
 
-_INERTIAL_NAMES = ("mass", *(f"com {axis}" for axis in "xyz"), *(f"inertia {i}" for i in range(6)))
+_TENSOR = (
+    "Ixx",
+    "Ixy",
+    "Iyy",
+    "Ixz",
+    "Iyz",
+    "Izz",
+)  # at the centre of mass, as a regressor has them
+_INERTIAL_NAMES = ("mass", *(f"com {axis}" for axis in "xyz"), *_TENSOR)
 
 
 def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation) -> list[_Part]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.optimize import nnls
 
+from estimators.diagnosis.wording import likelier
 from estimators.drives.simulation.free_run import commands_of
 from limo_driver.recordings.bandwidth import bandwidth_for
 
@@ -58,17 +59,22 @@ class Conventions:
         if not self.joints:
             return "Gravity loads no joint enough to tell signs and zeros of the joints."
         named = ", ".join(map(str, self.joints))
-        sure = f"e^{self.log_odds:.0f} times likelier than the next convention tried"
+        sure = f"{likelier(max(self.log_odds, 0.0))} than the next ones tried"
         if self.as_described:
             return f"Signs and zeros of joints {named} are those of the description ({sure})."
         changes = [
-            f"joint {j}: position counts {'against the joint' if s < 0 else 'with it'}"
-            + (f", zero {z:+.2f} rad" if z else "")
+            f"joint {j}"
+            + (" with the other sign" if s < 0 else "")
+            + (f" with its zero {z:+.2f} rad elsewhere" if z else "")
             for j, s, z in zip(range(1, 99), self.best.sign, self.best.zero, strict=False)
             if s < 0 or z
         ]
-        speaks = "speaks" if self.log_odds > _SURELY else "may speak, and does not decide,"
-        return f"Gravity {speaks} for other signs or zeros: {'; '.join(changes)} ({sure})."
+        if self.log_odds > _SURELY:
+            return f"By gravity, positions are counted otherwise: {'; '.join(changes)} ({sure})."
+        return (
+            "Gravity does not decide how positions are counted; as well as the description fits "
+            f"{'; '.join(changes)} ({sure})."
+        )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 // The arm in 3-D: links, a ring at each joint, translucent ghosts, arrows, and texts at their places.
-const CROWDED = 3; // texts beyond which a narrow stage shows none: they would hide the arm
-const SCALE = ["#8fa3b5", "#e3b04b", "#d9730d", "#b3261e"]; // as in still.py
+const NARROW = 520; // [px] of a stage, in which texts would hide the arm: they stand below it
+const DAY = ["#75899d", "#ab7c0a", "#c95d00", "#9e1b16"]; // as in still.py and style.css
+const NIGHT = ["#8fa3b5", "#e3b04b", "#f0913a", "#ff6b5e"];
 const PATH = 0xd9730d; // in the day and in the dark
 const KEY = 0.12, STEEPEST = 1.5; // [rad] that a key turns the view, and its steepest
 const MOST = 100; // noise floors of an error that has the last colour
@@ -10,9 +11,10 @@ const floats = (text) => new Float32Array(bytesOf(text));
 
 function colourOf(error, floor) {
   const ratio = floor > 0 ? Math.min(Math.max(error / floor, 1), MOST) : 1;
-  const at = (Math.log(ratio) / Math.log(MOST)) * (SCALE.length - 1);
-  const k = Math.min(Math.floor(at), SCALE.length - 2);
-  return new THREE.Color(SCALE[k]).lerp(new THREE.Color(SCALE[k + 1]), at - k);
+  const scale = isDark() ? NIGHT : DAY;
+  const at = (Math.log(ratio) / Math.log(MOST)) * (scale.length - 1);
+  const k = Math.min(Math.floor(at), scale.length - 2);
+  return new THREE.Color(scale[k]).lerp(new THREE.Color(scale[k + 1]), at - k);
 }
 
 class ArmScene {
@@ -121,7 +123,7 @@ class ArmScene {
   }
 
   ring(radius, j) {
-    const material = new THREE.MeshStandardMaterial({ color: SCALE[0], roughness: 0.5 });
+    const material = new THREE.MeshStandardMaterial({ color: DAY[0], roughness: 0.5 });
     const ring = new THREE.Mesh(new THREE.TorusGeometry(radius, 0.012 * this.arm.length, 12, 48), material);
     ring.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...this.arm.axis[j]));
     this.body.frames[j].add(ring);
@@ -156,11 +158,17 @@ class ArmScene {
       : new THREE.Vector3().setFromMatrixPosition(frame.matrixWorld);
   }
 
+  // A translucent arm; it has another colour in the dark.
   addGhost(colour) {
-    const ghost = this.build(colour, 0.35);
+    const ghost = { ...this.build(themed(colour), 0.35), colour };
     this.scene.add(ghost.root);
     this.ghosts.push(ghost);
     return ghost;
+  }
+
+  // Take the colours of day or night.
+  recolour() {
+    this.ghosts.forEach((ghost) => ghost.material.color.set(themed(ghost.colour)));
   }
 
   // Errors of all joints [N m]: colour, and size where they change.
@@ -225,12 +233,12 @@ class ArmScene {
   render() {
     const width = this.stage.clientWidth, height = this.stage.clientHeight;
     if (!width) return;
-    this.stage.classList.toggle("crowded", this.labels.length > CROWDED && width < 520);
+    this.stage.classList.toggle("crowded", width < NARROW);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     // texts stand at the right: the arm moves to the left where there is room
-    const aside = this.labels.length ? Math.min(0.16 * width, 0.5 * Math.max(0, width - height)) : 0;
+    const aside = this.labels.length && width >= NARROW ? Math.min(0.16 * width, 0.5 * Math.max(0, width - height)) : 0;
     this.camera.setViewOffset(width, height, aside, 0, width, height);
     this.renderer.render(this.scene, this.camera);
     this.camera.updateMatrixWorld();

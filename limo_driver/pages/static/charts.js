@@ -2,22 +2,37 @@
 const figures = JSON.parse(document.getElementById("figures").textContent);
 const touch = matchMedia("(pointer: coarse)").matches;
 const config = { displaylogo: false, displayModeBar: false, responsive: true };
+const LETTER = 6.6; // [px] of the title of an axis
 const font = getComputedStyle(document.body).fontFamily;
+
+// Break the title of an axis into two lines where it is longer than its axis; no unit is broken.
+function broken(title, room) {
+  if (!title?.text || title.text.length * LETTER <= room) return;
+  const whole = title.text.replace(/\[[^\]]*\]/g, (unit) => unit.replaceAll(" ", "\u00a0"));
+  const middle = whole.length / 2;
+  const spaces = [...whole.matchAll(/ /g)].map((found) => found.index);
+  if (!spaces.length) return;
+  const at = spaces.reduce((a, b) => (Math.abs(b - middle) < Math.abs(a - middle) ? b : a));
+  title.text = `${whole.slice(0, at)}<br>${whole.slice(at + 1)}`;
+}
 
 async function draw(place) {
   if (place.closest("details:not([open])")) return;
   place.dataset.drawn = "yes";
   await library("plotly");
-  const { data, layout } = themed(figures[Number(place.dataset.figure)]);
+  const { data, layout } = themed(structuredClone(figures[Number(place.dataset.figure)]));
   layout.font.family = font;
   layout.paper_bgcolor = layout.plot_bgcolor = "rgba(0,0,0,0)";
   layout.width = place.clientWidth;
   const ticks = layout.xaxis?.tickvals; // of a logarithmic axis; on a phone, one a decade has room
-  if (ticks && layout.width < 520) {
-    const kept = ticks.map((value) => Number.isInteger(Math.log10(value)));
+  const decades = ticks?.filter((value) => Number.isInteger(Math.log10(value)));
+  if (ticks && layout.width < 520 && decades.length > 1) {
+    const kept = ticks.map((value) => decades.includes(value));
     layout.xaxis.tickvals = ticks.filter((_, k) => kept[k]);
     layout.xaxis.ticktext = layout.xaxis.ticktext.filter((_, k) => kept[k]);
   }
+  broken(layout.xaxis?.title, layout.width - layout.margin.l - layout.margin.r);
+  broken(layout.yaxis?.title, place.clientHeight - layout.margin.t - layout.margin.b);
   if (touch) layout.dragmode = false; // a finger scrolls the page
   await Plotly.react(place, data, layout, config);
 }

@@ -31,8 +31,8 @@ document.querySelectorAll("details").forEach((item) => item.addEventListener("to
 // Colours of charts are those of paper; in the dark some have to be lighter or darker.
 const IN_THE_DARK = {
   "#0b559f": "#6cb2f5", "#2f9e6f": "#4cc38f", "#d9730d": "#f0913a", "#f7f7f5": "#262c33",
-  "#c9ced4": "#59636d", "#b8c4d0": "#66727e", "#3d4650": "#c3cad1", "#eceef0": "#323a42",
-  "#8fb4d9": "#3d6c96", "#efb27a": "#9c6430", "#b4560a": "#f0913a", "#a3abb3": "#8b949d",
+  "#c9ced4": "#59636d", "#3d4650": "#c3cad1", "#eceef0": "#323a42",
+  "#8fb4d9": "#3d6c96", "#efb27a": "#9c6430", "#b4560a": "#f0913a", "#75899d": "#8fa3b5", "#66707a": "#8b949d",
   "rgba(11,85,159,": "rgba(108,178,245,", "rgba(47,158,111,": "rgba(76,195,143,",
   "rgba(217,115,13,": "rgba(240,145,58,", "#6a3d9a": "#b08ad9", "#2e7d32": "#69b96d",
   "#00838f": "#3cb6c1", "#8c564b": "#c58d80", "#c1272d": "#ef6b6f", "#7a8a00": "#b3c12f",

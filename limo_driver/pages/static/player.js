@@ -102,10 +102,17 @@ async function play(section) {
       if (k >= 0) { slider.value = k; show(k); }
     });
   }
-  redraw.push(() => { scene.render(); });
+  const recolour = () => {
+    section.querySelectorAll(".dot").forEach((dot) => { dot.style.background = themed(dot.dataset.colour); });
+    scene.recolour();
+    paint();
+    scene.render();
+  };
+  redraw.push(recolour);
   const first = Number(section.dataset.first ?? 0);
   if (slider) slider.value = first;
   show(first);
+  recolour();
   document.body.dataset.arm = "drawn";
 }
 document.querySelectorAll("section.arm").forEach(play);

@@ -84,7 +84,7 @@ def test_tolerances_that_do_worse_are_marked_and_explained():
     lines = lines_of(VERDICT)
     assert FIT.worse_within_tolerances == (1,)
     assert sum("0.5000*" in line for line in lines) == 1
-    assert any(line.startswith("* Worse than as given") for line in lines)
+    assert any(line.startswith("* Worse than given") for line in lines)
     better = replace(VERDICT, fit=replace(FIT, heldout_rmse_tolerances=(0.4, 3.0)))
     assert not any("*" in line for line in lines_of(better))
 

@@ -96,7 +96,8 @@ def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
         Shift("mass", 0, 0.01, "kg", 0.5),
     )
     said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, passing=()))
-    assert "tau_c of joint 2 by +2.4 sigma; lag of sensor 5 by -3.0 sigma (as far as" in said[0]
+    assert "tau_c of joint 2 by +2.4 standard deviations; " in said[0]
+    assert "lag of sensor 5 by -3.0 standard deviations (as far as" in said[0]
     assert said[0].endswith("What a sensor adds is written into no simulation.")
     assert "mass" not in said[0]
     assert f"stopped at {SEARCH.largest} effects" in said[1]

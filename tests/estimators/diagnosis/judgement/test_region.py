@@ -25,7 +25,7 @@ def test_a_torque_all_over_the_motion_has_no_region(observed):
 def test_a_torque_of_creep_is_said_to_be_at_small_speeds(observed):
     speed = np.abs(observed.slow.velocity[:, 0])
     where = where_of(observed, np.exp(-speed / 0.01), 0)
-    assert where.region.startswith("joint 1: small |speed| (half of it below 0.0")
+    assert where.region.startswith("joint 1: at low speed (half of it below 0.0")
     assert "load" not in where.region
     assert where.time == ()
 

@@ -109,7 +109,7 @@ def test_gravity_tells_a_joint_that_counts_the_other_way(bare, recordings):
     assert conventions_of(bare.body, recordings).as_described
     told = conventions_of(bare.body, turned)
     assert told.best.sign == (1, -1)
-    assert "joint 2: position counts against the joint" in told.sentence()
+    assert "joint 2 with the other sign" in told.sentence()
 
 
 def test_a_diagnosis_scores_positions(bare, recordings, tmp_path):
