@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,7 +17,7 @@ from limo_driver.recordings.batches import BLOCK
 from limo_driver.recordings.stretches import MOST, Stretches
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator, Iterator
     from pathlib import Path
     from typing import IO
 
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 _KIND: Final = "NumPy arrays"
 _MATRIX: Final = 2  # axes
+_LARGE: Final = 1 << 28  # bytes; less is read whatever it is
+_TIGHT: Final = 100  # times that a log may have been packed; one of zeros alone is a thousand times
+_WIDEST: Final = 1 << 15  # bytes of a row: 4096 numbers, as images have and no joints
 _DAMAGE: Final = (OSError, ValueError, zipfile.BadZipFile, EOFError)
 
 
@@ -33,13 +37,13 @@ def read_npz(path: Path) -> LogTable:
     Raises:
         RecordingError: It is none, or damaged.
     """
-    if rows_of_npz(path) <= MOST:
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files if archive[name].ndim}
-        except _DAMAGE as error:
-            raise _unreadable(path, error) from None
-        return table_of(arrays, str(path), _KIND)
+    with _opened(path) as members:
+        rows = _usual_rows(members)
+        if rows <= MOST:
+            arrays = {member.name: member.read(rows) for member in members if member.rows == rows}
+            aside = {member.name: member.said for member in members if member.rows != rows}
+            table = table_of(arrays if rows else {}, str(path), _KIND)
+            return replace(table, unread={**table.unread, **{k: v for k, v in aside.items() if v}})
     stretches = Stretches[LogTable](LogTable.cut)
     first: LogTable | None = None
     for block in npz_blocks(path):
@@ -59,12 +63,8 @@ def rows_of_npz(path: Path) -> int:
     Raises:
         RecordingError: It is none, or damaged.
     """
-    try:
-        with zipfile.ZipFile(path) as archive, ExitStack() as opened:
-            members = [_Member(archive, name, opened) for name in archive.namelist()]
-            return _usual_rows(members)
-    except _DAMAGE as error:
-        raise _unreadable(path, error) from None
+    with _opened(path) as members:
+        return _usual_rows(members)
 
 
 def npz_blocks(path: Path) -> Iterator[LogTable]:
@@ -73,17 +73,37 @@ def npz_blocks(path: Path) -> Iterator[LogTable]:
     Raises:
         RecordingError: It is damaged.
     """
+    with _opened(path) as members:
+        rows = _usual_rows(members)
+        alike = [member for member in members if member.rows == rows]
+        for start in range(0, rows, BLOCK):
+            many = min(BLOCK, rows - start)
+            arrays = {member.name: member.read(many) for member in alike}
+            yield replace(table_of(arrays, str(path), _KIND), first_row=start)
+
+
+@contextmanager
+def _opened(path: Path) -> Generator[list[_Member]]:
+    """Open the arrays of a file; of each, its header is read.
+
+    Raises:
+        RecordingError: It is none, damaged, or unpacks to far more than a log does.
+    """
     try:
         with zipfile.ZipFile(path) as archive, ExitStack() as opened:
-            members = [_Member(archive, name, opened) for name in archive.namelist()]
-            rows = _usual_rows(members)
-            alike = [member for member in members if member.rows == rows]
-            for start in range(0, rows, BLOCK):
-                many = min(BLOCK, rows - start)
-                arrays = {member.name: member.read(many) for member in alike}
-                yield replace(table_of(arrays, str(path), _KIND), first_row=start)
+            packed = [entry.compress_size for entry in archive.infolist()]
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+            if unpacked > max(_LARGE, _TIGHT * sum(packed)):
+                raise RecordingError(
+                    f"unpacks to {unpacked / 2**20:.0f} MiB, {unpacked / max(sum(packed), 1):.0f} "
+                    "times its size: nearly all of it is one value, which no log is",
+                    path=path,
+                )
+            yield [_Member(archive, name, opened) for name in archive.namelist()]
+    except RecordingError:  # which is a ValueError, too
+        raise
     except _DAMAGE as error:
-        raise _unreadable(path, error) from None
+        raise RecordingError(f"cannot be read as .npz: {error}", path=path) from None
 
 
 class _Member:
@@ -96,7 +116,9 @@ class _Member:
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         self._shape, by_columns, self._kind = read(self._file)
         usable = len(self._shape) in {1, _MATRIX} and not self._kind.hasobject
-        self.rows = self._shape[0] if usable else 0
+        self.rows = self._shape[0] if usable and self._size(1) <= _WIDEST else 0
+        # what it is, where it is no column; nothing of a single number, which is none of a log's
+        self.said = f"an array of shape {self._shape}" if self._shape else ""
         self._whole = None
         self._by_columns = by_columns and len(self._shape) == _MATRIX
         self._next = 0
@@ -108,17 +130,16 @@ class _Member:
                 self._whole = np.frombuffer(data, self._kind).reshape(self._shape, order="F")
             self._next += rows
             return self._whole[self._next - rows : self._next]
-        size = rows * int(np.prod(self._shape[1:])) * self._kind.itemsize
+        size = self._size(rows)
         data = self._file.read(size)
         if len(data) < size:
             raise EOFError(f"{self.name} ends before its last row")
         return np.frombuffer(data, self._kind).reshape(rows, *self._shape[1:])
 
+    def _size(self, rows: int) -> int:
+        return rows * math.prod(self._shape[1:]) * self._kind.itemsize
+
 
 def _usual_rows(members: list[_Member]) -> int:
     lengths = [member.rows for member in members if member.rows]
     return max(lengths, key=lengths.count, default=0)
-
-
-def _unreadable(path: Path, error: Exception) -> RecordingError:
-    return RecordingError(f"cannot be read as .npz: {error}", path=path)

@@ -16,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.foreign.formats import npz
 from limo_driver.foreign.formats.reading import read_table
 from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.logs.message_layout import MessageLayout
@@ -117,10 +118,19 @@ def test_lists_in_parquet_are_columns(tmp_path):
 
 
 def test_arrays_of_numpy(tmp_path):
-    np.savez(tmp_path / "log.npz", t=TIME, q=POSITION, dt=PERIOD, note=np.array(["a", "b"]))
+    images = np.zeros((len(TIME), 5000))
+    np.savez(tmp_path / "log.npz", t=TIME, q=POSITION, dt=PERIOD, note=np.array(["a"]), i=images)
     read = read_table(tmp_path / "log.npz")
     np.testing.assert_array_equal(read.columns["q[2]"], POSITION[:, 2])
-    assert "note" in read.unread
+    assert read.unread.keys() == {"note", "i"}
+    assert read.unread["i"] == "an array of shape (500, 5000)"
+
+
+def test_arrays_that_are_packed_as_no_log_is_are_refused_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr(npz, "_LARGE", 1 << 20)
+    np.savez_compressed(tmp_path / "log.npz", t=TIME, q=np.zeros((len(TIME), 4000)))
+    with pytest.raises(RecordingError, match=r"unpacks to 15 MiB, \d+ times its size: nearly"):
+        read_table(tmp_path / "log.npz")
 
 
 def bag(path, messages, storage=StoragePlugin.SQLITE3):
