@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -13,34 +13,43 @@ from limo_driver.types import FloatArray, readonly
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from limo_driver.linkage import JointLinkage
     from limo_driver.model import RobotModel
+
+
+_STILL: Final = 1e-6  # of a rotation by 1 rad: there is none
 
 
 @dataclass(frozen=True)
 class KinematicChain:
-    """Geometry of n joints: j moves along or turns about an axis in a frame fixed to its parent."""
+    """Geometry of m links: each moves along or turns about an axis in a frame fixed to its parent.
 
-    parent: NDArray[np.int64]  # (n,), 0-based joint; -1 is the fixed base
-    rotation: FloatArray  # (n, 3, 3), of the joint in its parent's frame at q = 0
-    translation: FloatArray  # (n, 3) [m]
+    Which of the n joints moves each is in `linkage`.
+    """
+
+    parent: NDArray[np.int64]  # (m,), 0-based link; -1 is the fixed base
+    rotation: FloatArray  # (m, 3, 3), of the link in its parent's frame at q = 0
+    translation: FloatArray  # (m, 3) [m]
     axis: (
-        FloatArray  # (n, 6), unit vector that it moves along, then one that it turns about; 0 else
+        FloatArray  # (m, 6), unit vector that it moves along, then one that it turns about; 0 else
     )
-    flange: FloatArray  # (3,) [m], in the frame of the last joint
+    flange: FloatArray  # (3,) [m], in the frame of the last link
+    linkage: JointLinkage
 
     @classmethod
     def of(cls, model: RobotModel) -> KinematicChain:
         """Read the chain of a robot model."""
-        home = model.joint_poses(np.zeros(model.n))
-        flange = np.linalg.solve(home[-1], model.flange_pose(np.zeros(model.n)))[:3, 3]
-        parent = np.array([int(model.pin_model.parents[j + 1]) - 1 for j in range(model.n)])
-        fixed = _relative(home, parent)
-        moved = _relative(model.joint_poses(np.ones(model.n)), parent)
+        links, at_zero = model.linkage.links, np.zeros(model.n)
+        last = model.joint_poses(at_zero)[-1]
+        flange = np.linalg.solve(last, model.flange_pose(at_zero))[:3, 3]
+        parent = np.array([int(model.pin_tree.parents[k + 1]) - 1 for k in range(links)])
+        fixed = _relative(model.link_poses(np.zeros(links)), parent)
+        moved = _relative(model.link_poses(np.ones(links)), parent)
         turn = np.einsum("jki,jkl->jil", fixed[:, :3, :3], moved[:, :3, :3])  # exp(axis 1 rad)
         after, before = turn[:, [2, 0, 1], [1, 2, 0]], turn[:, [1, 2, 0], [2, 0, 1]]
         angular = after - before  # what is skew in a rotation, 2 sin(1 rad) axis
         linear = np.einsum("jki,jk->ji", fixed[:, :3, :3], moved[:, :3, 3] - fixed[:, :3, 3])
-        slides = np.array(model.sliding)[:, None]
+        slides = np.linalg.norm(angular, axis=1, keepdims=True) < _STILL
         axis = np.where(np.repeat([True, False], 3) == slides, np.hstack([linear, angular]), 0.0)
         return cls(
             parent=parent,
@@ -48,23 +57,23 @@ class KinematicChain:
             translation=readonly(np.ascontiguousarray(fixed[:, :3, 3])),
             axis=readonly(axis / np.linalg.norm(axis, axis=1, keepdims=True)),
             flange=readonly(np.ascontiguousarray(flange)),
+            linkage=model.linkage,
         )
 
     @property
     def direction(self) -> FloatArray:
-        """The axis of each joint, whether it turns or slides, unit vectors (n, 3)."""
+        """The axis of each link, whether it turns or slides, unit vectors (m, 3)."""
         return self.axis[:, :3] + self.axis[:, 3:]  # one of both is zero
 
     @property
     def slides(self) -> NDArray[np.bool_]:
-        """Whether each joint slides, (n,)."""
+        """Whether each link slides, (m,)."""
         return np.asarray((self.axis[:, :3] != 0).any(axis=1))
 
     def joint_poses(self, position: FloatArray) -> FloatArray:
-        """Return the pose of every joint frame, (T, n, 4, 4), for joint positions (T, n)."""
-        return _poses(
-            np.ascontiguousarray(position), self.parent, self.rotation, self.translation, self.axis
-        )
+        """Return the pose of every link's joint frame, (T, m, 4, 4), for positions (T, n)."""
+        at = np.ascontiguousarray(self.linkage.positions(position))
+        return _poses(at, self.parent, self.rotation, self.translation, self.axis)
 
     def flange_position(self, position: FloatArray) -> FloatArray:
         """Return the flange in the base frame [m], (T, 3), for joint positions (T, n) [rad]."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from limo_driver.descriptions.chain import last_frame, link_of_joint, read_chain
+from limo_driver.descriptions.chain import Chain, last_frame, link_of_joint, read_chain
 from limo_driver.descriptions.description import joined_reference, split_reference
 from limo_driver.descriptions.reading import read_description
 from limo_driver.descriptions.shapes import ArmShapes, Capsule, read_shapes
@@ -98,10 +98,12 @@ class RobotModel(Displayed):
     """Rigid-body model of an arm with n joints that turn or slide.
 
     Of a joint that slides, positions are in m and torques are forces in N, wherever limo says rad
-    and N m. Joints that are not chosen, those that follow others and, if none is chosen, those that
-    slide at the end of the arm (a gripper's) are locked, and their bodies added to the link that
-    carries them. A continuous joint has limits of half a turn to either side, within which motion
-    is planned; recordings may count any number of turns.
+    and N m. A joint that follows another moves with it, q = ratio q_leader + offset, and is none of
+    the n; the links that it moves are among those of `linkage`. Joints that are not chosen and, if
+    none is chosen, those that slide at the end of the arm (a gripper's) are locked with what
+    follows them, and their bodies added to the link that carries them. A continuous joint has
+    limits of half a turn to either side, within which motion is planned; recordings may count any
+    number of turns.
 
     Of an MJCF file the arm is the tree of bodies with the most hinges. What a file states beside
     the rigid body (friction, damping, armature, springs) is in `description`; a `Simulation` that
@@ -141,25 +143,28 @@ class RobotModel(Displayed):
         self.description = read_description(self.urdf, self.chosen)
         chain = read_chain(self.description)
         self.pin_model, self.locked_joints = chain.model, chain.locked
+        # m links, each with a joint of its own, and which of the n joints moves it
+        self.pin_tree, self.linkage = chain.tree, chain.linkage
         self.joint_names: tuple[str, ...] = chain.names
+        self.link_joints: tuple[str, ...] = chain.link_joints  # (m,), those that follow as well
         self.link_names: tuple[str, ...] = tuple(
-            link_of_joint(self.pin_model, j + 1) for j in range(self.n)
+            link_of_joint(self.pin_tree, link + 1) for link in range(self.linkage.links)
         )
         self.inertials: dict[str, Inertial] = {
             link: _from_pin(self.pin_model.inertias[j + 1])
             for j, link in enumerate(self.link_names)
         }
-        _check_masses(self.inertials, self.joint_names, self.urdf)
+        _check_masses(self.inertials, chain.link_joints, self.urdf)
         self._override(inertials or {})
         given = self.description.gravity if gravity is None else gravity
-        self.pin_model.gravity.linear = _gravity(given)
+        self.pin_model.gravity.linear = self.pin_tree.gravity.linear = _gravity(given)
         assumed = self.description.kind == "MJCF"
         # joints that slide along their axis, in m and N
         self.sliding: tuple[bool, ...] = chain.sliding
         self.jerk = self.description.jerk_of(self.joint_names)  # (n,) [rad/s^3], or None
-        self.limits = _limits(self.pin_model, self.sliding, self.jerk, assumed=assumed)
+        self.limits = _limits(chain, self.jerk, self.urdf, assumed=assumed)
         self._data = self.pin_model.createData()
-        self._flange = last_frame(self.pin_model, self.n)
+        self._flange = last_frame(self.pin_tree, self.linkage.links)
         locked = (
             f"joint {x} neither turns nor slides, and is locked at 0" for x in self.locked_joints
         )
@@ -250,7 +255,7 @@ class RobotModel(Displayed):
     @property
     def length(self) -> float:
         """Distance from axis to axis, summed from the base to the last joint [m]."""
-        placements = list(self.pin_model.jointPlacements)[1:]
+        placements = list(self.pin_tree.jointPlacements)[1:]
         return float(sum(np.linalg.norm(np.array(item.translation)) for item in placements))
 
     def headline(self) -> str:
@@ -312,19 +317,38 @@ class RobotModel(Displayed):
         return np.array(self._data.oMf[self._flange].homogeneous)
 
     def joint_poses(self, position: FloatArray) -> FloatArray:
-        """Return the pose of every joint frame in the base frame.
+        """Return the pose of every joint frame in the base frame, of those that follow as well.
 
         Args:
             position: One joint position, (n,) [rad].
 
         Returns:
-            Homogeneous transforms, (n, 4, 4) [m].
+            Homogeneous transforms of the m links that move, (m, 4, 4) [m].
 
         Raises:
             ShapeError: The position is not (n,).
         """
         pin.forwardKinematics(self.pin_model, self._data, self._one(position))
-        return np.array([self._data.oMi[j + 1].homogeneous for j in range(self.n)])
+        return np.array([self._data.oMi[k + 1].homogeneous for k in range(self.linkage.links)])
+
+    def link_poses(self, position: FloatArray) -> FloatArray:
+        """Return the pose of every joint frame in the base frame, with no joint led by another.
+
+        Args:
+            position: Of the m links' own joints, (m,) [rad].
+
+        Returns:
+            Homogeneous transforms, (m, 4, 4) [m].
+
+        Raises:
+            ShapeError: The position is not (m,).
+        """
+        array, links = as_numbers("position", position), self.linkage.links
+        if array.shape != (links,):
+            raise ShapeError("position", array.shape, f"({links},)")
+        data = self.pin_tree.createData()
+        pin.forwardKinematics(self.pin_tree, data, array)
+        return np.array([data.oMi[k + 1].homogeneous for k in range(links)])
 
     def flange_jacobian(self, position: FloatArray) -> FloatArray:
         """Return the Jacobian of the flange, in the axes of the base.
@@ -496,9 +520,10 @@ class RobotModel(Displayed):
                 raise ConfigError(
                     f"no rigid body has the mass {inertial.mass:g} kg and inertia given for {link}"
                 )
-            self.pin_model.inertias[self.link_names.index(link) + 1] = pin.Inertia(
-                inertial.mass, np.array(inertial.com), inertial.tensor()
-            )
+            for each in (self.pin_model, self.pin_tree):
+                each.inertias[self.link_names.index(link) + 1] = pin.Inertia(
+                    inertial.mass, np.array(inertial.com), inertial.tensor()
+                )
             self.inertials[link] = inertial
 
 
@@ -547,31 +572,58 @@ def _unstated(
     return tuple(told)
 
 
-def _limits(
-    model: pin.Model, sliding: Sequence[bool], jerk: FloatArray | None, *, assumed: bool
-) -> JointLimits:
-    """Return the limits of the joints; a 0 stays unless values are assumed for what is not stated.
+def _limits(chain: Chain, jerk: FloatArray | None, path: Path, *, assumed: bool) -> JointLimits:
+    """Return the limits of the joints, within which those that follow them are in theirs.
 
-    MJCF has no limits of velocity, so that nothing would move. A URDF that states a 0 leaves out
-    what it should state: no speed of a real arm is made up for it.
+    A 0 stays unless values are assumed for what is not stated. MJCF has no limits of velocity, so
+    that nothing would move. A URDF that states a 0 leaves out what it should state: no speed of a
+    real arm is made up for it.
+
+    Raises:
+        ConfigError: A joint cannot move without one that follows it leaving its range.
     """
-    velocity = np.array(model.upperVelocityLimit)
-    torque = np.array(model.upperEffortLimit)
+    own = chain.linkage.own
+    velocity = np.array(chain.tree.upperVelocityLimit)[own]
+    torque = np.array(chain.tree.upperEffortLimit)[own]
+    lower = np.array(chain.tree.lowerPositionLimit)[own]
+    upper = np.array(chain.tree.upperPositionLimit)[own]
     if assumed:
-        velocity = np.where(velocity > 0, velocity, np.where(sliding, SLOW_SLIDE, SLOW))
+        velocity = np.where(velocity > 0, velocity, np.where(chain.sliding, SLOW_SLIDE, SLOW))
         torque = np.where(torque > 0, torque, np.inf)
+    _narrow(chain, lower, upper, velocity, path)
     planned = JERK_PER_VELOCITY * velocity
     if jerk is not None:
         planned = np.where(np.isfinite(jerk), jerk, planned)
     return JointLimits(
-        position_min=np.array(model.lowerPositionLimit),
-        position_max=np.array(model.upperPositionLimit),
+        position_min=lower,
+        position_max=upper,
         velocity=velocity,
         acceleration=ACCELERATION_PER_VELOCITY * velocity,
         jerk=planned,
         torque=torque,
         torque_rate=TORQUE_RATE_PER_TORQUE * torque,
     )
+
+
+def _narrow(
+    chain: Chain, lower: FloatArray, upper: FloatArray, velocity: FloatArray, path: Path
+) -> None:
+    """Narrow limits (n,) to those at which followers reach theirs."""
+    tree, linkage = chain.tree, chain.linkage
+    for link in np.flatnonzero(linkage.own[linkage.driver] != np.arange(linkage.links)).tolist():
+        joint, ratio = int(linkage.driver[link]), float(linkage.ratio[link])
+        if chain.link_joints[link] not in chain.turning:
+            ends = np.array([tree.lowerPositionLimit[link], tree.upperPositionLimit[link]])
+            low, high = sorted(((ends - linkage.offset[link]) / ratio).tolist())
+            lower[joint], upper[joint] = max(lower[joint], low), min(upper[joint], high)
+        if (fastest := float(tree.upperVelocityLimit[link])) > 0:
+            velocity[joint] = min(velocity[joint], fastest / abs(ratio))
+        if lower[joint] > upper[joint]:
+            raise ConfigError(
+                f"joint {chain.link_joints[link]} follows {chain.names[joint]}, and there is no "
+                "position of that at which both are within their limits",
+                path=path,
+            )
 
 
 def _from_pin(inertia: pin.Inertia) -> Inertial:

@@ -184,7 +184,7 @@ class Feasibility:
     def _clearances(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         chain = self.chain
         gap, lowest = clearances(
-            np.ascontiguousarray(position),
+            np.ascontiguousarray(chain.linkage.positions(position)),
             chain.parent,
             chain.rotation,
             chain.translation,
@@ -214,7 +214,9 @@ class Feasibility:
             frames = [
                 Capsule(name, j, origin, origin, 0.0) for j, name in enumerate(model.link_names)
             ]
-            flange = Capsule("flange", model.n - 1, self.chain.flange, self.chain.flange, 0.0)
+            flange = Capsule(
+                "flange", model.linkage.links - 1, self.chain.flange, self.chain.flange, 0.0
+            )
             return (*frames, flange)
         try:
             bodies = model.capsules()
@@ -252,20 +254,23 @@ class Feasibility:
 
         Of a joint that turns, that is how far from its axis anything it moves can be.
         """
-        n = len(self.lower)
-        reach = np.zeros(n)
+        linkage = self.chain.linkage
+        farthest = [np.abs(linkage.positions(ends)) for ends in (self.lower, self.upper)]
+        slid = np.maximum(*farthest)
+        reach = np.zeros(linkage.links)
         for body, ends, radius in zip(self.capsules, self._ends, self._radius, strict=True):
             if body.joint >= 0:
                 extent = float(np.linalg.norm(ends, axis=1).max() + radius)
                 reach[body.joint] = max(reach[body.joint], extent)
-        for j in range(n - 1, -1, -1):
+        for j in range(linkage.links - 1, -1, -1):
             above = self.chain.parent[j]
             if above >= 0:
                 offset = float(np.linalg.norm(self.chain.translation[j]))
-                if self._slides[j]:
-                    offset += float(max(abs(self.lower[j]), abs(self.upper[j])))
+                if self.chain.slides[j]:
+                    offset += float(slid[j])
                 reach[above] = max(reach[above], offset + reach[j])
-        return np.where(self._slides, 1.0, reach)
+        moved = np.abs(linkage.ratio) * np.where(self.chain.slides, 1.0, reach)
+        return np.bincount(linkage.driver, moved, linkage.n).astype(np.float64)
 
 
 def _hopeless(margin: FloatArray) -> list[int]:

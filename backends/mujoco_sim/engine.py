@@ -32,7 +32,8 @@ from backends.mujoco_sim.drives import (
     uncompensated,
 )
 from backends.mujoco_sim.friction_laws import friction_damping
-from backends.mujoco_sim.layout import SCRATCH_ROWS, Arrays, Scratch, Servo
+from backends.mujoco_sim.layout import SCRATCH_ROWS, Arrays, Links, Scratch, Servo
+from backends.mujoco_sim.linked import gather, gather_state, spread
 from backends.mujoco_sim.realisation import Plant
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
@@ -60,7 +61,8 @@ class Engine:
     Args:
         model: MuJoCo's model, kept alive here, since only its address goes on.
         data: MuJoCo's data.
-        arrays: Its arrays.
+        arrays: Its arrays, of the joints.
+        links: Its arrays of the links, where they are others.
         plant: Joint physics.
         servo: Drives and sensors.
         memory: What the robot remembers, (9, n).
@@ -76,6 +78,7 @@ class Engine:
         model: Any,  # noqa: ANN401  # MuJoCo has no stubs
         data: Any,  # noqa: ANN401
         arrays: Arrays,
+        links: Links,
         plant: Plant,
         servo: Servo,
         memory: FloatArray,
@@ -88,12 +91,12 @@ class Engine:
             )
         sensors = (servo.torque_limit, servo.encoder_resolution, servo.torque_resolution)
         scratch = np.empty((SCRATCH_ROWS, memory.shape[1]))
-        self._tables = (*arrays, *plant, *sensors, memory, command, added, scratch)
+        self._tables = (*arrays, *plant, *sensors, memory, command, added, scratch, *links)
         if not all(table.flags.c_contiguous for table in self._tables):
             raise ValueError("the arrays of the simulated arm have to be contiguous")
         self._model, self._data = model, data
         self._addresses = np.array([table.ctypes.data for table in self._tables])
-        self._sizes = (plant.friction_joint.size, plant.element_joint.size)
+        self._sizes = (plant.friction_joint.size, plant.element_joint.size, links.driver.size)
         self._rates = (servo.period, servo.bandwidth, servo.integral_rate, servo.velocity_gain)
 
     def advance(self, mode: int, targets: FloatArray, noise: FloatArray, log: FloatArray) -> bool:
@@ -155,7 +158,7 @@ def _advance(
     model: int,
     data: int,
     at: NDArray[np.int64],
-    sizes: tuple[int, int],
+    sizes: tuple[int, int, int],
     rates: tuple[float, float, float, float],
     mode: int,
     targets: FloatArray,
@@ -167,11 +170,13 @@ def _advance(
     arrays, plant, servo = _tables(at, rates)
     memory, command, added = _floats(at[23]), _floats(at[24]), _floats(at[25])
     own = _scratch(at[26], n)
-    frictions, elements = sizes
+    links = _links(at)
+    frictions, elements, followed = sizes
     position, velocity, rate = own.position, own.velocity, own.rate
     torque, damping, friction = own.torque, own.damping, own.friction
     for t in range(targets.shape[0]):
         _step1(model, data)
+        gather(links, arrays, followed, n)
         for j in range(n):  # an array assignment would compile its error messages for seconds
             position[j], velocity[j] = arrays.position[j], arrays.velocity[j]
         _wind_up(arrays, plant, servo, memory, added, n, elements, own)
@@ -187,7 +192,9 @@ def _advance(
             arrays.control[j] = friction[j] + damping[j]
             arrays.applied[j] = torque[j] - friction[j] * rate[j] - added[row.ADDED_TORQUE * n + j]
             memory[row.LAST_VELOCITY * n + j] = velocity[j]
+        spread(links, arrays, followed, n)
         _step2(model, data)
+        gather_state(links, arrays, followed, n)
         for j in range(n):
             own.acceleration[j] = (arrays.velocity[j] - velocity[j]) / servo.period
         multiply(arrays, n, own.acceleration, own.inertial)
@@ -241,6 +248,24 @@ def _tables(
         _floats(at[22]),
     )
     return arrays, plant, servo
+
+
+@compiled(inline="always")
+def _links(at: NDArray[np.int64]) -> Links:
+    """Return the arrays of the links at their addresses, in the order of `Engine`."""
+    return Links(
+        _floats(at[27]),
+        _floats(at[28]),
+        _floats(at[29]),
+        _floats(at[30]),
+        _floats(at[31]),
+        _short_integers(at[32]),
+        _short_integers(at[33]),
+        _short_integers(at[34]),
+        _integers(at[35]),
+        _floats(at[36]),
+        _integers(at[37]),
+    )
 
 
 @compiled(inline="always")

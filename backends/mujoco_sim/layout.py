@@ -43,7 +43,7 @@ LOG_ROWS = 7
 
 
 class Arrays(NamedTuple):
-    """MuJoCo's own arrays of an arm of n joints."""
+    """MuJoCo's arrays of an arm of n joints."""
 
     position: FloatArray  # (n,) of the links [rad]
     velocity: FloatArray  # (n,) [rad/s]
@@ -54,6 +54,25 @@ class Arrays(NamedTuple):
     row_size: NDArray[np.int32]  # (n,)
     row_start: NDArray[np.int32]  # (n,)
     column: NDArray[np.int32]
+
+
+class Links(NamedTuple):
+    """MuJoCo's arrays of the m links of an arm in which joints follow others, and who moves them.
+
+    Empty where `Arrays` are MuJoCo's own.
+    """
+
+    position: FloatArray  # (m,) [rad]
+    velocity: FloatArray  # (m,) [rad/s]
+    bias: FloatArray  # (m,) [N m]
+    applied: FloatArray  # (m,) [N m]
+    inertia: FloatArray  # lower triangle of M(q), row by row [kg m²]
+    row_size: NDArray[np.int32]  # (m,)
+    row_start: NDArray[np.int32]  # (m,)
+    column: NDArray[np.int32]
+    driver: NDArray[np.int64]  # (m,), joint that moves each
+    ratio: FloatArray  # (m,)
+    own: NDArray[np.int64]  # (n,), link that each joint moves itself
 
 
 class Servo(NamedTuple):

@@ -13,6 +13,7 @@ import numpy as np
 
 from backends.mujoco_sim import layout
 from backends.mujoco_sim.engine import Engine
+from backends.mujoco_sim.linked import ArmState
 from backends.mujoco_sim.realisation import draft_of
 from backends.mujoco_sim.sampled import SampledEffects
 from backends.mujoco_sim.scene import compile_model
@@ -120,7 +121,8 @@ class MujocoRobot(SimulatedRobot):
         self._inertia = effective_inertia(arm, self._plant.armature)
         check_elements(self._plant, self._inertia, period)
         check_late(draft, self._inertia, period)
-        self._arrays = _arrays(self._model, self._data)
+        self._arm_state = ArmState(arm, self._model, self._data)
+        self._arrays = self._arm_state.arrays
         sensors = self.simulation.sensors
         self._noise = SensorNoise(sensors.for_joints("torque_noise", n), seed_of(seed))
         self._log = np.empty((1, layout.LOG_ROWS, n))
@@ -140,6 +142,7 @@ class MujocoRobot(SimulatedRobot):
             self._model,
             self._data,
             self._arrays,
+            self._arm_state.links,
             self._plant,
             self._servo,
             self._memory,
@@ -306,17 +309,15 @@ class MujocoRobot(SimulatedRobot):
 
     def _place(self, position: FloatArray) -> None:
         """Put the arm at rest in equilibrium where the encoders read `position`."""
-        data, memory, plant = self._data, self._memory, self._plant
-        data.qpos[:] = position
-        wind_up = np.zeros(self.spec.n)
+        state, memory, plant = self._arm_state, self._memory, self._plant
+        state.place(position)
+        load, wind_up = state.arrays.bias, np.zeros(self.spec.n)
         for _ in range(_SETTLING):
-            mujoco.mj_forward(self._model, data)
-            load = data.qfrc_bias
             wind_up = load * (plant.compliance + plant.cubic * load**2)
             self._sampled.settle(position, load)
             wind_up = wind_up + self._sampled.added[layout.ADDED_WIND_UP]
-            data.qpos[:] = position - wind_up
-        memory[layout.LOAD] = data.qfrc_bias
+            state.place(position - wind_up)
+        memory[layout.LOAD] = load
         memory[layout.WIND_UP] = memory[layout.STATIC_WIND_UP] = wind_up
         memory[layout.LAST_TARGET] = self._command[layout.TARGET] = position
         memory[layout.ENCODER] = self.simulation.sensors.measure_position(position)
@@ -340,6 +341,7 @@ class MujocoRobot(SimulatedRobot):
         physics, memory, command, self._mode, self._fresh, self._wanted = saved[:6]
         noise, sampled, sensors = saved[6:]
         mujoco.mj_setState(self._model, self._data, physics, _STATE)
+        self._arm_state.refresh()
         self._memory[:], self._command[:] = memory, command
         self._noise.restore(noise)
         self._sampled.restore(sampled)
@@ -364,17 +366,3 @@ def _motor_inertia(
     if not (np.isfinite(inertia) & (inertia >= 0)).all():
         raise ConfigError(f"motor_inertia = {inertia.tolist()} kg m² has to be 0 or more")
     return inertia
-
-
-def _arrays(model: mujoco.MjModel, data: mujoco.MjData) -> layout.Arrays:
-    return layout.Arrays(
-        position=data.qpos,
-        velocity=data.qvel,
-        control=data.ctrl,
-        bias=data.qfrc_bias,
-        applied=data.qfrc_applied,
-        inertia=data.M,
-        row_size=model.M_rownnz,
-        row_start=model.M_rowadr,
-        column=model.M_colind,
-    )

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # Visuals may lie in files that are not here; friction and damping come from effects alone.
 _LEFT_OUT = ("visual", "mujoco", "transmission", "gazebo")
+# Of an equality: as firm as MuJoCo allows, and as quick as it integrates.
+_FIRM, _QUICK_STEPS = 0.9999, 2
 _LEFT_OUT_OF_JOINTS = ("dynamics", "safety_controller", "mimic", "calibration")
 
 
@@ -52,14 +54,10 @@ def compile_model(
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.gravity = np.array(robot.pin_model.gravity.linear)
-    spec.option.disableflags |= (
-        mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CONTACT
-    )
+    _leave_out_constraints(spec, robot)
+    _couple(spec, robot)
     for name, inertia in zip(robot.joint_names, plant.armature, strict=True):
-        joint = spec.joint(name)
-        joint.armature = inertia
-        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        spec.joint(name).armature = inertia
         _add_damper(spec, name, mujoco.mjtTrn.mjTRN_JOINT)
     for j, stiffness, width in zip(
         plant.element_joint, plant.element_stiffness, plant.element_width, strict=True
@@ -74,12 +72,43 @@ def compile_model(
         model = spec.compile()
     except ValueError as error:
         raise ConfigError(f"MuJoCo cannot build it: {error}", path=robot.urdf) from None
-    names = tuple(model.joint(j).name for j in range(model.njnt))
-    if names != robot.joint_names:
+    names = {model.joint(j).name for j in range(model.njnt)}
+    if names != set(robot.link_joints):
         raise ConfigError(
-            f"MuJoCo finds the joints {names}, expected {robot.joint_names}", path=robot.urdf
+            f"MuJoCo finds the joints {sorted(names)}, expected {robot.link_joints}",
+            path=robot.urdf,
         )
     return model
+
+
+def _leave_out_constraints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """Leave no constraint but those that hold joints to the ones that they follow."""
+    off = mujoco.mjtDisableBit
+    spec.option.disableflags |= off.mjDSBL_CONTACT
+    spec.option.disableflags |= (
+        off.mjDSBL_CONSTRAINT
+        if robot.linkage.is_plain
+        else off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
+    )
+    for name in robot.link_joints:
+        joint = spec.joint(name)
+        joint.limited = joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def _couple(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """Hold joints to those that they follow."""
+    for name, item in robot.description.followers.items():
+        law = np.zeros(mujoco.mjNEQDATA)
+        law[:2] = item.offset, item.ratio
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=name,
+            name2=item.leader,
+            data=law,
+            solref=[_QUICK_STEPS * spec.option.timestep, 1.0],
+            solimp=[_FIRM, _FIRM, 0.001, 0.5, 2.0],
+        )
 
 
 def bare_mjcf(robot: RobotModel) -> str:
@@ -93,6 +122,7 @@ def bare_mjcf(robot: RobotModel) -> str:
     """
     spec = _read(robot)
     spec.option.gravity = np.array(robot.pin_model.gravity.linear)
+    _couple(spec, robot)
     spec.compile()
     return str(spec.to_xml())
 

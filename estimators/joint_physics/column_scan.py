@@ -51,6 +51,7 @@ def scan(
     T, n = position.shape
     rotation, translation, axis, gravity, parameters = arm
     Y = np.zeros((n, 1, parameters.size))
+    parent = np.arange(n) - 1  # in series, as `link_parameters` sees to
     load, slope = np.empty(n), np.empty((n, n))
     for t in range(T):
         _remember(memory, position[t])
@@ -59,8 +60,9 @@ def scan(
         now, row = slice(t, t + 1), t // every
         q, v, a = position[t], velocity[t], acceleration[t]
         fill_regressor(
-            rotation, translation, axis, gravity, position[now], velocity[now], acceleration[now], Y
-        )
+            parent, rotation, translation, axis, gravity,
+            position[now], velocity[now], acceleration[now], Y,
+        )  # fmt: skip
         _load_and_slope(arm, q, v, a, load, slope)
         for j in range(n):
             x = X[j, row]

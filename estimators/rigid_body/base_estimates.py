@@ -93,7 +93,8 @@ def known_of(found: Identification) -> str:
 def _labels(found: Identification) -> list[tuple[str, str]]:
     """Return name and unit of every full parameter, in the order of the regressor."""
     n = found.model.n
-    links = [(f"{name}_{i + 1}", unit) for i in range(n) for name, unit in _PER_LINK]
+    numbers = range(1, found.model.linkage.links + 1)
+    links = [(f"{name}_{i}", unit) for i in numbers for name, unit in _PER_LINK]
     terms = [
         (f"{term.parameter}_{j + 1}", term.unit) for term in found.terms.all() for j in range(n)
     ]

@@ -62,7 +62,7 @@ def find_base_parameters(model: RobotModel, terms: JointTerms) -> BaseParameters
     W = _random_regressor(model, terms)
     scale = np.linalg.norm(W, axis=0)
     scale[scale < _INDEPENDENT * scale.max()] = np.inf  # rounding of a column that is zero
-    independent = _independent_columns(W / scale, _order(model.n, terms))
+    independent = _independent_columns(W / scale, _order(model, terms))
     dependent = np.setdiff1d(np.arange(W.shape[1]), independent)
     mixing = np.asarray(
         np.linalg.lstsq(W[:, independent], W[:, dependent], rcond=None)[0], dtype=np.float64
@@ -71,9 +71,9 @@ def find_base_parameters(model: RobotModel, terms: JointTerms) -> BaseParameters
     return BaseParameters(independent, dependent, mixing)
 
 
-def _order(n: int, terms: JointTerms) -> NDArray[np.int64]:
-    links = np.arange(PER_LINK * n)
-    of_terms = PER_LINK * n + np.arange(n * len(terms.all()))
+def _order(model: RobotModel, terms: JointTerms) -> NDArray[np.int64]:
+    n, links = model.n, np.arange(PER_LINK * model.linkage.links)
+    of_terms = links.size + np.arange(n * len(terms.all()))
     late = n if terms.armature else 0
     return np.concatenate(
         [of_terms[: of_terms.size - late], links, of_terms[-late:] if late else []]

@@ -25,6 +25,8 @@ from limo_driver.compiled import compiled
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
@@ -50,8 +52,6 @@ class Conditioning:
     Args:
         model: The robot.
 
-    Raises:
-        ConfigError: The joints are not in series.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -98,16 +98,19 @@ class Conditioning:
 
     def _slope(self, value: float, motion: Motion, weight: FloatArray) -> MotionGradient:
         """Contract the derivative of the regressor by the samples with a weight (n, T, b)."""
-        n, T = self.chain.n, len(motion)
-        full = np.zeros((n, T, PER_LINK * n + 2 * n))
+        n, T, links = self.chain.n, len(motion), self.chain.width
+        full = np.zeros((n, T, links + 2 * n))
         full[:, :, self.base.independent] = weight
-        chain = self.chain
-        state = np.stack([motion.position, motion.velocity, motion.acceleration])
+        chain, linkage = self.chain, self.chain.linkage
+        rates = [linkage.rates(x) for x in (motion.velocity, motion.acceleration)]
+        of_links = linkage.rates(np.moveaxis(full[:, :, :links], 0, -1))
         slope = contract(
-            chain.rotation, chain.translation, chain.axis, chain.gravity, state,
-            np.ascontiguousarray(full[:, :, : PER_LINK * n]), _STEP,
+            chain.parent, chain.rotation, chain.translation, chain.axis, chain.gravity,
+            np.stack([linkage.positions(motion.position), *rates]),
+            np.ascontiguousarray(np.moveaxis(of_links, -1, 0)), _STEP,
         )  # fmt: skip
-        own = full[:, :, PER_LINK * n :].reshape(n, T, 2, n)
+        slope = linkage.torques(slope)
+        own = full[:, :, links:].reshape(n, T, 2, n)
         viscous, coulomb = (np.einsum("jtj->tj", own[:, :, term]) for term in range(2))
         turn = 1 / np.cosh(motion.velocity / _SMOOTH_WIDTH) ** 2  # of the smoothed sign
         slope[1] += viscous + coulomb * turn / _SMOOTH_WIDTH
@@ -125,14 +128,14 @@ class Conditioning:
 
     def regressor(self, motion: Motion, width: float = SIGN_WIDTH) -> FloatArray:
         """Return K, (n, T, b); `width` is that of the sign of Coulomb friction [rad/s]."""
-        n, T = self.chain.n, len(motion)
-        K = np.zeros((n, T, PER_LINK * n + 2 * n))
+        n, T, links = self.chain.n, len(motion), self.chain.width
+        K = np.zeros((n, T, links + 2 * n))
         self.chain.fill(motion, K)
         own = self.terms.columns(
             motion.velocity, motion.acceleration, np.tanh(motion.velocity / width)
         )
         for j in range(n):
-            K[j, :, PER_LINK * n + j :: n] = own[:, j]
+            K[j, :, links + j :: n] = own[:, j]
         return K[:, :, self.base.independent]
 
 
@@ -146,6 +149,7 @@ def _ratio(gram: FloatArray) -> float:
 
 @compiled(fastmath={"contract", "nsz"})
 def contract(
+    parent: NDArray[np.int64],
     rotation: FloatArray,
     translation: FloatArray,
     axis: FloatArray,
@@ -157,7 +161,8 @@ def contract(
     """Return <weight, dY/dx> for each entry x of the state, (3, T, n), by finite differences.
 
     Args:
-        rotation: Of the chain, as are `translation`, `axis` and `gravity`.
+        parent: Of the chain, as are `rotation`, `translation`, `axis` and `gravity`.
+        rotation: See there.
         translation: See there.
         axis: See there.
         gravity: See there.
@@ -178,7 +183,7 @@ def contract(
             if k > 0:
                 moved[(k - 1) // n, k, (k - 1) % n] += step
         fill_regressor(
-            rotation, translation, axis, gravity, moved[0], moved[1], moved[2], Y
+            parent, rotation, translation, axis, gravity, moved[0], moved[1], moved[2], Y
         )  # fmt: skip
         for k in range(3 * n):
             total = 0.0

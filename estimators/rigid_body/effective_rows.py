@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
@@ -90,22 +89,19 @@ def effective_rows(
         gram: Mean outer product of each joint's regressor, (n, p, p).
         parameters: Full parameters (p,) whose errors count.
     """
-    n, terms = chain.n, rows.own.shape[2]
-    columns = [
-        np.r_[PER_LINK * j : PER_LINK * n, PER_LINK * n + j + n * np.arange(terms)]
-        for j in range(n)
-    ]
+    n, links, terms = chain.n, chain.width, rows.own.shape[2]
+    columns = [np.r_[chain.first(j) : links, links + j + n * np.arange(terms)] for j in range(n)]
     scores = [np.zeros((int(rows.block.max(initial=-1)) + 1, at.size)) for at in columns]
     energy = np.zeros(n)
-    Y = np.zeros((n, _CHUNK, PER_LINK * n + terms))
+    Y = np.zeros((n, _CHUNK, links + terms))
     for start in range(0, len(rows.motion), _CHUNK):
         chunk = slice(start, start + _CHUNK)
         block = rows.block[chunk]
         starts = np.flatnonzero(np.diff(block, prepend=-1))
         chain.fill(rows.motion[chunk], Y)
-        Y[:, : block.size, PER_LINK * n :] = rows.own[chunk].transpose(1, 0, 2)
+        Y[:, : block.size, links:] = rows.own[chunk].transpose(1, 0, 2)
         for j, at in enumerate(columns):
-            y = Y[j, : block.size, PER_LINK * j :]
+            y = Y[j, : block.size, chain.first(j) :]
             error = (rows.torque[chunk, j] - y @ parameters[at]) * rows.use[chunk, j]
             scores[j][block[starts]] += np.add.reduceat(y * error[:, None], starts)
             energy[j] += error @ error

@@ -142,7 +142,8 @@ def identify(
     equations, terms = choice.equations, choice.terms
     fit = fit_base(equations, base, nominal)
     spread, _ = equations.weighted(fit.weight**2 * fit.row_variance)
-    bodies = _Bodies(model.n, terms, Quadratic(*equations.weighted(fit.weight), spread), nominal)
+    data = Quadratic(*equations.weighted(fit.weight), spread)
+    bodies = _Bodies(model.n, model.linkage.links, terms, data, nominal)
     if tolerance is None:
         tolerance, likely = bodies.fit_most_likely()
     else:
@@ -185,6 +186,7 @@ class _Bodies:
     """Fit of physically consistent bodies: the data and the prior."""
 
     n: int
+    links: int
     terms: JointTerms
     data: Quadratic
     nominal: FloatArray  # (p,)
@@ -197,11 +199,13 @@ class _Bodies:
     ) -> ConsistentFit:
         """Fit under one tolerance from a start (p,), with some parameters (p,) held at zero."""
         positive = np.zeros(self.nominal.size, dtype=bool)
-        positive[PER_LINK * self.n :] = np.repeat(
+        positive[PER_LINK * self.links :] = np.repeat(
             [term.positive for term in self.terms.all()], self.n
         )
         absent = np.zeros_like(positive) if absent is None else absent
-        return fit_consistent(self.data, self.nominal, self.n, tolerance, positive, absent, start)
+        return fit_consistent(
+            self.data, self.nominal, self.links, tolerance, positive, absent, start
+        )
 
     def fit_most_likely(self) -> tuple[float, ConsistentFit]:
         """Fit under each of `TOLERANCES`; return the one under which the data are most likely."""
@@ -264,8 +268,9 @@ def _by_joint(
     n: int, terms: JointTerms, fit: ConsistentFit
 ) -> list[tuple[Term, int, float, float]]:
     """List term, 1-based joint, value and standard deviation, joint by joint."""
-    values = fit.parameters[PER_LINK * n :].reshape(-1, n)
-    deviations = fit.deviation[PER_LINK * n :].reshape(-1, n)
+    of_terms = slice(fit.parameters.size - n * len(terms.all()), None)
+    values = fit.parameters[of_terms].reshape(-1, n)
+    deviations = fit.deviation[of_terms].reshape(-1, n)
     return [
         (term, j + 1, float(values[k, j]), float(deviations[k, j]))
         for j in range(n)
@@ -301,7 +306,7 @@ def _changes(model: RobotModel, fit: ConsistentFit) -> tuple[LinkChange, ...]:
 
 def _gained(model: RobotModel, phi: FloatArray, covariance: FloatArray) -> Iterator[str]:
     """Yield a warning where the last link has surely taken up a mass that no tolerance explains."""
-    at, link = PER_LINK * (model.n - 1), model.link_names[-1]
+    at, link = PER_LINK * (model.linkage.links - 1), model.link_names[-1]
     stated, deviation = model.inertials[link].mass, float(np.sqrt(covariance[at, at]))
     gained = float(phi[at]) - stated
     if gained > max(_GAINED * stated, _SIGNIFICANT * deviation):

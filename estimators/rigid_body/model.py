@@ -11,7 +11,7 @@ from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.identification import nominal_parameters
 from estimators.rigid_body.least_squares import choose_sign_widths, fit_base
 from estimators.rigid_body.normal_equations import CHUNK, Rows, accumulate
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain
+from estimators.rigid_body.regressor import RegressorChain
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.errors import NotFittedError, ShapeError
 from limo_driver.model import RobotModel
@@ -80,9 +80,10 @@ class RigidBodyModel:
         n = self.chain_.n
         if motion.n != n:
             raise ShapeError("motion", motion.position.shape, f"(T, {n})")
-        body, own = self.parameters_[: PER_LINK * n], self.parameters_[PER_LINK * n :]
+        links = self.chain_.width
+        body, own = self.parameters_[:links], self.parameters_[links:]
         torque = np.empty(motion.position.shape)
-        Y = np.zeros((n, min(CHUNK, len(motion)), PER_LINK * n))
+        Y = np.zeros((n, min(CHUNK, len(motion)), links))
         for start in range(0, len(motion), CHUNK):
             chunk = motion[start : start + CHUNK]
             self.chain_.fill(chunk, Y)

@@ -26,6 +26,7 @@ from estimators.rigid_body.regressor import (
     write_rotation,
 )
 from limo_driver.compiled import compiled
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
@@ -33,7 +34,24 @@ if TYPE_CHECKING:
 
 
 def link_parameters(model: RobotModel) -> FloatArray:
-    """Return the inertial parameters of each moving link, (n, 10), in the order of `regressor`."""
+    """Return the inertial parameters of each moving link, (n, 10), in the order of `regressor`.
+
+    Raises:
+        ConfigError: The joints are not in series, each with a link of its own.
+    """
+    names = model.joint_names
+    if not model.linkage.is_plain:
+        raise ConfigError(
+            "has joints that follow others, with which this cannot be computed: lock one of both, "
+            f"as `#{','.join(names)},{next(iter(model.description.followers))}=0` does",
+            path=model.urdf,
+        )
+    if list(model.pin_tree.parents)[1:] != list(range(model.n)):
+        raise ConfigError(
+            f"its joints {', '.join(names)} are not in series, as this needs: choose those of one "
+            "arm, as `#arm_*` does",
+            path=model.urdf,
+        )
     inertias = list(model.pin_model.inertias)[1:]
     return np.array([inertia.toDynamicParameters() for inertia in inertias]).reshape(-1, PER_LINK)
 

@@ -16,7 +16,7 @@ import numpy as np
 from estimators.recordings import check_recordings
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.folds import FOLDS, fold_of
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain
+from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.parameters import Declared, parameter
 from limo_driver.recordings.bandwidth import BANDWIDTH
@@ -121,7 +121,7 @@ class ArmEquations:
     def choose(self, terms: JointTerms, choice: Sequence[int]) -> ArmEquations:
         """Return the equations with one sign width, by its index, for each joint."""
         n = self.count.size
-        links, own = PER_LINK * n, len(terms.all())
+        links, own = self.chain.width, len(terms.all())
         columns = np.tile(np.arange(own), (n, 1))
         coulomb = [term.effect for term in terms.all()].index("coulomb_friction")
         columns[:, coulomb] = [own + index - 1 if index else coulomb for index in choice]
@@ -197,10 +197,10 @@ class _Sums:
         self.terms = terms
         self.chain = RegressorChain.of(model)
         self.n = model.n
-        self.links = PER_LINK * self.n
+        self.links = self.chain.width
         self.own = len(terms.all()) + len(terms.sign_widths) - 1
         width = self.links + self.own
-        widths = [width - PER_LINK * j for j in range(self.n)]
+        widths = [width - self.chain.first(j) for j in range(self.n)]
         self.gram = [np.zeros((FOLDS, width, width)) for width in widths]
         self.product = [np.zeros((FOLDS, width)) for width in widths]
         self.energy, self.count = np.zeros(self.n), np.zeros(self.n)
@@ -270,7 +270,7 @@ class _Sums:
         self.chain.fill(motion, self._Y)
         self._Y[:, :T, self.links :] = own.transpose(1, 0, 2)
         for j in range(self.n):
-            y, tau = self._Y[j, :T, PER_LINK * j :], torque[:, j]
+            y, tau = self._Y[j, :T, self.chain.first(j) :], torque[:, j]
             if not use[:, j].all():
                 y, tau = y[use[:, j]], tau[use[:, j]]
             self.gram[j][fold] += y.T @ y
@@ -285,7 +285,7 @@ class _Sums:
         for j in range(self.n):
             at = np.concatenate(
                 [
-                    np.arange(PER_LINK * j, self.links),
+                    np.arange(self.chain.first(j), self.links),
                     self.links + j + self.n * np.arange(self.own),
                 ]
             )

@@ -1,8 +1,9 @@
-"""The torque regressor of a serial arm: joint torque is linear in the inertial parameters.
+"""The torque regressor of an arm: joint torque is linear in the inertial parameters.
 
     tau = Y(q, dq, ddq) pi,  pi = (m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz) of each link
 
-with the inertia at the origin of the joint frame, in pinocchio's order.
+with the inertia at the origin of the joint frame, in pinocchio's order. Where joints follow others,
+q = G q_r + b, the regressor of those that move on their own is Gᵀ Y.
 
 Source: Atkeson, An and Hollerbach, "Estimation of inertial parameters of manipulator loads and
 links", IJRR 1986.
@@ -16,9 +17,11 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from limo_driver.compiled import compiled
-from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.linkage import JointLinkage
     from limo_driver.model import Inertial, RobotModel
     from limo_driver.types import FloatArray, Motion
 
@@ -27,60 +30,76 @@ PER_LINK = 10
 
 @dataclass(frozen=True)
 class RegressorChain:
-    """Kinematics of an arm with n joints in series, as the regressor needs it."""
+    """Kinematics of an arm of m links that n joints move, as the regressor needs it."""
 
-    rotation: FloatArray  # (n, 3, 3), of each joint frame in the frame before, at zero
-    translation: FloatArray  # (n, 3) [m]
-    axis: FloatArray  # (n, 6), in the joint's own frame: unit vector of a slide, then of a turn
+    parent: NDArray[np.int64]  # (m,), link that carries each, before it; -1 is the base
+    rotation: FloatArray  # (m, 3, 3), of each joint frame in the frame of the parent, at zero
+    translation: FloatArray  # (m, 3) [m]
+    axis: FloatArray  # (m, 6), in the joint's own frame: unit vector of a slide, then of a turn
     gravity: FloatArray  # (3,) [m/s²]
+    linkage: JointLinkage
 
     @classmethod
     def of(cls, model: RobotModel) -> RegressorChain:
-        """Read the chain of a robot.
-
-        Raises:
-            ConfigError: The joints are not in series.
-        """
-        pin_model = model.pin_model
-        if list(pin_model.parents)[1:] != list(range(model.n)):
-            raise ConfigError("the joints have to be in series", path=model.urdf)
-        placements = [pin_model.jointPlacements[j + 1] for j in range(model.n)]
+        """Read the chain of a robot."""
+        tree = model.pin_tree
+        placements = list(tree.jointPlacements)[1:]
         axes: list[FloatArray] = []
-        for j in range(model.n):
-            joint = pin_model.joints[j + 1]
+        for joint in list(tree.joints)[1:]:
             data = joint.createData()
             joint.calc(data, np.zeros(1))
             axes.append(np.array(data.S).ravel())
         return cls(
+            np.array(list(tree.parents)[1:], dtype=np.int64) - 1,
             np.array([placement.rotation for placement in placements]),
             np.array([placement.translation for placement in placements]),
             np.array(axes),
-            np.array(pin_model.gravity.linear),
+            np.array(tree.gravity.linear),
+            model.linkage,
         )
 
     @property
     def n(self) -> int:
         """Number of joints."""
-        return self.axis.shape[0]
+        return self.linkage.n
+
+    @property
+    def links(self) -> int:
+        """Number of links that move, m."""
+        return self.linkage.links
+
+    @property
+    def width(self) -> int:
+        """Number of inertial parameters, 10 m."""
+        return PER_LINK * self.links
+
+    def first(self, joint: int) -> int:
+        """Return the first parameter, and with it the first link, that a joint (0-based) feels."""
+        return PER_LINK * int(self.linkage.own[joint])
 
     def regressor(self, motion: Motion) -> FloatArray:
-        """Return Y, (n, T, 10 n): first the joint, then the sample, then the parameter."""
-        Y = np.zeros((self.n, len(motion), PER_LINK * self.n))
+        """Return Y, (n, T, 10 m): first the joint, then the sample, then the parameter."""
+        Y = np.zeros((self.n, len(motion), self.width))
         self.fill(motion, Y)
         return Y
 
     def fill(self, motion: Motion, Y: FloatArray) -> None:
-        """Write the regressor into Y, (n, at least T, at least 10 n), which holds zeros below."""
+        """Write the regressor into Y, (n, at least T, at least 10 m), which holds zeros below."""
+        T, linkage = len(motion), self.linkage
+        own = Y if linkage.is_plain else np.zeros((self.links, T, self.width))
         fill_regressor(
+            self.parent,
             self.rotation,
             self.translation,
             self.axis,
             self.gravity,
-            np.ascontiguousarray(motion.position),
-            np.ascontiguousarray(motion.velocity),
-            np.ascontiguousarray(motion.acceleration),
-            Y,
+            np.ascontiguousarray(linkage.positions(motion.position)),
+            np.ascontiguousarray(linkage.rates(motion.velocity)),
+            np.ascontiguousarray(linkage.rates(motion.acceleration)),
+            own,
         )
+        if not linkage.is_plain:
+            Y[:, :T, : self.width] = np.moveaxis(linkage.torques(np.moveaxis(own, 0, -1)), -1, 0)
 
 
 def parameters_of(inertial: Inertial) -> FloatArray:
@@ -93,6 +112,7 @@ def parameters_of(inertial: Inertial) -> FloatArray:
 
 @compiled(reads=("position", "velocity", "acceleration"), nogil=True, fastmath={"contract", "nsz"})
 def fill_regressor(
+    parent: NDArray[np.int64],
     rotation: FloatArray,
     translation: FloatArray,
     axis: FloatArray,
@@ -102,21 +122,30 @@ def fill_regressor(
     acceleration: FloatArray,
     Y: FloatArray,
 ) -> None:
-    """Write the regressor of T samples into Y (n, T, 10 n); entries of links below stay.
+    """Write the regressor of T samples into Y (m, T, 10 m); entries that are zero stay.
 
     Forward over the links, with everything in the frame of link i: its angular velocity w and
-    acceleration dw, the acceleration a of its origin against free fall, and for each joint j up
-    to i its axis z_j and the vector r_j from its origin. The link's force f and moment m then give
-    joint j the torque z_j · m + (z_j × r_j) · f, both linear in the parameters of link i. A joint
-    that slides along y_j has no z_j, and needs the force y_j · f.
+    acceleration dw, the acceleration a of its origin against free fall, and for each joint j that
+    carries it its axis z_j and the vector r_j from its origin. The link's force f and moment m then
+    give joint j the torque z_j · m + (z_j × r_j) · f, both linear in the parameters of link i. A
+    joint that slides along y_j has no z_j, and needs the force y_j · f.
     """
     n = axis.shape[0]
-    z, r, y = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    z, r, y = (
+        np.zeros((n, n, 3)),
+        np.zeros((n, n, 3)),
+        np.zeros((n, n, 3)),
+    )  # in the frame of i, of j
+    moved = np.zeros((n, 3, 3))  # w, dw, a of each link
     R = np.zeros((3, 3))
     for t in range(position.shape[0]):
-        w, dw = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        a = (-gravity[0], -gravity[1], -gravity[2])
         for i in range(n):
+            k = parent[i]
+            if k < 0:
+                w, dw = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+                a = (-gravity[0], -gravity[1], -gravity[2])
+            else:
+                w, dw, a = vector(moved[k, 0]), vector(moved[k, 1]), vector(moved[k, 2])
             u, along, v = vector(axis[i, 3:]), vector(axis[i, :3]), velocity[t, i]
             write_rotation(rotation[i], u, position[t, i], R)
             p = origin(rotation[i], translation[i], along, position[t, i])
@@ -125,17 +154,24 @@ def fill_regressor(
             a = add(a, slide(along, w, v, acceleration[t, i]))
             dw = add(dw, add(times(u, acceleration[t, i]), times(cross(w, u), v)))
             w = add(w, times(u, v))
-            for j in range(i):
-                store(r[j], to_child(R, add(vector(r[j]), p)))
-                store(z[j], to_child(R, vector(z[j])))
-                store(y[j], to_child(R, vector(y[j])))
-            store(z[i], u)
-            store(y[i], along)
-            store(r[i], (0.0, 0.0, 0.0))  # r[i] = ... would compile the message of its error
-            for j in range(i + 1):
+            store(moved[i, 0], w)
+            store(moved[i, 1], dw)
+            store(moved[i, 2], a)
+            j = k
+            while j >= 0:
+                store(r[i, j], to_child(R, add(vector(r[k, j]), p)))
+                store(z[i, j], to_child(R, vector(z[k, j])))
+                store(y[i, j], to_child(R, vector(y[k, j])))
+                j = parent[j]
+            store(z[i, i], u)
+            store(y[i, i], along)
+            store(r[i, i], (0.0, 0.0, 0.0))  # r[i, i] = ... would compile the message of its error
+            j = i
+            while j >= 0:
                 row = Y[j, t, PER_LINK * i : PER_LINK * (i + 1)]
-                arm = add(cross(vector(z[j]), vector(r[j])), vector(y[j]))
-                _fill_row(vector(z[j]), arm, w, dw, a, row)
+                arm = add(cross(vector(z[i, j]), vector(r[i, j])), vector(y[i, j]))
+                _fill_row(vector(z[i, j]), arm, w, dw, a, row)
+                j = parent[j]
 
 
 _Vector: TypeAlias = tuple[float, float, float]

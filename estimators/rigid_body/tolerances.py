@@ -61,8 +61,10 @@ def tolerances_of(
     default = Tolerances()
     error = np.maximum(equations.rmse(parameters), _LEAST_ERROR)
     G = equations.mean_gram()
-    inertia = _of_inertias(parameters, covariance, np.tensordot(error**-2, G, 1), len(G))
-    friction = _of_friction(parameters, covariance, G, terms)
+    inertia = _of_inertias(
+        parameters, covariance, np.tensordot(error**-2, G, 1), equations.chain.links
+    )
+    friction = _of_friction(parameters, covariance, equations, terms)
     return Tolerances(
         max(default.inertia, round(inertia, _DIGITS)),
         max(default.friction, round(friction, _DIGITS)),
@@ -79,13 +81,14 @@ def _of_inertias(phi: FloatArray, covariance: FloatArray, G: FloatArray, links: 
 
 
 def _of_friction(
-    phi: FloatArray, covariance: FloatArray, gram: FloatArray, terms: JointTerms
+    phi: FloatArray, covariance: FloatArray, equations: ArmEquations, terms: JointTerms
 ) -> float:
+    gram, links = equations.mean_gram(), equations.chain.width
     n = len(gram)
     kinds = [k for k, term in enumerate(terms.all()) if term.effect.endswith("friction")]
     found: list[float] = []
     for j in range(n):
-        at = PER_LINK * n + n * np.array(kinds) + j
+        at = links + n * np.array(kinds) + j
         G, beta = gram[j][np.ix_(at, at)], phi[at]
         energy = float(beta @ G @ beta)  # [N² m²]
         if energy > 0:

@@ -13,8 +13,11 @@ import numpy as np
 import pinocchio as pin
 
 from limo_driver.errors import ConfigError
+from limo_driver.linkage import JointLinkage, linkage_of
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from limo_driver.descriptions.description import RobotDescription
 
 JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
@@ -27,15 +30,27 @@ TURN = np.pi  # [rad] to either side, within which motion of a joint without end
 class Chain:
     """The joints of an arm that turn or slide; all others are locked where they are neutral."""
 
-    model: pin.Model
+    model: pin.Model  # of n joints; those that follow others are pinocchio's mimics
+    tree: pin.Model  # of m links, each with a joint of its own
+    linkage: JointLinkage
     locked: tuple[str, ...]  # names of joints
     turning: tuple[str, ...]  # names of the revolute joints without ends
     sliding: tuple[bool, ...]  # (n,)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the joints as the description has them."""
-        return tuple(name.removesuffix(JOINT) for name in self.model.names)[1:]
+        """Names of the joints that move on their own, (n,), as the description has them."""
+        return tuple(self.link_joints[link] for link in self.linkage.own)
+
+    @property
+    def link_joints(self) -> tuple[str, ...]:
+        """Names of the own joint of each link, (m,)."""
+        return _names(self.tree)
+
+
+def _names(model: pin.Model) -> tuple[str, ...]:
+    """Return the names of the joints of a model, as the description has them."""
+    return tuple(name.removesuffix(JOINT) for name in model.names)[1:]
 
 
 def read_chain(description: RobotDescription) -> Chain:
@@ -65,9 +80,79 @@ def read_chain(description: RobotDescription) -> Chain:
     names = tuple(full.names[index].removesuffix(JOINT) for index in locked)
     if len(locked) == full.njoints - 1:
         raise ConfigError("has no joint that turns or slides", path=path)
-    model = pin.buildReducedModel(full, locked, pin.neutral(full))
-    sliding = tuple(joint.shortname().startswith(_SLIDE) for joint in list(model.joints)[1:])
-    return Chain(model, names, turning, sliding)
+    tree = pin.buildReducedModel(full, locked, pin.neutral(full))
+    followers = dict(description.followers)
+    tree = _with_leaders_first(tree, {name: item.leader for name, item in followers.items()}, path)
+    linkage = linkage_of(_names(tree), followers)
+    model = tree
+    for link in np.flatnonzero(linkage.own[linkage.driver] != np.arange(linkage.links)).tolist():
+        leader = int(linkage.own[linkage.driver[link]])
+        ratio, offset = float(linkage.ratio[link]), float(linkage.offset[link])
+        model = pin.transformJointIntoMimic(model, leader + 1, link + 1, ratio, offset)
+    joints = list(tree.joints)[1:]
+    sliding = tuple(joints[link].shortname().startswith(_SLIDE) for link in linkage.own)
+    return Chain(model, tree, linkage, names, turning, sliding)
+
+
+def _with_leaders_first(tree: pin.Model, leaders: dict[str, str], path: Path) -> pin.Model:
+    """Return a tree whose joints come after those that they follow.
+
+    Args:
+        tree: Of links, each with a joint of its own.
+        leaders: Of joints that follow others, by name.
+        path: Of the description.
+
+    Raises:
+        ConfigError: A joint follows one that it carries.
+    """
+    names, parents = _names(tree), list(tree.parents)
+    waiting, order = list(range(1, tree.njoints)), [0]
+
+    def led(joint: int) -> list[int]:
+        leader = leaders.get(names[joint - 1])
+        return [] if leader is None else [names.index(leader) + 1]
+
+    while waiting:
+        needs = {joint: [parents[joint], *led(joint)] for joint in waiting}
+        ready = [joint for joint in waiting if set(needs[joint]) <= set(order)]
+        if not ready:
+            held = next(names[joint - 1] for joint in waiting if names[joint - 1] in leaders)
+            raise ConfigError(
+                f"joint {held} follows {leaders[held]}, which it carries: let that one follow it",
+                path=path,
+            )
+        order.append(ready[0])
+        waiting.remove(ready[0])
+    return tree if order == list(range(tree.njoints)) else _ordered(tree, order)
+
+
+def _ordered(tree: pin.Model, order: list[int]) -> pin.Model:
+    """Return a tree with its joints in another order, `order[new] = old`."""
+    new, place = pin.Model(), {old: at for at, old in enumerate(order)}
+    new.name, new.gravity = tree.name, tree.gravity
+    for old in order[1:]:
+        at = int(tree.idx_vs[old])
+        one = slice(at, at + 1)
+        new.addJoint(
+            place[tree.parents[old]],
+            tree.joints[old],
+            tree.jointPlacements[old],
+            tree.names[old],
+            tree.lowerEffortLimit[one],
+            tree.upperEffortLimit[one],
+            tree.lowerVelocityLimit[one],
+            tree.upperVelocityLimit[one],
+            tree.lowerPositionLimit[one],
+            tree.upperPositionLimit[one],
+            tree.lowerDryFrictionLimit[one],
+            tree.upperDryFrictionLimit[one],
+            tree.damping[one],
+        )
+        new.appendBodyToJoint(place[old], tree.inertias[old], pin.SE3.Identity())
+    for frame in list(tree.frames)[1:]:
+        moved = pin.Frame(frame.name, place[frame.parentJoint], 0, frame.placement, frame.type)
+        new.addFrame(moved, False)
+    return new
 
 
 def link_of_joint(model: pin.Model, joint: int) -> str:

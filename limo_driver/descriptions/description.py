@@ -65,6 +65,14 @@ class StatedServo:
     delay: float = 0.0  # [s]
 
 
+class Following(NamedTuple):
+    """How a joint follows another: its position is ratio times that of the leader, plus offset."""
+
+    leader: str
+    ratio: float
+    offset: float  # [rad, m]
+
+
 @dataclass(frozen=True)
 class RobotDescription:
     """A robot as its file states it.
@@ -79,6 +87,7 @@ class RobotDescription:
         servos: Position servos, by the joint that they move.
         plays: Joints that are the play of others, by those.
         locked: Where joints are locked that could move, by name [rad, m].
+        followers: Joints that move as others do, by name; those others move on their own.
         hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
             box; by name of the link and number of the shape on it, `hand_0`.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
@@ -95,6 +104,7 @@ class RobotDescription:
     servos: dict[str, StatedServo] = field(default_factory=dict)
     plays: dict[str, str] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
+    followers: dict[str, Following] = field(default_factory=dict)
 
     @property
     def text(self) -> str:

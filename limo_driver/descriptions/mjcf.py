@@ -36,6 +36,7 @@ HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE
 _TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
 _ROOM: Final = 1.0  # [m] to either side of a joint that slides, where no range is stated
 _FEWEST: Final = 2  # arms, of which one has to be chosen
+_POLYNOMIAL: Final = 5  # coefficients of an equality of joints
 _PAIR: Final = 2  # joints of a body, of which one may be the play of the other
 _WIDEST_PLAY: Final = 0.2  # [rad], as the effect has it
 _ALIKE: Final = 1e-9  # of axes and their places [m]
@@ -59,6 +60,7 @@ def read_mjcf(path: Path) -> RobotDescription:
     root = _arm(model, path)
     writer = _Writer(model, root)
     writer.write(root)
+    coupled = writer.couple()
     return RobotDescription(
         writer.robot,
         path,
@@ -67,7 +69,7 @@ def read_mjcf(path: Path) -> RobotDescription:
         tuple(np.array(model.opt.gravity).tolist()),  # type: ignore[arg-type]  # three
         writer.shifts,
         writer.hulls,
-        tuple(_left_aside(model, root) + writer.notes),
+        tuple(_left_aside(model, root, coupled) + writer.notes),
         _servos(model),
         writer.plays,
     )
@@ -165,14 +167,14 @@ def _arm(model: Any, path: Path) -> int:  # noqa: ANN401
     return arms[0]
 
 
-def _left_aside(model: Any, root: int) -> list[str]:  # noqa: ANN401
-    """Say what the file holds that is not represented."""
+def _left_aside(model: Any, root: int, coupled: int) -> list[str]:  # noqa: ANN401
+    """Say what the file holds that is not represented; so many equalities are."""
     notes: list[str] = []
     others = {int(model.body_rootid[b]) for b in range(1, model.nbody)} - {root}
     if others:
         notes.append(f"left aside: {', '.join(_body_name(model, b) for b in sorted(others))}")
-    if model.neq:
-        notes.append(f"not represented: {model.neq} equality constraints")
+    if left := model.neq - coupled:
+        notes.append(f"not represented: {left} equality constraint{'s' * (left > 1)}")
     if model.ntendon:
         notes.append(f"not represented: {model.ntendon} tendons")
     for values, what in (
@@ -243,6 +245,30 @@ class _Writer:
         for child in np.flatnonzero(self.model.body_parentid == body).tolist():
             if child != body:
                 self.write(child)
+
+    def couple(self) -> int:
+        """Let joints follow others as equalities have them do; return how many are so met."""
+        model, coupled = self.model, 0
+        written = {str(joint.get("name")): joint for joint in self.robot.findall("joint")}
+        for k in range(model.neq):
+            first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+            offset, ratio, *higher = model.eq_data[k][:_POLYNOMIAL].tolist()
+            of_joints = int(model.eq_type[k]) == int(mujoco.mjtEq.mjEQ_JOINT) and second >= 0
+            if not (of_joints and model.eq_active0[k]) or any(higher):
+                continue
+            follower = written.get(_joint_name(model, first))
+            if follower is None or follower.find("mimic") is not None:
+                continue
+            start = [float(model.qpos0[model.jnt_qposadr[j]]) for j in (first, second)]
+            ET.SubElement(
+                follower,
+                "mimic",
+                joint=_joint_name(model, second),
+                multiplier=repr(ratio),
+                offset=repr(offset + start[0] - ratio * start[1]),
+            )
+            coupled += 1
+        return coupled
 
     def _joints(self, body: int) -> list[int]:
         first, many = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])

@@ -9,14 +9,14 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from limo_driver.descriptions.description import JointDynamics, RobotDescription
+from limo_driver.descriptions.description import Following, JointDynamics, RobotDescription
 from limo_driver.descriptions.geometry import numbers, rotation_of, rpy_of, turned
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.display import shortened
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from limo_driver.types import FloatArray
@@ -25,6 +25,14 @@ USD_ENDINGS: Final = (".usd", ".usda", ".usdc", ".usdz")
 _TURNING: Final = ("revolute", "continuous")
 _SLIDING: Final = "prismatic"
 _MOVABLE: Final = (*_TURNING, _SLIDING)
+# Of a joint that follows another; its friction, damping and armature are felt at that one.
+_NOT_FELT: Final = {
+    "spring": ("stiffness", "cubic"),
+    "drag": ("drag",),
+    "friction with memory": ("bristles",),
+    "cogging": ("ripples",),
+    "play": ("gap",),
+}
 _NUMBERS: Final = {
     "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
     "joint": ("origin", "axis", "limit"),
@@ -131,7 +139,7 @@ def _number(
 
 
 def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
-    """Fix the joints that are not chosen, those of grippers, and those that only follow others."""
+    """Fix the joints that are not chosen, those of grippers, and what only follows such."""
     movable = {
         str(joint.get("name")): joint
         for joint in found.root.findall("joint")
@@ -151,51 +159,97 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
     ]
     gripping = frozenset[str]() if patterns else _grippers(found.root, wanted)
     moving = set(wanted) - gripping
-    places = _places(movable, moving, held, found.path)
+    following = _following(movable, held, found.path)
+    followers = {
+        name: item for name, item in following.items() if item.leader in moving and item.ratio
+    }
+    _check_chosen(patterns, moving, following, found.path)
+    places = _places(movable, moving | followers.keys(), held, following, found.path)
     told: dict[tuple[float, str], list[str]] = {}
     for name, at in places.items():
-        leader = _leader(movable[name])
         why = ""
-        if leader and name not in held:
-            why = f", which follows {leader},"
+        if name in following:
+            why = f", which follows {_leader(movable[name])},"
         elif name in gripping:
             why = ", at the end of which none turns,"
         told.setdefault((at, why), []).append(name)
         _fix(movable[name], at)
     notes = [_locked(names, at, why) for (at, why), names in told.items()]
-    return replace(found, notes=(*found.notes, *notes), locked=places)
+    notes += [
+        f"joint {name} follows {item.leader}: {item.ratio:g} times its position"
+        + (f" {'-' if item.offset < 0 else '+'} {abs(item.offset):g}" if item.offset else "")
+        for name, item in followers.items()
+    ]
+    notes += [
+        f"not represented: {what} of joint {name}, which follows {item.leader}"
+        for name, item in followers.items()
+        for what, keys in _NOT_FELT.items()
+        if any(getattr(found.dynamics.get(name), key, None) for key in keys)
+    ]
+    return replace(found, notes=(*found.notes, *notes), locked=places, followers=followers)
+
+
+def _following(
+    movable: dict[str, ET.Element], held: dict[str, float], path: Path
+) -> dict[str, Following]:
+    """Return how each joint that is not held follows the one that leads it in the end.
+
+    Raises:
+        ConfigError: Joints follow each other in a circle, or by no finite number.
+    """
+    stated = {name: joint for name, joint in movable.items() if _leader(joint) and name not in held}
+    found: dict[str, Following] = {}
+    for name in stated:
+        leader, ratio, offset = name, 1.0, 0.0
+        for _ in stated:
+            if leader not in stated:
+                break
+            mimic = cast("ET.Element", stated[leader].find("mimic"))
+            own = _number(mimic, "multiplier", path, "1")
+            offset += ratio * _number(mimic, "offset", path)
+            ratio, leader = ratio * own, _leader(stated[leader])
+        if leader in stated:
+            raise ConfigError(f"joint {name} follows itself, by way of others", path=path)
+        found[name] = Following(leader, ratio, offset)
+    return found
+
+
+def _check_chosen(
+    patterns: Sequence[str], moving: set[str], following: dict[str, Following], path: Path
+) -> None:
+    """Refuse a joint chosen by its name that follows one which is not.
+
+    Raises:
+        ConfigError: There is one.
+    """
+    for name in patterns:
+        if name in following and (leader := following[name].leader) not in moving:
+            raise ConfigError(
+                f"joint {name} follows {leader}, which is not chosen: choose {leader} instead",
+                path=path,
+            )
 
 
 def _places(
-    movable: dict[str, ET.Element], moving: set[str], held: dict[str, float], path: Path
+    movable: dict[str, ET.Element],
+    moving: set[str],
+    held: dict[str, float],
+    following: dict[str, Following],
+    path: Path,
 ) -> dict[str, float]:
     """Return where each joint that does not move is locked [rad, m].
 
     Where nothing is stated, that is the place nearest to zero that it can reach; of a joint that
     follows another, what that other makes of it.
-
-    Raises:
-        ConfigError: A joint follows one that moves.
     """
-    places: dict[str, float] = {}
-    for name, joint in movable.items():
-        if name not in moving:
-            places[name] = held.get(name, _nearest_to_zero(joint, path))
-    for name in [name for name in places if name not in held]:
-        if not (leader := _leader(movable[name])):
-            continue
-        if leader in moving:
-            raise ConfigError(
-                f"joint {name} follows {leader}, which moves: lock one of both, as "
-                f"`#{name}=0` does",
-                path=path,
-            )
-        mimic = cast("ET.Element", movable[name].find("mimic"))
-        offset, factor = (
-            _number(mimic, key, path, default)
-            for key, default in (("offset", "0"), ("multiplier", "1"))
-        )
-        places[name] = offset + factor * places.get(leader, 0.0)
+    places = {
+        name: held.get(name, _nearest_to_zero(joint, path))
+        for name, joint in movable.items()
+        if name not in moving
+    }
+    for name, item in following.items():
+        if name in places:
+            places[name] = item.offset + item.ratio * places.get(item.leader, 0.0)
     return places
 
 
@@ -232,27 +286,36 @@ def _held(joints: Sequence[str], known: list[str], path: Path) -> dict[str, floa
 
 
 def _grippers(root: ET.Element, wanted: list[str]) -> frozenset[str]:
-    """Return the joints that slide or lead others, and carry none that turns on its own.
+    """Return the joints that slide or lead others beside them, and carry none that turns freely.
 
     None, if nothing else is left that moves.
     """
     children: dict[str, list[ET.Element]] = {}
+    followers: dict[str, list[str]] = {}
     for joint in root.findall("joint"):
         children.setdefault(_end(joint, "parent"), []).append(joint)
-    leaders = {str(mimic.get("joint")) for mimic in root.iterfind("joint/mimic")}
+        followers.setdefault(_leader(joint), []).append(str(joint.get("name")))
+
+    def beyond(joint: ET.Element) -> Iterator[ET.Element]:
+        for each in children.get(_end(joint, "child"), []):
+            yield each
+            yield from beyond(each)
 
     def turns_beyond(joint: ET.Element) -> bool:
         return any(
-            (beyond.get("type") in _TURNING and beyond.find("mimic") is None)
-            or turns_beyond(beyond)
-            for beyond in children.get(_end(joint, "child"), [])
+            each.get("type") in _TURNING and each.find("mimic") is None for each in beyond(joint)
         )
+
+    def leads(joint: ET.Element) -> bool:
+        """Say whether a slide follows it, or what it does not carry, as a finger does another."""
+        carried = {str(x.get("name")) for x in beyond(joint) if x.get("type") in _TURNING}
+        return not carried.issuperset(followers.get(str(joint.get("name")), []))
 
     found = frozenset(
         str(joint.get("name"))
         for joint in root.findall("joint")
         if joint.get("name") in wanted
-        and (joint.get("type") == _SLIDING or joint.get("name") in leaders)
+        and (joint.get("type") == _SLIDING or leads(joint))
         and not turns_beyond(joint)
     )
     return found if set(wanted) - found else frozenset()

@@ -1,8 +1,8 @@
 """Arms in USD: rigid bodies, joints, and what PhysX keeps of them, as a description.
 
 Read are `UsdPhysics` joints, masses and gravity, and the PhysX attributes of an axis of a joint:
-armature, dry and viscous friction, speed. Angles are degrees there, also within other units.
-Shapes are not read.
+armature, dry and viscous friction, speed, and which joint it mimics. Angles are degrees there, also
+within other units.
 """
 
 # usd-core ships no usable stubs, and is an extra.
@@ -23,6 +23,8 @@ from limo_driver.descriptions.usd_shapes import write_shapes
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from limo_driver.types import FloatArray
 
 DEGREES: Final = 180.0 / math.pi  # [deg/rad]
@@ -36,6 +38,7 @@ _FAST: Final = 1e5  # [deg/s], above which a limit of speed is none
 _STANDARD: Final = 9.81  # [m/s²], where a scene states no gravity
 
 
+_MIMIC: Final = re.compile(r"(physxMimicJoint:\w+):referenceJoint")
 _PLACE: Final = re.compile(r":(\d+):\d+: (.+?)(?: at '| in <|'\s|'$)")  # in what USD says
 _ASSET: Final = re.compile(r"@([^@]+)@")
 
@@ -165,7 +168,7 @@ def read_usd(path: Path) -> RobotDescription:
         dynamics[joint.GetName()] = _dynamics(joint)
         if (servo := _servo(joint)) is not None:
             servos[joint.GetName()] = servo
-    notes = list[str]()
+    notes = _couple(root, stage, tree.values())
     if not any(link.find("collision") is not None for link in root.findall("link")):
         notes.append("has no collision shapes: motion is planned without, or not at all")
     if any(_value(joint, "physxJoint:jointFriction") for joint in joints):
@@ -326,6 +329,31 @@ def _write_joint(
             "velocity": repr(speed / scale_of(joint) if speed < _FAST else 0.0),
         },
     )
+
+
+def _couple(root: ET.Element, stage: Any, joints: Iterable[Any]) -> list[str]:  # noqa: ANN401
+    """Let joints follow those that PhysX has them mimic, q + gearing q_ref + offset = 0.
+
+    Returns:
+        What could not be represented.
+    """
+    notes, written = list[str](), {str(x.get("name")): x for x in root.findall("joint")}
+    for joint in joints:
+        for relation in joint.GetRelationships():
+            if (found := _MIMIC.fullmatch(relation.GetName())) is None:
+                continue
+            targets = relation.GetTargets()
+            leader = stage.GetPrimAtPath(targets[0]) if len(targets) == 1 else None
+            if not leader or axis_of(leader) != axis_of(joint) or leader.GetName() not in written:
+                notes.append(f"not represented: which joint {joint.GetName()} mimics")
+                continue
+            gearing, offset = (_value(joint, f"{found[1]}:{key}") for key in ("gearing", "offset"))
+            law = {
+                "multiplier": repr(-gearing),
+                "offset": repr(-offset / scale_of(joint)),
+            }
+            ET.SubElement(written[joint.GetName()], "mimic", {"joint": leader.GetName(), **law})
+    return notes
 
 
 def _dynamics(joint: Any) -> JointDynamics:  # noqa: ANN401

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -31,7 +32,8 @@ MOVING: Final = 0.02  # [rad/s], above which a joint counts as moving
 def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float], motion: Motion):  # noqa: ANN201
     """Return what MuJoCo says that a motion needs, (T, n) [N m].
 
-    Contacts, ends of joints and equalities are off: they are not of the arm's own physics.
+    Contacts, ends of joints and equalities are off: they are not of the arm's own physics. Joints
+    that follow others are given as any, with their own motion.
 
     Args:
         path: MJCF file.
@@ -151,7 +153,7 @@ def torque_in_pinocchio(
 
     held = [f"{name}={value!r}" for name, value in locked.items()]
     description = read_description(path, [*joints, *held])
-    model = read_chain(description).model
+    model = read_chain(description).tree
     model.gravity.linear = np.array(description.gravity)
     data = model.createData()
     torque = np.array(
@@ -208,8 +210,16 @@ def errors(
         motion: On which they are compared.
     """
     wanted = expressed.predict(motion)
-    of = (path, expressed.model.joint_names, _locked(expressed), motion)
+    linkage = expressed.model.linkage
+    of_links = replace(
+        motion,
+        position=linkage.positions(motion.position),
+        velocity=linkage.rates(motion.velocity),
+        acceleration=linkage.rates(motion.acceleration),
+    )
+    of = (path, expressed.model.link_joints, _locked(expressed), of_links)
     found = torque_in_mujoco(*of) if kind == MJCF else torque_in_pinocchio(*of, kind)
+    found = linkage.torques(found)
     moving = np.abs(motion.velocity) > MOVING
     many = np.maximum(moving.sum(axis=0), 1)
     error = np.sqrt(np.sum((found - wanted) ** 2, axis=0, where=moving) / many)

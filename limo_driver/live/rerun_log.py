@@ -102,8 +102,8 @@ class RerunLog(Closing):
     def _path(self, *names: str) -> str:
         return str(self._rr.new_entity_path([self._arm, *names]))  # names may hold slashes
 
-    def _link(self, joint: int) -> list[str]:
-        return ["arm", "base" if joint < 0 else self._model.joint_names[joint]]
+    def _link(self, link: int) -> list[str]:
+        return ["arm", "base" if link < 0 else self._model.link_joints[link]]
 
     def _log_still(self, view: ArmView) -> None:
         """Log what never changes: shapes in the frames of their joints, and how curves look."""
@@ -129,9 +129,9 @@ class RerunLog(Closing):
                 self._log(["torque", name, series], look, static=True)
 
     def _log_pose(self, position: FloatArray) -> None:
-        for joint, pose in enumerate(self._model.joint_poses(position)):
+        for link, pose in enumerate(self._model.joint_poses(position)):
             at = self._rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
-            self._log(self._link(joint), at)
+            self._log(self._link(link), at)
 
     def _log_torques(self, shown: dict[str, Any]) -> None:
         rr = self._rr

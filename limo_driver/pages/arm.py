@@ -92,6 +92,10 @@ class ArmView:
             "translation": _rounded(chain.translation, 6),
             "axis": _rounded(chain.direction, 9),
             "slides": chain.slides.tolist(),
+            "driver": chain.linkage.driver.tolist(),
+            "ratio": chain.linkage.ratio.tolist(),
+            "offset": chain.linkage.offset.tolist(),
+            "own": chain.linkage.own.tolist(),
             "flange": _rounded(chain.flange, 6),
             "length": self.length,
             "pose": _rounded(self.pose, 5),
@@ -120,7 +124,8 @@ def arm_view(model: RobotModel, pose: FloatArray, **said: Any) -> ArmView:  # no
     """
     chain = KinematicChain.of(model)
     capsules = _capsules(model) or _sticks(chain, model.length)
-    rings = tuple(_ring(capsules, j, model.length) for j in range(model.n))
+    own = chain.linkage.own.tolist()
+    rings = tuple(_ring(capsules, link, model.length) for link in own)
     return ArmView(chain, capsules, meshes_of(model), rings, model.length, pose, **said)
 
 
@@ -139,8 +144,8 @@ def _sticks(chain: KinematicChain, length: float) -> tuple[Capsule, ...]:
     return tuple(Capsule("", joint, zero, end, STICK * length) for joint, end in ends)
 
 
-def _ring(capsules: Sequence[Capsule], joint: int, length: float) -> float:
-    radii = [c.radius for c in capsules if c.joint == joint]
+def _ring(capsules: Sequence[Capsule], link: int, length: float) -> float:
+    radii = [c.radius for c in capsules if c.joint == link]
     return _WIDER * max(radii, default=RING * length / _WIDER)
 
 

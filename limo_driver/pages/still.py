@@ -49,12 +49,13 @@ def still(view: ArmView, name: str) -> str:
         width = 2 * item.radius * seen.scale
         for stroke, wide in (("#8b949d", width), ("#dfe4e8", width - 2)):
             drawn.append((depth, _line(a, b, stroke, wide)))
-    for j, pose in enumerate(poses):
+    own = poses[view.chain.linkage.own]
+    for j, pose in enumerate(own):
         colour = colours[j] if j < len(colours) else SCALE[0]
         drawn.append((seen.depth(pose[None, :3, 3]), _ring(view, seen, pose, j, colour)))
     order = sorted(range(len(drawn)), key=lambda k: drawn[k][0])
     shapes = _path(view, seen) + "".join(drawn[k][1] for k in order)
-    shapes += "".join(_number(seen, pose, j) for j, pose in enumerate(poses))
+    shapes += "".join(_number(seen, pose, j) for j, pose in enumerate(own))
     return (
         f'<svg class="still" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
         f'aria-label="The arm with what was found at its joints">{shapes}{_texts(view, seen)}</svg>'
@@ -117,7 +118,7 @@ def _line(a: FloatArray, b: FloatArray, stroke: str, width: float) -> str:
 
 
 def _ring(view: ArmView, seen: _Camera, pose: FloatArray, j: int, colour: str) -> str:
-    axis = view.chain.direction[j]
+    axis = view.chain.direction[view.chain.linkage.own[j]]
     first = np.linalg.svd(axis[None])[2][1:]
     turn = np.linspace(0, 2 * np.pi, 37)[:, None]
     circle = view.rings[j] * (np.cos(turn) * first[0] + np.sin(turn) * first[1])
@@ -141,10 +142,10 @@ def _number(seen: _Camera, pose: FloatArray, j: int) -> str:
 def _texts(view: ArmView, seen: _Camera) -> str:
     """Return the pins beside the arm, from top to bottom as their places are."""
     poses = view.chain.joint_poses(view.pose[None])[0]
+    own = poses[view.chain.linkage.own]
     flange = poses[-1, :3, :3] @ view.chain.flange + poses[-1, :3, 3]
     places = [
-        seen.flat((flange if p.joint is None else poses[p.joint, :3, 3])[None])[0]
-        for p in view.pins
+        seen.flat((flange if p.joint is None else own[p.joint, :3, 3])[None])[0] for p in view.pins
     ]
     order = sorted(range(len(places)), key=lambda k: float(places[k][1]))
     x, y, said = _ARM * WIDTH + 1.2 * _MARGIN, float(_MARGIN), ""

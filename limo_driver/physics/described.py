@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+from limo_driver.descriptions.description import JointDynamics
 from limo_driver.physics.environment import SpringLoad
 from limo_driver.physics.friction import CoulombFriction, QuadraticDrag, ViscousFriction
 from limo_driver.physics.hysteresis import PreslidingHysteresis
@@ -13,12 +15,13 @@ from limo_driver.physics.transmission import Armature, Backlash, TorqueRipple
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from limo_driver.descriptions.description import JointDynamics, StatedBristles
+    from limo_driver.descriptions.description import StatedBristles
     from limo_driver.model import RobotModel
     from limo_driver.physics.effect import Effect
 
 # A description means a sign; smoothed over as little as recordings of slow arms resolve.
 SIGN_WIDTH: Final = 0.005  # [rad/s]
+REFLECTED: Final = ("friction", "damping", "armature")  # what is felt of a joint that follows
 
 
 def described_effects(
@@ -32,10 +35,11 @@ def described_effects(
     """
     found: list[Effect] = []
     dynamics = model.description.dynamics if dynamics is None else dynamics
+    added = reflected(model, dynamics)
     for joint, name in enumerate(model.joint_names, start=1):
-        stated = dynamics.get(name)
-        if stated is None:
-            continue
+        stated = dynamics.get(name, JointDynamics())
+        more = {key: getattr(stated, key) + getattr(added[joint - 1], key) for key in REFLECTED}
+        stated = replace(stated, **more)
         if stated.friction:
             found.append(CoulombFriction(joint=joint, tau_c=stated.friction, v_eps=SIGN_WIDTH))
         if stated.damping:
@@ -59,6 +63,31 @@ def described_effects(
             found.append(
                 TorqueRipple(joint=joint, cycles_per_rev=cycles, amplitude=amplitude, phase=needed)
             )
+    return tuple(found)
+
+
+def reflected(
+    model: RobotModel, dynamics: Mapping[str, JointDynamics]
+) -> tuple[JointDynamics, ...]:
+    """Return what joints that follow others add to those: friction, damping and armature.
+
+    Args:
+        model: The robot.
+        dynamics: Of all joints, by name.
+    """
+    found = [JointDynamics()] * model.n
+    for name, driver, ratio in zip(
+        model.link_joints, model.linkage.driver, model.linkage.ratio.tolist(), strict=True
+    ):
+        if name not in model.description.followers or (own := dynamics.get(name)) is None:
+            continue
+        known = found[driver]
+        found[driver] = replace(
+            known,
+            friction=known.friction + abs(ratio) * own.friction,
+            damping=known.damping + ratio**2 * own.damping,
+            armature=known.armature + ratio**2 * own.armature,
+        )
     return tuple(found)
 
 

@@ -91,7 +91,7 @@ def _bodies(
     for candidate in members:
         own = slice(at, at + candidate.prior.index.size)
         if candidate.effect == LINK_INERTIA:
-            (link,) = candidate.joints
+            link = int(model.linkage.own[candidate.joints[0]])
             changes[link][:, own] = relative_inertia(links[link])
         elif candidate.effect == Payload.name:
             alone = np.zeros((PER_LINK, size))

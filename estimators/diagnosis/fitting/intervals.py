@@ -38,7 +38,8 @@ def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple
     effects = {
         k: effect for k, item in enumerate(findings) if (effect := _effect(item, simulation))
     }
-    links = {k: item.joints[0] - 1 for k, item in enumerate(findings) if _is_body(item)}
+    own = simulation.model.linkage.own  # links, by joint
+    links = {k: int(own[x.joints[0] - 1]) for k, x in enumerate(findings) if _is_body(x)}
     if not effects and not links:
         return tuple(findings)
     around = Linearised.of(observed, tuple(effects.values()), tuple(links.values()))

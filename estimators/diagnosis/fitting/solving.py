@@ -26,7 +26,6 @@ from estimators.diagnosis.selection.base_friction import rubs
 from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.evidence import Prior, joined
-from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ def solve(
     problem = _scanned(problem, solution)  # of what the largest effects hid
     solution = _until_it_stays(problem, solution, progress, near)
     limits = solution.search.evidence.at_limit(solution.fitted)
-    limits[PER_LINK * problem.observed.n :] = np.nan  # bodies come first
+    limits[problem.observed.chain.width :] = np.nan  # bodies come first
     if np.isnan(limits).all():
         return problem, solution
     limited = problem.holding(limits)

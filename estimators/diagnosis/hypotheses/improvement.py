@@ -27,7 +27,9 @@ class Improvement:
     def __init__(self, simulation: Simulation) -> None:
         self.given = simulation
         self.effects: list[Effect] = list(simulation.effects)
-        self.change = np.zeros((simulation.model.n, PER_LINK))  # of (m, m c, I) of each link
+        self.change = np.zeros(
+            (simulation.model.linkage.links, PER_LINK)
+        )  # of (m, m c, I) of each link
 
     def revise(self, place: int, name: str, relative: float) -> None:
         """Add a fraction of its given value to a parameter of the effect at a place in the list."""

@@ -146,7 +146,7 @@ def _identical_sentence(problem: RegressionProblem, member: int) -> str:
     """Say what would look the same in any motion; nothing where nothing does."""
     own = problem.candidates[member]
     if own.effect == Payload.name:
-        name = problem.observed.simulation.model.link_names[own.joints[0]]
+        name = problem.observed.simulation.model.link_names[-1]
         return f" A wrong mass, centre or inertia of {name} would look the same."
     if identical(problem, member) and own.effect == LINK_INERTIA:
         return " A load at the flange would look the same, but none has these values."

@@ -177,20 +177,21 @@ def _revisions(
 
 def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]:
     model, n, Y = observed.simulation.model, observed.n, observed.regressor
-    for link, name in enumerate(model.link_names):
-        scale = relative_inertia(model.inertials[name])
-        own = Y[: link + 1, :, PER_LINK * link : PER_LINK * (link + 1)]
+    for joint, link in enumerate(model.linkage.own.tolist()):
+        scale = relative_inertia(model.inertials[model.link_names[link]])
+        many = model.linkage.felt_by(link)
+        own = Y[:many, :, PER_LINK * link : PER_LINK * (link + 1)]
         yield Candidate(
             "link_inertia",
-            (link,),
+            (joint,),
             "wrong_parameter",
             Prior.free(
-                columns.add(range(link + 1), own @ scale),
+                columns.add(range(many), own @ scale),
                 np.full(PER_LINK, CANDIDATES.wrong_inertia),
             ),
             mover(link, scale),
         )
-    last = Y[:, :, PER_LINK * (n - 1) :]
+    last = Y[:, :, -PER_LINK:]
     yield Candidate(
         "payload",
         (n - 1,),

@@ -142,8 +142,9 @@ def _inertias(observed: Observations, columns: ColumnTable, stated: Simulation) 
         known = stated.model.inertials[name]
         scale = relative_inertia(known)
         off = parameters_of(model.inertials[name]) - parameters_of(known)
-        own = Y[: link + 1, :, PER_LINK * link : PER_LINK * (link + 1)] @ scale
-        index = columns.add(range(link + 1), own)
+        many = model.linkage.felt_by(link)
+        own = Y[:many, :, PER_LINK * link : PER_LINK * (link + 1)] @ scale
+        index = columns.add(range(many), own)
         deviation = np.full(PER_LINK, observed.simulation.tolerances.inertia)
         parts.append(
             _Part(

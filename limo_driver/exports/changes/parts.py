@@ -35,9 +35,9 @@ def parts_of(model: RobotModel) -> dict[str, tuple[BodyPart, ...]]:
         children.setdefault(parent, []).append((joint, child))
         moved_by[str(joint.get("name"))] = child
     links = {str(link.get("name")): link for link in root.findall("link")}
-    moving = {moved_by[name] for name in model.joint_names}
+    moving = {moved_by[name] for name in model.link_joints}
     found: dict[str, tuple[BodyPart, ...]] = {}
-    for name in model.joint_names:
+    for name in model.link_joints:
         own = moved_by[name]
         parts, waiting = list[BodyPart](), [(own, np.eye(4))]
         while waiting:

@@ -12,6 +12,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.bodies import shared
+from limo_driver.exports.changes.followers import without
 from limo_driver.exports.changes.joints import EffectSplit, split
 from limo_driver.exports.changes.kept import dropped_lines, kept_effects, kept_lines
 from limo_driver.exports.changes.origin import FileOrigin
@@ -19,7 +20,7 @@ from limo_driver.exports.changes.parts import parts_of
 from limo_driver.exports.formats import MJCF, USD, edited_format
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model import RobotModel
-from limo_driver.physics.described import described_effects
+from limo_driver.physics.described import described_effects, reflected
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -80,8 +81,17 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     lines = kept_lines(kept, model.joint_names)
     with_play = kind == MJCF and (_can_have_play(into) or bool(model.description.plays))
     parts_split = split(whole, kind, with_play=with_play)
+    joints, more = without(parts_split.joints, reflected(model, dynamics), model)
     return Target(
-        model, whole, parts_split, changes, list(parts)[-1], lines, users, origin, dropped
+        model,
+        whole,
+        replace(parts_split, joints=joints),
+        changes,
+        list(parts)[-1],
+        (*lines, *more),
+        users,
+        origin,
+        dropped,
     )
 
 
@@ -91,12 +101,15 @@ def _can_have_play(into: Path) -> bool:
 
 
 def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:
-    if own.joint_names != model.joint_names:
-        raise ConfigError(
-            f"has the joints {', '.join(model.joint_names)}, but the simulation is of "
-            f"{', '.join(own.joint_names)}",
-            path=into,
-        )
+    for has, wanted in (
+        (model.joint_names, own.joint_names),
+        (model.link_joints, own.link_joints),  # with those that follow
+    ):
+        if has != wanted:
+            raise ConfigError(
+                f"has the joints {', '.join(has)}, but the simulation is of {', '.join(wanted)}",
+                path=into,
+            )
     random = np.random.default_rng(0)
     for _ in range(_POSES):
         q = random.uniform(-1.0, 1.0, own.n)
@@ -104,7 +117,7 @@ def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:
         if (apart > _APART).any():
             j = int((apart > _APART).argmax())
             raise ConfigError(
-                f"joint {own.joint_names[j]} stands elsewhere than in {own.name}: they are not the "
+                f"joint {own.link_joints[j]} stands elsewhere than in {own.name}: they are not the "
                 "same arm, or have other bases",
                 path=into,
             )

@@ -21,7 +21,8 @@ class ArmScene {
   constructor(stage, arm) {
     this.stage = stage;
     this.arm = arm;
-    this.joints = arm.parent.length;
+    this.joints = arm.own.length; // a joint moves its own link, and those that follow it
+    this.links = arm.parent.length;
     this.ghosts = [];
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -125,18 +126,20 @@ class ArmScene {
   ring(radius, j) {
     const material = new THREE.MeshStandardMaterial({ color: DAY[0], roughness: 0.5 });
     const ring = new THREE.Mesh(new THREE.TorusGeometry(radius, 0.012 * this.arm.length, 12, 48), material);
-    ring.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...this.arm.axis[j]));
-    this.body.frames[j].add(ring);
+    ring.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...this.arm.axis[this.arm.own[j]]));
+    this.body.frames[this.arm.own[j]].add(ring);
     return ring;
   }
 
   turn(body, position) {
+    const { driver, ratio, offset } = this.arm;
     body.frames.forEach((frame, j) => {
+      const at = ratio[j] * position[driver[j]] + offset[j];
       const axis = new THREE.Vector3(...this.arm.axis[j]), { home, place } = frame.userData;
       frame.quaternion.copy(home);
       frame.position.copy(place);
-      if (this.arm.slides[j]) frame.position.add(axis.multiplyScalar(position[j]).applyQuaternion(home));
-      else frame.quaternion.multiply(new THREE.Quaternion().setFromAxisAngle(axis, position[j]));
+      if (this.arm.slides[j]) frame.position.add(axis.multiplyScalar(at).applyQuaternion(home));
+      else frame.quaternion.multiply(new THREE.Quaternion().setFromAxisAngle(axis, at));
     });
     body.root.updateMatrixWorld(true);
   }
@@ -153,7 +156,7 @@ class ArmScene {
 
   // Where a joint is, or the flange, in axes of the base.
   place(joint) {
-    const frame = this.body.frames[joint ?? this.joints - 1];
+    const frame = this.body.frames[joint === null ? this.links - 1 : this.arm.own[joint]];
     return joint === null ? frame.localToWorld(new THREE.Vector3(...this.arm.flange))
       : new THREE.Vector3().setFromMatrixPosition(frame.matrixWorld);
   }

@@ -173,8 +173,9 @@ def test_joints_that_follow_others_are_locked_where_those_put_them(file):
     assert "joint finger_slide, which follows hand, is locked at 0.07; what it" in model.notes[1]
     apart = RobotModel.load(f"{file(URDF, 'other.urdf')}#shoulder,hand=0.5,finger_slide=0.07")
     assert model.inertials == apart.inertials
-    with pytest.raises(ConfigError, match="finger_slide follows hand, which moves: lock one of"):
-        RobotModel.load(f"{model.urdf}#shoulder,hand")
+    both = RobotModel.load(f"{model.urdf}#shoulder,hand")
+    assert both.joint_names == ("shoulder", "hand")
+    assert both.link_joints == ("shoulder", "hand", "finger_slide")
 
 
 def test_limits_that_are_not_stated_are_named(file):

@@ -143,6 +143,25 @@ def test_what_usd_says_is_told_without_its_own_code(tmp_path, text, said):
     assert "pxr" not in str(error.value)
 
 
+def test_a_joint_that_mimics_another_follows_it(tmp_path):
+    from pxr import Sdf, Usd
+
+    path = usd_of(RobotModel.load("iiwa14"), tmp_path / "arm.usda")
+    stage = Usd.Stage.Open(str(path))
+    prim = stage.GetPrimAtPath("/robot/turns_joint4")
+    for name, value in (("gearing", 0.5), ("offset", -20.0)):
+        attribute = prim.CreateAttribute(f"physxMimicJoint:rotX:{name}", Sdf.ValueTypeNames.Float)
+        attribute.Set(value)
+    rel = prim.CreateRelationship("physxMimicJoint:rotX:referenceJoint")
+    rel.AddTarget("/robot/turns_joint2")
+    stage.GetRootLayer().Save()
+    model = RobotModel.load(path)
+    assert model.n == 6
+    leader, ratio, offset = model.description.followers["turns_joint4"]
+    assert (leader, ratio) == ("turns_joint2", -0.5)
+    assert offset == pytest.approx(np.deg2rad(20))
+
+
 def test_a_floating_base_is_refused(tmp_path):
     path = usd_of(RobotModel.load("iiwa14"), tmp_path / "arm.usda", held=False)
     with pytest.raises(ConfigError, match="is fixed to nothing"):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from linked_arms import gripper, parallelogram
 from mjcf_arms import arm_of
 from tables import rows_of
 from usd_arms import usd_of
@@ -32,7 +33,10 @@ ROBOTS = (
     "panda.urdf#panda_joint*,panda_finger_joint1,panda_finger_joint2=0.02",
     "tiago.urdf#arm_*",
     "tiago.urdf#torso_lift_joint,arm_*",
+    "gripper.urdf#yaw,shoulder,elbow,finger_b",
+    "linkage.xml",
 )
+LINKED = {"gripper.urdf": gripper, "linkage.xml": parallelogram}  # whose joints follow others
 STEPS = ["plans", "runs", "identifies", "diagnoses", "exports"]
 SHORT = limo.PlanRequest(scaffolds=1, exploring=limo.Exploring(waypoints=(150, 200)))
 
@@ -57,6 +61,9 @@ def place_of(robot, folder):
     if robot == "arm.usda":
         return str(usd_of(limo.RobotModel.load("iiwa14"), folder / robot))
     name, mark, joints = robot.partition("#")
+    if name in LINKED:
+        (folder / name).write_text(LINKED[name](), encoding="utf-8")
+        return f"{folder / name}{mark}{joints}"
     found = next(x for x in files("example-robot-data") if x.name == name)
     return f"{Path(str(found.locate())).resolve()}{mark}{joints}"
 
@@ -99,7 +106,10 @@ def test_a_robot_as_it_is_found(robot, tmp_path):
     assert diagnosis.verdict.verdict in {"consistent", "explained"}
     assert not diagnosis.failures
     for kind in ("mjcf", "urdf"):
-        assert limo.export(found, kind, tmp_path / kind).share < 0.01
+        exported = limo.export(found, kind, tmp_path / kind)
+        assert exported.share < 0.01
+        again = limo.RobotModel.load(exported.file).with_joints(model.joint_names)
+        assert again.description.followers == model.description.followers
     with limo.open_robot("mujoco", simulation=found, seed=1) as arm:
         run = arm.follow(planned)
     np.testing.assert_allclose(run.position[-1], planned.trajectory.position[-1], atol=0.01)
