@@ -29,11 +29,13 @@ _COARSE: Final = 3.0  # typical errors, from which on they do at first
 _FINER: Final = 7.0  # times smaller in the next fit
 _STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
 _EVALUATIONS: Final = 25
+_ENOUGH, _NEAR = 1e-5, 1e-4  # of the cost, and of the constants: steps that gain less are the last
 _LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
 _CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
 _BLOCKS: Final = 8  # of motion at most, each left out once
 _FEW: Final = 3  # stretches, below which blocks are of time
-_LEFT_OUT: Final = 3  # evaluations, of a fit that begins at the best of all motion
+_LEFT_OUT: Final = 6  # steps of linear fits to what is left
+_FARTHEST: Final = 1.0  # of a logarithm or in the unit, that a block left out may move a constant
 
 
 NORMAL: Final = 1.96  # deviations that hold 95 %
@@ -98,7 +100,6 @@ def fit_joint(
     names: Sequence[str] = BASE,
     priors: Mapping[str, BelievedValue] | None = None,
     evaluations: int = _EVALUATIONS,
-    kept: NDArray[np.bool_] | None = None,
 ) -> JointFit:
     """Fit some constants of a joint to its recorded motion.
 
@@ -111,15 +112,13 @@ def fit_joint(
         names: Of the constants to be fitted.
         priors: What is believed of some of them.
         evaluations: Of the whole motion at each size of errors, at most, but for those of slopes.
-        kept: Rows of all stretches, in a row, whose errors count; all if not given.
 
     Returns:
         The constants, with deviations from the curvature at the best, for as many independent
         errors as their correlation leaves.
     """
     known = {name: prior for name, prior in (priors or {}).items() if name in names}
-    rows = slice(None) if kept is None else kept
-    held = sum(part.time.size for part in parts) if kept is None else int(kept.sum())
+    held = sum(part.time.size for part in parts)
 
     def of(x: FloatArray) -> FloatArray:
         return with_values(
@@ -135,10 +134,17 @@ def fit_joint(
             weight * (x[names.index(name)] - _inner(name, prior.value)) / prior.deviation
             for name, prior in known.items()
         ]
-        return np.append(errors(parts, of(x))[rows], believed)
+        return np.append(errors(parts, of(x)), believed)
+
+    told: dict[bytes, FloatArray] = {}  # of the last constants, of which slopes are asked next
+
+    def told_objective(x: FloatArray, weight: float) -> FloatArray:
+        told.clear()
+        told[x.tobytes()] = objective(x, weight)
+        return told[x.tobytes()]
 
     def slopes(x: FloatArray, weight: float) -> FloatArray:
-        here = objective(x, weight)
+        here = told[x.tobytes()] if x.tobytes() in told else objective(x, weight)
         moved = [objective(x + step, weight) - here for step in _STEP * np.eye(x.size)]
         return np.stack(moved, axis=1) / _STEP
 
@@ -146,24 +152,26 @@ def fit_joint(
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
     names = tuple(names)
     # Far from the best nearly all errors are large, and counted in proportion they lead astray.
-    typical = float(np.median(np.abs(errors(parts, row)[rows])))
+    typical = float(np.median(np.abs(errors(parts, row))))
     large = max(_COARSE * typical, _ROBUST)
     while True:
         found = least_squares(
-            objective,
+            told_objective,
             start,
             slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
             loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
             f_scale=large,
             x_scale=np.where([name in SIGNED for name in names], 0.1, 0.3),
             max_nfev=evaluations,
+            ftol=_ENOUGH,
+            xtol=_NEAR,
             args=(weight,),
         )
         if large == _ROBUST:
             break
         start, large = found.x, max(large / _FINER, _ROBUST)
     best = of(found.x)
-    error = errors(parts, best)[rows]
+    error = errors(parts, best)
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
     scale = float(spread) * np.sqrt(error.size / independent(error))
     normal = found.jac[:held].T @ found.jac[:held]
@@ -182,25 +190,75 @@ def left_out(
 
     Curvature at the best says how sure values are if the constants explain all of the motion. Where
     they do not, values differ from motion to motion by more: the delete-a-group jackknife shows by
-    how much. The larger of both is kept.
+    how much. The larger of both is kept. Its fits are linear about the best of all motion, whose
+    slopes they share: no motion is simulated anew.
 
     Args:
         fit: Of all motion.
         parts: The stretches that it was fitted to.
         priors: What was believed of some of them.
     """
+    names, known = fit.names, priors or {}
+    pull = _ROBUST**2 * fit.error.size / max(_independent_of(parts), 1.0)
+    here, stiff, away = (np.zeros(len(names)) for _ in range(3))
+    for k, name in enumerate(names):
+        here[k] = _inner(name, fit.value(name))
+        if name in known:
+            stiff[k] = pull / known[name].deviation ** 2
+            away[k] = here[k] - _inner(name, known[name].value)
+    slope = slopes_at(parts, fit)
     block = blocks([part.time.size for part in parts])
     many = int(block.max()) + 1
-    values = np.empty((many, len(fit.names)))
+    values = np.empty((many, len(names)))
     for number in range(many):
-        other = fit_joint(parts, fit.row, fit.names, priors, _LEFT_OUT, block != number)
-        values[number] = [_inner(name, other.value(name)) for name in fit.names]
+        own = block != number
+        values[number] = here + _linear_step(slope[own], fit.error[own], stiff, away)
     few = float(student_t.ppf(0.975, many - 1)) / NORMAL  # few blocks are less sure of a spread
     between = (few * np.sqrt((many - 1) * values.var(axis=0))).tolist()
     deviation = {
-        name: max(fit.deviation[name], own) for name, own in zip(fit.names, between, strict=True)
+        name: max(fit.deviation[name], own) for name, own in zip(names, between, strict=True)
     }
     return replace(fit, deviation=deviation)
+
+
+def _linear_step(
+    slope: FloatArray, error: FloatArray, stiff: FloatArray, away: FloatArray
+) -> FloatArray:
+    """Return the step to the best of errors that are linear in the constants, robust as any fit.
+
+    Args:
+        slope: (K, constants).
+        error: (K,) [rad].
+        stiff: Weight of what was believed of each constant.
+        away: How far each is from that.
+    """
+    step = np.zeros(stiff.size)
+    for _ in range(_LEFT_OUT):
+        heavy = slope.T / np.hypot(1.0, (error + slope @ step) / _ROBUST)
+        normal = heavy @ slope + np.diag(stiff + _LEAST)
+        step = np.linalg.solve(normal, -(heavy @ error + stiff * away))
+        step = step.clip(-_FARTHEST, _FARTHEST)
+    return step
+
+
+def slopes_at(parts: Sequence[LoadedJoint], fit: JointFit) -> FloatArray:
+    """Return the change of all errors by each fitted constant, (T, constants).
+
+    Constants change as they are fitted: logarithms, but for signed values.
+
+    Args:
+        parts: The stretches that it was fitted to.
+        fit: Whose errors are those of `parts`.
+    """
+    sides = [errors(parts, _stepped(fit.row, name)) - fit.error for name in fit.names]
+    return np.stack(sides, axis=1) / _STEP
+
+
+def _stepped(row: FloatArray, name: str) -> FloatArray:
+    """Return constants with one a step away."""
+    value = value_in(row, name)
+    new = value + _STEP if name in SIGNED else max(value, _LEAST) * float(np.exp(_STEP))
+    return with_values(row, {name: new})
 
 
 def blocks(sizes: Sequence[int]) -> NDArray[np.int64]:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from estimators.drives.simulation.columns import DELAY, geared
+from estimators.drives.simulation.columns import DELAY, NAMES, geared
 from estimators.drives.simulation.free_run import ROUNDING, commands_of
 from estimators.drives.simulation.joint_step import (
     commanded,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 FIT_STEP: Final = 0.01  # [s], at most; the whole arm takes shorter ones
+_COLUMNS: Final = len(NAMES)
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,9 @@ def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[lis
     return found
 
 
-@compiled(reads=("row", "time", "command", "load", "inertia", "supply"), nogil=True)
+@compiled(reads=("constants", "time", "command", "load", "inertia", "supply"), nogil=True)
 def _advance_one(
-    row: FloatArray,
+    constants: FloatArray,
     time: FloatArray,
     command: FloatArray,
     start: float,
@@ -103,6 +105,8 @@ def _advance_one(
     supply: FloatArray,
 ) -> FloatArray:
     """Return the positions (T,) [rad] of one stretch."""
+    # scalars: views of arrays are counted at each call, which takes as long as the step itself
+    row = to_fixed_tuple(constants, _COLUMNS)  # pyright: ignore[reportCallIssue]  # an intrinsic
     result = np.empty(time.size)
     ahead = slack(row, load[0])
     q, v, integral, at = start + ahead, 0.0, 0.0, 0
