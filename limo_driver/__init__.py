@@ -11,8 +11,8 @@ found.save("diagnosis/")
 
 Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
 and commands. What to do with them: inspect, read, plan, excite, excite_servos, run, simulate,
-simulate_dataset, identify, predict, predict_forward, train, evaluate, diagnose, diagnose_fleet,
-export, serve. Requests and settings say how: PlanRequest, Rows, ...
+simulate_dataset, identify, predict, predict_forward, train, sweep, evaluate, diagnose,
+diagnose_fleet, export, serve. Requests and settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from limo_driver.workflow.running import Streaming, run
     from limo_driver.workflow.serving import serve
     from limo_driver.workflow.simulating import simulate
+    from limo_driver.workflow.sweeping import sweep
     from limopa import (
         ExcitationRequest,
         Exploring,
@@ -127,6 +128,7 @@ _HOME = {
     "serve": "limo_driver.workflow.serving",
     "simulate": "limo_driver.workflow.simulating",
     "simulate_dataset": "limo_driver.workflow.datasets",
+    "sweep": "limo_driver.workflow.sweeping",
     "train": "limo_driver.workflow.learning",
 }
 
@@ -180,6 +182,7 @@ __all__ = [
     "serve",
     "simulate",
     "simulate_dataset",
+    "sweep",
     "train",
 ]
 

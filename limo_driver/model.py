@@ -178,6 +178,10 @@ class RobotModel(Displayed):
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is sent to another process, where the pool is made anew when it is needed."""
+        return {name: value for name, value in vars(self).items() if name != "_pool"}
+
     @classmethod
     def load(
         cls, source: str | Path, inertials: Mapping[str, Inertial] | None = None

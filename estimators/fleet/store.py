@@ -13,16 +13,14 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
-from shutil import rmtree
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import yaml
 
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import IMPROVED
-from limo_driver.errors import ConfigError
-from limo_driver.outputs import sync, whole
+from limo_driver.kept_results import KeptResults
 
 if TYPE_CHECKING:
     from collections.abc import Container
@@ -44,7 +42,11 @@ class FleetStore:
 
     def place(self, key: str) -> Path:
         """Return the folder of a diagnosis."""
-        return self.folder / DIAGNOSES / key
+        return self._kept.place(key)
+
+    @property
+    def _kept(self) -> KeptResults:
+        return KeptResults(self.folder / DIAGNOSES, ROW)
 
     def keep(self, key: str, outcome: FleetOutcome) -> None:
         """Keep how a diagnosis ended: first its files, if it has any, and last its row.
@@ -56,22 +58,13 @@ class FleetStore:
         Raises:
             ConfigError: It cannot be written.
         """
-        place = self.place(key)
-        try:
-            if place.exists():  # of one that was not finished, with files that this may not have
-                rmtree(place)
-            place.mkdir(parents=True)
-        except OSError as failure:
-            raise ConfigError(f"cannot be written to: {failure.strerror}", path=place) from None
-        for name, content in outcome.files.items():
-            with whole(place / name) as draft:
-                draft.write_bytes(content)
-        if outcome.simulation is not None:
-            outcome.simulation.save(place / IMPROVED)
-        with whole(place / ROW) as draft:
-            kept = {"seconds": outcome.seconds, "error": outcome.error, "limo": version("limo")}
-            draft.write_text(json.dumps(kept), encoding="utf-8")
-        sync(place)
+
+        def improved(place: Path) -> None:
+            if outcome.simulation is not None:
+                outcome.simulation.save(place / IMPROVED)
+
+        about = {"seconds": outcome.seconds, "error": outcome.error, "limo": version("limo")}
+        self._kept.keep(key, about, outcome.files, improved)
 
     def of_other_versions(self, keys: Container[str]) -> dict[str, int]:
         """Count rows by the versions of limo that are not this one, but for those of some keys."""
@@ -86,9 +79,10 @@ class FleetStore:
 
     def finished(self, row: FleetRow) -> FleetRow | None:
         """Return a row with how it ended; None while it has not, or where its files are damaged."""
-        place = self.place(row.key)
+        place, kept = self.place(row.key), self._kept.finished(row.key)
+        if kept is None:
+            return None
         try:
-            kept: dict[str, Any] = json.loads((place / ROW).read_text(encoding="utf-8"))
             done = replace(row, seconds=float(kept["seconds"]), error=str(kept["error"]))
             if done.error:
                 return done

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 
 import mujoco
@@ -205,3 +206,11 @@ def test_many_samples_have_the_torques_that_each_has_on_its_own(model, monkeypat
         monkeypatch.setenv("OMP_NUM_THREADS", threads)
         fresh = RobotModel.load("iiwa14")
         np.testing.assert_allclose(fresh.inverse_dynamics(*motion), alone, atol=1e-12)
+
+
+def test_a_model_that_was_used_is_sent_to_another_process_as_it_is():
+    arm = RobotModel.load("iiwa14")
+    many = np.linspace(-1.0, 1.0, 5000)[:, None] * np.ones(arm.n)
+    torque = arm.inverse_dynamics(many, many, many)
+    sent = deepcopy(arm)  # by what pickle asks, too
+    np.testing.assert_array_equal(sent.inverse_dynamics(many, many, many), torque)

@@ -37,6 +37,7 @@ PUBLIC = (
     "estimators.drives",
     "estimators.fleet",
     "estimators.service",
+    "estimators.sweep",
     "limo_driver.workflow.datasets",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
@@ -45,6 +46,7 @@ LONG = (
     "diagnose",
     "diagnose_fleet",
     "simulate_dataset",
+    "sweep",
     "identify",
     "nominal",
     "train",

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from limo_driver.cli import INTERRUPTED
+from limo_driver.console.side_by_side import Machines, OnOption
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from rich.console import Console
 
+    from estimators.reproduction.data import TableData
     from estimators.reproduction.results import Table
-    from estimators.reproduction.trial import Protocol, Trial, TrialStore
-    from estimators.reproduction.workers import Job
+    from estimators.reproduction.trial import Protocol, Trial
+    from estimators.reproduction.workers import Advanced, Failed, Finished, Job
 
 OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
 DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
@@ -61,6 +64,7 @@ def command(
             "which 50 would leave a step or two in an epoch."
         ),
     ] = None,
+    on: OnOption = Machines.processes,
 ) -> None:
     r"""Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
 
@@ -76,6 +80,7 @@ def command(
         limo reproduce table1 --data recordings/ --runs 3 --out out/table1
         limo reproduce table1 --data half_a_minute/ --batch 1 \
             --out out/half_a_minute
+        limo reproduce table1 --on ray
     """
     from dataclasses import replace
 
@@ -87,21 +92,39 @@ def command(
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
     given = {"runs": runs, "epochs": epochs, "batch": batch}
     protocol = replace(protocol, **{name: n for name, n in given.items() if n is not None})
-    processes = _processes(jobs, device)
+    processes = _processes(jobs, device, on)
     out = out or (QUICK_OUT if quick else OUT)
     require_folder(out, "the table")
     with only_writer(out):
         folder = data or out / (QUICK_DATA if quick else DATA)
         if data is None and not folder.exists():
             _make_data(folder, quick=quick, notes=notes)
-        status = _compute(folder, out, protocol, device, processes, notes)
+        status = _compute(folder, out, protocol, Trials(device, processes, on), notes)
     if status:
         raise typer.Exit(status)
 
 
-def _compute(
-    folder: Path, out: Path, protocol: Protocol, device: str, processes: int, notes: Console
-) -> int:
+@dataclass(frozen=True)
+class Trials:
+    """Where trials run."""
+
+    device: str
+    processes: int | None  # side by side; as many as a cluster has cores, if none
+    on: Machines
+
+    def run(
+        self, job: Job, data: TableData, trials: Sequence[Trial]
+    ) -> Iterator[Advanced | Finished | Failed]:
+        """Run trials, and tell how they get on; a cluster tells their ends alone."""
+        from estimators.reproduction.workers import run_trials
+        from limo_driver.workflow.reproducing import run_trials_on_ray
+
+        if self.on == Machines.ray:
+            return run_trials_on_ray(job, data, trials, self.processes)
+        return run_trials(job, trials, self.processes or 1)
+
+
+def _compute(folder: Path, out: Path, protocol: Protocol, where: Trials, notes: Console) -> int:
     """Run the trials that are not finished yet, write the table, and return the exit status."""
     from estimators.reproduction.data import TableData
     from estimators.reproduction.page import PAGE, table_page
@@ -116,7 +139,7 @@ def _compute(
     for name in ("trials", "prepared"):
         require_folder(out / name, "the table")
     with notes.status("identifying the rigid body"):
-        job = Job(folder, rigid_body(read, out / "prepared"), out / "trials", device)
+        job = Job(folder, rigid_body(read, out / "prepared"), out / "trials", where.device)
     store = job.store()
 
     def update() -> Table:
@@ -124,7 +147,7 @@ def _compute(
         write(table, out)
         return table
 
-    status = _run(job, protocol.trials(read.digests), store, processes, update, notes)
+    status = _run(job, read, protocol.trials(read.digests), where, update, notes)
     table = update()
     draw(table, out / PICTURE)
     table_page(table).save(out / PAGE)
@@ -132,8 +155,11 @@ def _compute(
     return status
 
 
-def _processes(jobs: int | None, device: str) -> int:
-    """Return how many trials run side by side; one where they share a GPU."""
+def _processes(jobs: int | None, device: str, on: Machines) -> int | None:
+    """Return how many trials run side by side; one where they share a GPU.
+
+    Those of a cluster are as many as it has cores.
+    """
     from estimators.hybrid.training.fit import find_device
     from estimators.reproduction.workers import physical_cores
     from limo_driver.errors import ConfigError
@@ -141,6 +167,10 @@ def _processes(jobs: int | None, device: str) -> int:
     gpu = find_device(device).type == "cuda"
     if jobs is not None and jobs < 1:
         raise ConfigError(f"--jobs is {jobs}, expected 1 or more")
+    if on == Machines.ray:
+        if gpu and device == "cuda":
+            raise ConfigError("--device is cuda, but on Ray each trial has one core; expected auto")
+        return jobs
     return jobs or (1 if gpu else physical_cores())
 
 
@@ -166,26 +196,27 @@ def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
 
 def _run(
     job: Job,
+    data: TableData,
     trials: Sequence[Trial],
-    store: TrialStore,
-    processes: int,
+    where: Trials,
     update: Callable[[], object],
     notes: Console,
 ) -> int:
     """Run what is not finished yet, update the files after each, and return the exit status."""
-    from estimators.reproduction.workers import Advanced, Failed, Finished, run_trials
+    from estimators.reproduction.workers import Advanced, Failed, Finished
     from limo_driver.cli.reproduce.watch import TrialProgress
 
+    store = job.store()
     finished = {trial.file_name: store.load(trial) for trial in trials}
     waiting = [trial for trial in trials if finished[trial.file_name] is None]
     if not waiting:
         return 0
     failed: list[Failed] = []
     with TrialProgress(
-        notes, trials, [r for r in finished.values() if r is not None], processes
+        notes, trials, [r for r in finished.values() if r is not None], where.processes
     ) as watch:
         try:
-            for event in run_trials(job, waiting, processes):
+            for event in where.run(job, data, waiting):
                 match event:
                     case Advanced():
                         watch.advanced(event.trial, event.epoch)

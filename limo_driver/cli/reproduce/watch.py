@@ -35,7 +35,7 @@ class TrialProgress:
         console: Console,
         trials: Sequence[Trial],
         before: Iterable[TrialResult],
-        processes: int,
+        processes: int | None,
     ) -> None:
         self.console, self.processes = console, processes
         self.seconds: dict[str, list[float]] = defaultdict(list)  # of finished trials, by row
@@ -104,7 +104,7 @@ class TrialProgress:
         Rows without any finished trial are taken to be like the others that are trained.
         """
         every = [s for name, own in self.seconds.items() if name != RBD.name for s in own]
-        if not every or not self.rest:
+        if not every or not self.rest or self.processes is None:
             return ""
         seconds = sum(
             _mean(self.seconds.get(trial.row.name) or every) for trial in self.rest.values()

@@ -9,10 +9,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fleet_recordings import record_swing
 from ports import free_port
+from table_data import write_data
 
 import limo_driver as limo
 
@@ -151,6 +153,64 @@ def test_kills_of_driver_and_node_lose_no_row_and_results_are_the_pool_s(fleet, 
         assert path.read_bytes() == (out / path.relative_to(tmp_path / "pool")).read_bytes()
     pool, ray = (pq.read_table(tmp_path / name / "results.parquet") for name in ("pool", "ray"))
     assert pool.drop(["seconds"]).equals(ray.drop(["seconds"]))
+
+
+EVERYTHING = """
+import sys
+from pathlib import Path
+import limo_driver as limo
+from estimators.reproduction.data import TableData
+from estimators.reproduction.rigid_body import rigid_body
+from estimators.reproduction.trial import Protocol
+from estimators.reproduction.workers import Job
+from limo_driver.workflow.reproducing import run_trials_on_ray
+
+if __name__ == "__main__":
+    fleet, table, out = map(Path, sys.argv[1:4])
+    on = sys.argv[4]
+    limo.simulate_dataset(fleet / "sim.yaml", fleet / "plan.parquet", out / "set", [1, 2], on=on)
+    run = next((fleet / "recordings" / "a").glob("*.parquet"))
+    limo.sweep(fleet / "sim.yaml", run, fleet / "space.yaml", out / "sweep", on=on)
+    if on == "ray":
+        data = TableData.load(table)
+        (out / "prepared").mkdir()
+        (out / "trials").mkdir()
+        place = Job(table, rigid_body(data, out / "prepared"), out / "trials", "cpu")
+        trials = Protocol(runs=1, epochs=1, batch=5).trials(data.digests)[:2]
+        for event in run_trials_on_ray(place, data, trials, 1):
+            print(type(event).__name__, place.store().load(event.trial).seconds > 0)
+"""
+SPACE = "model: mlp7\nfeatures: own-joint\nepochs: 1\nfolds: 1\nhidden: [2, 3]\n"
+
+
+def test_data_sets_sweeps_and_trials_are_those_of_the_pool(fleet, head, tmp_path):
+    t = np.arange(0.0, 0.6, 0.001)
+    position = 0.02 * (1.0 - np.cos(np.pi * t))[:, None] * np.ones(2)
+    rest = np.zeros_like(position)
+    robot = limo.Simulation.load(fleet / "sim.yaml").robot
+    limo.Trajectory(t, position, rest, rest, robot=robot).save(fleet / "plan.parquet")
+    (fleet / "space.yaml").write_text(SPACE)
+    table = write_data(tmp_path / "table")
+    program = tmp_path / "everything.py"
+    program.write_text(EVERYTHING)
+    for on in ("ray", "processes"):
+        done = subprocess.run(
+            [sys.executable, program, fleet, table, tmp_path / on, on],
+            env=head | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+        )
+        assert not done.returncode, done.stderr
+        if on == "ray":
+            assert done.stdout.splitlines() == ["Finished True"] * 2
+    kept = [p for p in (tmp_path / "ray").rglob("*") if p.suffix in {".parquet", ".safetensors"}]
+    assert len(kept) == 2 + 3 + 1  # recordings, models with the best, a table
+    for path in kept:
+        if path.name != "results.parquet":  # which says how long each took
+            same = tmp_path / "processes" / path.relative_to(tmp_path / "ray")
+            assert path.read_bytes() == same.read_bytes()
 
 
 def test_a_node_with_another_limo_is_named(fleet, head, tmp_path):

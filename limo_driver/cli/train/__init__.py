@@ -7,9 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from limo_driver.cli.train.sweeping import OPTIONS, run_sweep
 from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.console.side_by_side import (  # typer
+    Machines,
+    OnOption,
+    WorkersOption,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Container
+
     from rich.console import Console
 
     from estimators.hybrid.training.fit import Epoch
@@ -88,6 +96,16 @@ def command(  # one argument for each option
         str, typer.Option(help="cpu, cuda, or auto: a GPU where PyTorch sees one.")
     ] = "auto",
     mapping: MappingOption = None,
+    sweep: Annotated[
+        Path | None,
+        typer.Option(help="Train with every setting of this space.yaml; OUT is a folder of all."),
+    ] = None,
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(help="With --sweep: recording on which each network is evaluated."),
+    ] = None,
+    workers: WorkersOption = None,
+    on: OnOption = Machines.processes,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     r"""Learn the torque that a simulation leaves unexplained, by a network or by joint physics.
@@ -99,11 +117,16 @@ def command(  # one argument for each option
     says how sure it is. The folder holds weights, manifest and simulation, and is all that
     `limo evaluate` needs.
 
+    With --sweep, a space.yaml says what is tried, such as `hidden: [8, 16]` or `learning_rate:
+    {from: 3e-4, to: 1e-2, scale: log}` with `draws: 4`: every combination. What is trained is kept,
+    and the same command goes on. OUT gets results.parquet, sweep.html, and the best model as best/.
+
     Examples:
         limo train run.parquet --sim sim.yaml --model lstm-fcl --out model/
         limo train a.parquet b.parquet --sim sim.yaml --features drive \
             --out model/
         limo train run.parquet --sim sim.yaml --model joint-physics --out model/
+        limo train run.parquet --sim sim.yaml --sweep space.yaml --out sweep/
     """
     import json
     from dataclasses import replace
@@ -113,10 +136,18 @@ def command(  # one argument for each option
     from limo_driver.console.terminal import terminal
     from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.workflow.learning import require_model
+    from limo_driver.workflow.reading import read
 
     require_model(model)
+    if sweep is not None:
+        _refuse_options(context, OPTIONS, "is said in the space of a sweep, not beside --sweep")
+        simulation, measured, _ = _load(recordings, sim, out, mapping)
+        tests = [read(path, simulation.model, mapping) for path in test or ()]
+        run_sweep(simulation, measured, sweep, out, tests, workers, on, as_json=as_json)
+        return
+    _refuse_options(context, frozenset(context.params) - _OF_A_SWEEP, "takes --sweep")
     if model not in NETWORKS:
-        _refuse_network_options(context, model)
+        _refuse_options(context, _OF_EVERY_MODEL, f"is of networks; {model} has no such choice")
         _train_estimator(model, recordings, sim, out, bandwidth, mapping=mapping, as_json=as_json)
         return
     usual = usual_settings(features)
@@ -221,13 +252,14 @@ def _print(
     console.print(table)
 
 
+_OF_A_SWEEP: Final = frozenset(("test", "workers", "on"))
 _OF_EVERY_MODEL: Final = frozenset(
     ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
 )
 
 
-def _refuse_network_options(context: typer.Context, model: str) -> None:
-    """Refuse options that only networks have a use for.
+def _refuse_options(context: typer.Context, known: Container[str], why: str) -> None:
+    """Refuse options that something else has no use for.
 
     Raises:
         ConfigError: Names one.
@@ -236,9 +268,8 @@ def _refuse_network_options(context: typer.Context, model: str) -> None:
 
     for name in context.params:
         source = context.get_parameter_source(name)
-        if name not in _OF_EVERY_MODEL and source is not None and source.name == "COMMANDLINE":
-            option = name.replace("_", "-")
-            raise ConfigError(f"--{option} is of networks; {model} has no such choice")
+        if name not in known and source is not None and source.name == "COMMANDLINE":
+            raise ConfigError(f"--{name.replace('_', '-')} {why}")
 
 
 def _train_estimator(
